@@ -8,6 +8,7 @@ it converges.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,8 @@ from agent.geometry import Array
 # drones in one row see each other by direction only: bearings hardly tell how far they are apart, but seem to on the way there.
 _ROUNDS, _WHOLE = 40, 10
 _STILL = 0.02  # convergence: the step in units of sigma
+_WIDE_M = 1.5  # sigma of a place from which on there may be several optima: drones start 5 to 10 m apart
+_WIDTHS = (25.0, 5.0)  # factors on all variances in the first iterations towards another one
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,25 +143,20 @@ def corrected(
 
     older_var: (M,) m^2 added to the uncertainty of the displacement between the two (drift since the sighting). doubt: covariance
     for weighting the first iteration, instead of the prior's, where the prior's mean is better than its covariance states.
+
+    Where places are not known well, as at the launch, nearly all sightings count in the first step, the false ones too, and what
+    they make of it may decide which are believed from then on. A second way begins with larger variances, and therefore smaller
+    steps; the better of the two optima counts.
     """
     if not len(sightings) and not len(fixes) and not len(headings.drone):
         return Corrected(prior, np.zeros(0), np.zeros(0))
     batch = _Batch(prior, sightings, older_var, fixes, headings)
-    pose, covariance = prior.pose, prior.covariance if doubt is None else doubt
-    scale = 1.0 / np.sqrt(np.maximum(prior.covariance.diagonal(), 1e-18))
-    stiffness = scale[:, None] * np.linalg.inv(scale[:, None] * prior.covariance * scale) * scale
-    for count in range(_ROUNDS):
-        information, pull, covariance_weights = batch.linearised(pose, covariance)
-        information += stiffness
-        pull += stiffness @ _pose_difference(prior.pose, pose).ravel()
-        covariance = _inverse(information)
-        step = (covariance @ pull).reshape(-1, 4)
-        pose = pose + (step if count < _WHOLE else 0.5 * step)
-        if (np.abs(step).ravel() < _STILL * np.sqrt(covariance.diagonal())).all():
-            break
-    seen, fixed = covariance_weights
-    pose[:, 3] = np.arctan2(np.sin(pose[:, 3]), np.cos(pose[:, 3]))
-    return Corrected(Joint(prior.drones, pose, covariance, prior.at, prior.far), seen, fixed)
+    found = batch.iterated(prior.covariance if doubt is None else doubt)
+    if doubt is None and len(sightings) and prior.covariance.diagonal().reshape(-1, 4)[:, :2].max() > _WIDE_M**2:
+        other = batch.iterated(prior.covariance, _WIDTHS)
+        found = max(found, other, key=lambda one: batch.evidence(one.joint.pose))
+    found.joint.pose[:, 3] = np.arctan2(np.sin(found.joint.pose[:, 3]), np.cos(found.joint.pose[:, 3]))
+    return found
 
 
 class _Batch:
@@ -166,44 +164,93 @@ class _Batch:
 
     def __init__(self, prior: Joint, sightings: Sightings, older_var: Array, fixes: Fixes, headings: Headings) -> None:
         slots = prior.slots()
-        self.sightings, self.older_var, self.fixes, self.headings = sightings, older_var, fixes, headings
+        self.prior, self.sightings, self.older_var, self.fixes, self.headings = prior, sightings, older_var, fixes, headings
         self.observer, self.target = slots[sightings.observer], slots[sightings.target]
         self.fixed, self.headed = slots[fixes.drone], slots[headings.drone]
         self.moved_observer = sightings.at_observer - prior.at[sightings.observer]
         self.moved_target = sightings.at_target - prior.at[sightings.target]
         self.moved_fixed = fixes.at - prior.at[fixes.drone]
+        scale = 1.0 / np.sqrt(np.maximum(prior.covariance.diagonal(), 1e-18))
+        self.stiffness = scale[:, None] * np.linalg.inv(scale[:, None] * prior.covariance * scale) * scale
 
-    def linearised(self, pose: Array, covariance: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes.
+    def iterated(self, covariance: Array, widths: Sequence[float] = ()) -> Corrected:
+        """An optimum near the prior. ``covariance``: for the weights of the first iteration; ``widths``: factors on all variances
+        in the first ones.
+        """
+        prior, pose = self.prior, self.prior.pose
+        for count in range(len(widths) + _ROUNDS):
+            width = widths[count] if count < len(widths) else 1.0
+            information, pull, weights = self._linearised(pose, covariance, width)
+            information += self.stiffness
+            pull += self.stiffness @ _pose_difference(prior.pose, pose).ravel()
+            covariance = _inverse(information)
+            step = (covariance @ pull).reshape(-1, 4)
+            pose = pose + (step if count < len(widths) + _WHOLE else 0.5 * step)
+            if count >= len(widths) and (np.abs(step).ravel() < _STILL * np.sqrt(covariance.diagonal())).all():
+                break
+        seen, fixed = weights
+        return Corrected(Joint(prior.drones, pose, covariance, prior.at, prior.far), seen, fixed)
+
+    def evidence(self, pose: Array) -> float:
+        """Log posterior density at ``pose`` (n, 4), up to a constant."""
+        off = _pose_difference(self.prior.pose, pose).ravel()
+        total = -0.5 * float(off @ self.stiffness @ off)
+        if len(self.sightings):
+            residual, _, _ = self._sighted(pose)
+            squared = residual**2
+            direction_var, range_var = self._sighting_vars(residual)
+            true, false = sighting_evidence(squared[:, :3].sum(1), direction_var, squared[:, 3], range_var)
+            total += float(np.logaddexp(true, false).sum())
+        if len(self.fixes):
+            residual, _ = fix_residuals(pose[self.fixed], self.moved_fixed, self.fixes.place)
+            total += float(np.logaddexp(*fix_evidence(residual**2, self.fixes.var)).sum())
+        turned_by = self._turned_by(pose)
+        return total - 0.5 * float((turned_by**2 / self.headings.var).sum())
+
+    def _linearised(self, pose: Array, covariance: Array, width: float) -> tuple[Array, Array, tuple[Array, Array]]:
+        """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes, whose variances are
+        multiplied by ``width``.
 
         The innovation covariance of a datum is its own error plus what ``covariance`` leaves to its prediction.
         """
         count = len(pose)
         information, pull = np.zeros((4 * count, 4 * count)), np.zeros(4 * count)
-        seen = self._add_sightings(pose, covariance, information, pull)
-        fixed = self._add_fixes(pose, covariance, information, pull)
+        seen = self._add_sightings(pose, covariance, width, information, pull)
+        fixed = self._add_fixes(pose, covariance, width, information, pull)
         rows = 4 * self.headed + 3
         np.add.at(information, (rows, rows), 1.0 / self.headings.var)
-        off = self.headings.yaw_rad - pose[self.headed, 3]
-        np.add.at(pull, rows, np.arctan2(np.sin(off), np.cos(off)) / self.headings.var)
+        np.add.at(pull, rows, self._turned_by(pose) / self.headings.var)
         return information, pull, (seen, fixed)
 
-    def _add_sightings(self, pose: Array, covariance: Array, information: Array, pull: Array) -> Array:
+    def _turned_by(self, pose: Array) -> Array:
+        off = self.headings.yaw_rad - pose[self.headed, 3]
+        wrapped: Array = np.arctan2(np.sin(off), np.cos(off))
+        return wrapped
+
+    def _sighted(self, pose: Array) -> tuple[Array, Array, Array]:
+        data = self.sightings
+        return sighting_residuals(
+            pose[self.observer], pose[self.target], self.moved_observer, self.moved_target, data.direction, data.range_m
+        )
+
+    def _sighting_vars(self, residual: Array) -> tuple[Array, Array]:
+        """Variances (M,) of directions and ranges, with what is older of the way between the two."""
+        data = self.sightings
+        distance = np.maximum(residual[:, 3] + data.range_m, 1.0)
+        return data.direction_var + self.older_var / distance**2, data.range_var + self.older_var
+
+    def _add_sightings(self, pose: Array, covariance: Array, width: float, information: Array, pull: Array) -> Array:
         data = self.sightings
         if not len(data):
             return np.zeros(0)
-        residual, by_observer, by_target = sighting_residuals(
-            pose[self.observer], pose[self.target], self.moved_observer, self.moved_target, data.direction, data.range_m
-        )
+        residual, by_observer, by_target = self._sighted(pose)
         each = np.arange(len(data))
         slopes = np.zeros((len(data), 4, len(pose), 4))
         slopes[each, :, self.observer] = by_observer
         slopes[each, :, self.target] = by_target
         flat = slopes.reshape(4 * len(data), -1)
         spread = np.maximum(((flat @ covariance) * flat).sum(1), 0.0).reshape(-1, 4)
-        distance = np.maximum(residual[:, 3] + data.range_m, 1.0)
-        direction_var = data.direction_var + self.older_var / distance**2
-        range_var = data.range_var + self.older_var
+        direction_var, range_var = (width * var for var in self._sighting_vars(residual))
         squared = residual**2
         weight = inlier_probability(
             *sighting_evidence(
@@ -218,7 +265,7 @@ class _Batch:
         pull -= weighted.T @ residual.ravel()
         return weight
 
-    def _add_fixes(self, pose: Array, covariance: Array, information: Array, pull: Array) -> Array:
+    def _add_fixes(self, pose: Array, covariance: Array, width: float, information: Array, pull: Array) -> Array:
         data = self.fixes
         if not len(data):
             return np.zeros(0)
@@ -227,8 +274,9 @@ class _Batch:
         slopes[np.arange(len(data)), :, self.fixed] = by_pose
         flat = slopes.reshape(3 * len(data), -1)
         spread = np.maximum(((flat @ covariance) * flat).sum(1), 0.0).reshape(-1, 3)
-        weight = inlier_probability(*fix_evidence(residual**2, data.var + spread))
-        weighted = flat * (weight[:, None] / (data.var * data.inflation[:, None])).reshape(-1, 1)
+        var = width * data.var
+        weight = inlier_probability(*fix_evidence(residual**2, var + spread))
+        weighted = flat * (weight[:, None] / (var * data.inflation[:, None])).reshape(-1, 1)
         information += weighted.T @ flat
         pull -= weighted.T @ residual.ravel()
         return weight

@@ -16,6 +16,7 @@ _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
+_STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
@@ -55,7 +56,7 @@ class Mission:
         self._gives_up = survey is not None and survey.then == "return"
         self._can_lose = can_lose
         self._floor_m = floor_m
-        self._rises = False  # the autopilot's takeoff has ended below the floor
+        self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
         self._takeover = Takeover()
@@ -174,12 +175,17 @@ class Mission:
 
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
         """Go on after a failsafe: near the ground, or at home, it lands; below the floor it first rises where it is."""
-        if vehicle.height_m < (self._floor_m if self.stage is Stage.RETURN else NEAR_GROUND_M):
+        is_low = self._is_low(vehicle)
+        if vehicle.height_m < NEAR_GROUND_M or (is_low and self.stage is Stage.RETURN):
             self.landed_because = BROUGHT_DOWN
             self._enter(Stage.LANDING, now_ns)
-        elif vehicle.height_m < self._floor_m:
+        elif is_low:
             self._enter(Stage.TAKEOFF, now_ns)
             self._rises = True
+
+    def _is_low(self, vehicle: VehicleState) -> bool:
+        """Whether it is below the floor, or sinks so fast that it will be."""
+        return vehicle.height_m + _STOPS_S * min(vehicle.velocity_mps[2], 0.0) < self._floor_m
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
@@ -204,7 +210,7 @@ class Mission:
             return
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
-                self._rises = vehicle.height_m < self._floor_m  # the autopilot goes by its own height, and that drifts
+                self._rises = self._is_low(vehicle)  # the autopilot goes by its own height, and that drifts
                 if not self._rises:
                     self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, now_ns)
         elif self.stage is Stage.RETURN:

@@ -193,8 +193,11 @@ class Steering:
     def _half_planes(
         self, situation: Situation, position: Array, previous: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """The half-planes of neighbours and fence; per step, those that the unconstrained optimum (H, 2) or the previous plan
-        (H, 2) violates most.
+        """The half-planes of neighbours and fence; per step, that which the previous plan (H, 2) violates most, and those that it
+        or the unconstrained optimum (H, 2) does.
+
+        The optimum, on the way home through the others, may be far from where they have pushed the plan, and violate all of
+        theirs by more than the plan does that of one who is in the way there.
         """
         if not neighbours and len(fence[0]) == 0:
             return None
@@ -211,9 +214,10 @@ class Steering:
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
         if count > _ROWS:
-            slack = np.minimum(*(np.einsum("rkx,kx->rk", normals, plan) for plan in (position, previous))) - offsets
+            slack, lacking = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, previous))
+            slack, steps, first = np.minimum(slack, lacking), np.arange(horizon), lacking.argmin(axis=0)
+            slack[first, steps] = np.where(lacking[first, steps] < 0.0, -np.inf, slack[first, steps])
             worst = np.argsort(slack, axis=0, kind="stable")[:_ROWS]
-            steps = np.arange(horizon)
             normals, offsets, yielding = normals[worst, steps], offsets[worst, steps], yielding[worst, steps]
         return HalfPlanes(normals, offsets, yielding)
 

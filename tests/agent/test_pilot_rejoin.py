@@ -96,6 +96,17 @@ def test_what_the_failsafe_has_brought_below_the_floor_rises_where_it_is_before_
     assert one.stage is Stage.SURVEY
 
 
+@pytest.mark.parametrize(
+    ("stage", "sinks_mps", "then"),
+    [(Stage.SURVEY, 0.8, Stage.TAKEOFF), (Stage.SURVEY, 0.1, Stage.SURVEY), (Stage.RETURN, 0.8, Stage.LANDING)],
+)
+def test_what_sinks_too_fast_to_stop_above_the_floor_counts_as_below_it(stage, sinks_mps, then):
+    """At 1.59 m and 0.8 m/s a simulated vehicle stopped at 1.36 m, 0.5 s later."""
+    low = (5.0, 5.0, 1.59)
+    one, _ = back(replace(KEPT, stage=stage), mode=FlightMode.LAND, position=low, velocity_mps=(0.0, 0.0, -sinks_mps))
+    assert one.stage is then
+
+
 @pytest.mark.parametrize(("stage", "height_m"), [(Stage.SURVEY, 0.7), (Stage.TRACK, 0.7), (Stage.RETURN, 1.2)])
 def test_what_the_failsafe_has_brought_near_the_ground_lands(stage, height_m):
     low = (5.0, 5.0, height_m)

@@ -19,6 +19,7 @@ MEAN_SQUARE = 12.0
 LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of it is the time from an exposure to the hypothesis that it is in
 CORRELATED_S = 3.0  # the errors of a hypothesis are about the same for 0.7 to 3 s, as measured in six flights
 _LOOK_TICKS, _LEAST = 10, 20
+_SPELL = 20  # looks in the longest spell, 10 s, in which a source may be taken to rest without being excluded
 _ALLOWED = 10  # looks in EXCLUDED_S
 _SUMMARY_TICKS = 100
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
@@ -105,6 +106,9 @@ class FollowsSource(Invariant[Scene]):
     tracks it can only be behind then. Exempt as in ``six-sigma``, from the first wrong clock on, and an agent while its process
     is faulted: the hypothesis of one that is slow is as old as its last step. Left out as in ``six-sigma-mean``: who takes a slow
     source to rest for a moment is seconds behind.
+
+    Who does so for longer without excluding the truth cannot know better, and its errors are one event, not as many as the sigma
+    counts; a lag of the estimator's own shows without any such spell, too, and only that is one here.
     """
 
     name = "lag"
@@ -148,12 +152,10 @@ class FollowsSource(Invariant[Scene]):
         for drone, looks in enumerate(self.looks):
             most = _most([look.square for look in looks])
             counted = [look for look in looks if look.square <= most]
-            information = sum(look.information for look in counted)
-            if information > 0.0:
-                lag_s, sigma_s = sum(look.behind for look in counted) / information, sqrt(CORRELATED_S / information)
-                if abs(lag_s) > LAG_S + LAG_SIGMAS * sigma_s:
-                    where = "behind" if lag_s > 0.0 else "ahead of"
-                    yield Breach((drone,), f"its hypothesis is {abs(lag_s):.2f} s {where} the source, sigma {sigma_s:.2f}")
+            lag_s, sigma_s = _lag(counted)
+            if abs(lag_s) > LAG_S + LAG_SIGMAS * sigma_s and _is_throughout(counted):
+                where = "behind" if lag_s > 0.0 else "ahead of"
+                yield Breach((drone,), f"its hypothesis is {abs(lag_s):.2f} s {where} the source, sigma {sigma_s:.2f}")
 
 
 class SameLogSameHypothesis(Invariant[Moment]):
@@ -248,6 +250,25 @@ def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
     if determinant <= 0.0:
         return 0.0
     return sqrt(max(0.0, (yy * east * east - 2.0 * xy * east * north + xx * north * north) / determinant))
+
+
+def _lag(looks: Sequence[_Behind]) -> tuple[float, float]:
+    """By how many seconds a hypothesis is behind, and 1 sigma of that, infinite where the looks tell nothing."""
+    information = sum(look.information for look in looks)
+    if information <= 0.0:
+        return 0.0, inf
+    return sum(look.behind for look in looks) / information, sqrt(CORRELATED_S / information)
+
+
+def _is_throughout(looks: Sequence[_Behind]) -> bool:
+    """Whether a lag shows whichever spell of looks that do not exclude the truth is left out."""
+    for first in range(max(1, len(looks) - _SPELL + 1)):
+        spell = looks[first : first + _SPELL]
+        excluding = [look for look in spell if look.square > EXCLUDED_SIGMAS**2]
+        lag_s, sigma_s = _lag([*looks[:first], *excluding, *looks[first + _SPELL :]])
+        if abs(lag_s) <= LAG_SIGMAS * sigma_s:
+            return False
+    return True
 
 
 def _most(squares: Sequence[float]) -> float:

@@ -281,6 +281,23 @@ def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_
     assert min(clear_m[1:]) > LIMITS.separation_m
 
 
+def test_pushed_on_by_three_who_come_behind_it_a_drone_keeps_clear_of_the_one_ahead() -> None:
+    """Its way home leads back through the three, who take all half-planes of a step: it planned to end 4 m from the fourth."""
+    tracker, state, clear_m = Tracker(LIMITS, WIDE, drone_id="e"), PeerState((0.0, 0.0, 3.0), (0.0, 2.0, 0.0)), []
+    tracker.reset(state.position, state.velocity)
+    ahead = PeerPlan.from_pose("d", 0, PeerState((1.0, 14.0, 3.0)), sigma_m=1.5, doubt_m=1.0)
+    for step in range(12):
+        now_ns, y = step * STEP_NS, -6.0 + 0.4 * step
+        behind = [
+            PeerPlan.from_pose(name, now_ns, PeerState((x, y, 3.0), (0.0, 2.0, 0.0)), sigma_m=0.3, doubt_m=0.6)
+            for name, x in (("a", -4.0), ("b", 0.0), ("c", 4.0))
+        ]
+        plan = tracker.plan(now_ns, state, stay(0.0, -10.0), [*behind, ahead])
+        state = tracker.state(now_ns + STEP_NS)
+        clear_m.append(float(np.hypot(plan.positions[:, 0] - 1.0, plan.positions[:, 1] - 14.0).min()))
+    assert min(clear_m) > LIMITS.separation_m + 2.0 * ahead.sigma_m
+
+
 @pytest.mark.parametrize("sigma_m", [1.7, 5.0])
 def test_between_two_lines_without_room_for_both_distances_a_drone_goes_on_along_its_reference(sigma_m: float) -> None:
     """The lines are 13 m apart, and farther by 7 cm in a metre ahead: it flew there, with 7.4 m/s, and through the fence."""

@@ -76,6 +76,22 @@ def test_a_source_that_is_taken_to_rest_for_a_moment(still_s, expected) -> None:
     assert found(FollowsSource(setting), make, 40.0) == expected
 
 
+@pytest.mark.parametrize(("late_s", "expected"), [(0.0, []), (4.0, [("d1",)])])
+def test_a_source_that_is_taken_to_rest_for_seconds_but_not_excluded(late_s, expected) -> None:
+    """Those 7 s are 5.9 sigma off at most, and hold nearly all that is known of the lag; only one that shows before, too, counts."""
+    setting = moments.setting()
+    setting.scenario = SimpleNamespace(source=SimpleNamespace(motion="circle"), fault=[])
+
+    def make(time_s):
+        still = 20.0 <= time_s < 27.0
+        x, y = around(20.0 if still else time_s - late_s)
+        believed = moments.hypothesis(x, y, 0.95 if still else 2.0 if late_s else 6.0)
+        pilots = moments.changed(0, moments.pilot(believed=believed), moments.pilot)
+        return moments.moment(time_s, source=around(time_s), pilots=pilots)
+
+    assert found(FollowsSource(setting), make, 60.0) == expected
+
+
 class Measured:
     """A log of exposures of the first drone, each 0.5 s, and where they are fused: at x, by ``off_m`` from where it was."""
 
