@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from msgspec import Meta, field
+from msgspec import Meta, Struct, field
 
 from protocol.entries import SIGNATURE_BYTES
 from protocol.message import DroneMessage, StationMessage
@@ -39,11 +39,22 @@ class Revocation(StationMessage, frozen=True, kw_only=True):
         return self.member == other.member and self.until_ns >= other.until_ns and lower
 
 
+class Obeying(Struct, frozen=True, array_like=True):
+    """A revoked drone's word that it obeys, and goes home. Others pass it on, and cannot give it.
+
+    ``signature``: by the key of ``certificate``, the drone's, of the revocation that it obeys: it is worth nothing with another.
+    """
+
+    drone: Identifier
+    certificate: Certificate
+    signature: Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
+
+
 class Revoked(DroneMessage, frozen=True, kw_only=True):
     """All revocations that a drone knows, passed on as they were signed.
 
-    ``obeying``: the revoked drones of which it knows that they obey, and go home. A revoked one tells that of itself alone.
+    ``obeying``: the word of each revoked drone that is known to obey, and to go home; at most one of each.
     """
 
     held: Annotated[tuple[Revocation, ...], Meta(max_length=MOST_HELD)]
-    obeying: Annotated[tuple[Identifier, ...], Meta(max_length=MOST_HELD)] = ()
+    obeying: Annotated[tuple[Obeying, ...], Meta(max_length=MOST_HELD)] = ()

@@ -21,7 +21,7 @@ from protocol.entries import SIGNATURE_BYTES, Credential, Entry
 from protocol.errors import ProtocolError
 from protocol.message import StationMessage
 from protocol.messages import Action, Command, Obeyed, Order, Status, Upload
-from protocol.revocations import Revocation
+from protocol.revocations import Obeying, Revocation
 
 MOST_IN_BATCH = 32  # of the place in a proof, and of its length
 MOST_ROOTS = 1024  # that are remembered as verified
@@ -31,7 +31,7 @@ DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot p
 _HASH_BYTES = 16
 # No signature counts as one of something else.
 _ENTRIES, _STATUS, _REVOCATION = b"radron 2 entries\0", b"radron 2 status\0", b"radron 2 revocation\0"
-_OBEYED = b"radron 2 obeyed\0"
+_OBEYED, _OBEYING = b"radron 2 obeyed\0", b"radron 2 obeying\0"
 _ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
@@ -121,6 +121,11 @@ def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
     return replace(revocation, certificate=trust.certificate, signature=trust.sign(_REVOCATION + bare))
 
 
+def sign_obeying(revocation: Revocation, trust: Trust) -> Obeying:
+    """The word of the drone that is revoked that it obeys."""
+    return Obeying(trust.name, trust.certificate, trust.sign(_OBEYING + revocation.signature))
+
+
 def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
     """Entries that are published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
     for start in range(0, len(entries), MOST_IN_BATCH):
@@ -197,6 +202,13 @@ class Verifier:
         if member is None or status.obeyed is UNSET:
             return False
         return member.verified(status.obeyed.signature, _OBEYED + _with_obeyed(status, status.obeyed))
+
+    def accepts_obeying(self, word: Obeying, revocation: Revocation) -> bool:
+        """Whether the drone that is revoked has signed that it obeys just this revocation, which is accepted."""
+        member = self._member(word.certificate)
+        if member is None or member.role != DRONE or not word.drone == member.name == revocation.member:
+            return False
+        return member.verified(word.signature, _OBEYING + revocation.signature)
 
     def signer(self, order: Order) -> Member | None:
         """Whose certificate an order carries, whether valid or not; None: nobody's of this swarm."""

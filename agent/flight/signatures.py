@@ -12,6 +12,7 @@ from protocol.entries import SIGNATURE_BYTES, Entry
 from protocol.errors import ProtocolError
 from protocol.message import Message
 from protocol.messages import Status
+from protocol.revocations import Revoked
 from protocol.signing import Authority, Member, Trust
 
 _NONE = bytes(SIGNATURE_BYTES)
@@ -52,3 +53,5 @@ def _signatures(message: Message) -> Iterator[bytes]:
         yield message.signature
         if message.obeyed is not UNSET:
             yield message.obeyed.signature
+    if isinstance(message, Revoked):
+        yield from (word.signature for word in message.obeying)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from protocol.entries import Entry
-from protocol.revocations import MOST_HELD, Revocation
+from protocol.revocations import MOST_HELD, Obeying, Revocation
 from protocol.signing import Verifier
 
 MOST_REFUSED = 20  # in a second; each costs a third of a millisecond
@@ -41,6 +41,17 @@ class Revocations:
             self._counters[f"dropped_revocation_{refused}"] += 1
             self._refusals += 1
         return refused
+
+    def confirms(self, word: Obeying, now_ns: int) -> bool:
+        """Whether a revoked drone has signed that it obeys one of these; what was refused counts for the flood, too."""
+        held = [one for one in self.held if one.member == word.drone]
+        if self._verifier is None or not held or self._is_flooded(now_ns):
+            return False
+        if any(self._verifier.accepts_obeying(word, one) for one in held):
+            return True
+        self._counters["dropped_obeying_forged"] += 1
+        self._refusals += 1
+        return False
 
     def leaves_out(self, entry: Entry) -> bool:
         """Whether an entry does not count."""

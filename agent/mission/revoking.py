@@ -16,9 +16,10 @@ from agent.mission.commanding import Verdict
 from agent.mission.executive import Executive
 from agent.mission.problems import Problems
 from agent.mission.worldmodel import WorldModel
+from agent.navigation.peers import Peers
 from protocol.entries import Coverage, Entry
-from protocol.revocations import Revocation, Revoked
-from protocol.signing import Verifier
+from protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
+from protocol.signing import Trust, Verifier, sign_obeying
 
 PERIOD_NS = 1_000_000_000  # they are passed on so often: also to drones that join, or are heard again
 
@@ -29,17 +30,20 @@ class Revoking:
     def __init__(
         self,
         drone: str,
+        trust: Trust | None,
         verifier: Verifier | None,
         world: WorldModel,
         executive: Executive,
+        peers: Peers,
         problems: Problems,
         counters: Counter[str],
     ) -> None:
-        """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
-        self._drone, self._revocations = drone, Revocations(verifier, counters)
-        self._world, self._executive, self._problems = world, executive, problems
+        """``trust``, ``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
+        self._drone, self._trust, self._revocations = drone, trust, Revocations(verifier, counters)
+        self._world, self._executive, self._peers, self._problems = world, executive, peers, problems
         self._contradictions: dict[Publisher, Contradiction] = {}
-        self._obeying: set[str] = set()  # the others that are revoked, and have told that they go home
+        self._obeying: dict[str, Obeying] = {}  # the words of the others that are revoked
+        self._copied: set[str] = set()  # revoked while two sources sent in its name: the word may be the other one's
         self._due_ns = 0
 
     @property
@@ -67,11 +71,14 @@ class Revoking:
         return verdict
 
     def _note_obeying(self, message: Revoked, now_ns: int) -> None:
-        """A revoked drone is believed this one thing, which its own agent tells at once or never: else it may circle on."""
-        told = self.names.intersection(message.obeying) - self._obeying - {self._drone}
-        for name in told.intersection({message.drone}) if message.drone in self.names else told:
-            self._obeying.add(name)
-            self._executive.obeys(name, now_ns)
+        """A revoked drone is believed this one thing, if it has signed it and nobody is known to have its key: else it may circle
+        on.
+        """
+        for word in message.obeying:
+            known = word.drone in self._obeying or word.drone in self._copied or word.drone == self._drone
+            if not known and self._revocations.confirms(word, now_ns):
+                self._obeying[word.drone] = word
+                self._executive.obeys(word.drone, now_ns)
 
     def leaves_out(self, entry: Entry) -> bool:
         """Whether a revocation leaves an entry out."""
@@ -90,9 +97,14 @@ class Revoking:
         if not self.held or now_ns < self._due_ns:
             return ()
         self._due_ns = now_ns + PERIOD_NS
-        obeys = self._drone in self.names and self._executive.goes_home
-        obeying = self._obeying | {self._drone} if obeys else self._obeying
-        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=tuple(sorted(obeying))),)
+        own = (self._word(),) if self._drone in self.names and self._executive.goes_home else ()
+        obeying = tuple(word for _, word in sorted(self._obeying.items()))[: MOST_HELD - len(own)]
+        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=(*own, *obeying)),)
+
+    def _word(self) -> Obeying:
+        """That this drone obeys the last revocation of it."""
+        assert self._trust is not None  # without certificates nothing is revoked
+        return sign_obeying([one for one in self.held if one.member == self._drone][-1], self._trust)
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -114,6 +126,8 @@ class Revoking:
             self._executive.revoke()
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
+        if name in self._peers.names and self._peers[name].sources.are_two(now_ns):
+            self._copied.add(name)
         self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))
         self._recount(name)

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from agent.config.mission import MissionConfig
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, rest_place
+from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
@@ -137,6 +137,8 @@ class Autopilot:
             self._return_home()
         elif self.mode is FlightMode.LAND:
             self._descend(position)
+        elif self.mode in (FlightMode.HOLD, FlightMode.MANUAL):
+            self._guidance.hover()
 
     def _watch(self) -> None:
         """Failsafes: lost setpoints, lost position, battery. Those of a lost position end with it."""
@@ -201,8 +203,7 @@ class Autopilot:
         if mode is FlightMode.RETURN and not self._has_home:
             mode = FlightMode.LAND
         self.mode = mode
-        rests = mode is not FlightMode.RETURN
-        self._guidance.stay(rest_place(self._position, self._velocity) if rests else self._position)
+        self._guidance.brake(self._position, self._velocity, back=mode is FlightMode.RETURN)
 
     def _take_off(self, height: float) -> None:
         if not self.armed:

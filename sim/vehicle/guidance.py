@@ -6,14 +6,19 @@ The target moves and the vehicle follows it. Positions are the vehicle's own est
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 from sim.geometry import Vector3
 
 ARRIVED_M = 0.3
+REST: Vector3 = (0.0, 0.0, 0.0)
 BELOW_GROUND_M = 0.5  # end of a descent's target, so that the vehicle is sure to touch the ground
-BRAKING_S, BRAKING_S2PM, BRAKING_MOST_S = 0.4, 0.32, 2.0  # time for which it continues at its speed: 10 m at 5 m/s
+# A PX4's setpoint while it brakes (MPC_ACC_HOR, MPC_JERK_AUTO): to a place ahead where it holds or lands, reckoned with the time
+# in which it builds up its deceleration; or at once, and then back to where it began, at a speed by distance as recorded.
+ACCELERATION_MPS2, JERK_MPS3, LATE_S = 3.0, 4.0, 0.6
+BACK_PS = 0.4
+APPROACH_S = 0.3  # time constant to the speed that is wanted
 
 
 class Reframing(NamedTuple):
@@ -42,15 +47,19 @@ class Target:
     position: Vector3
     velocity: Vector3
     yaw: float
-    acceleration: Vector3 = (0.0, 0.0, 0.0)
+    acceleration: Vector3 = REST
     yaw_rate: float = 0.0
 
 
-def rest_place(position: Vector3, velocity: Vector3) -> Vector3:
-    """Position at which a vehicle that begins to hold or to land comes to rest: a PX4 brakes, and does not fly back."""
-    (x, y, z), (vx, vy, _) = position, velocity
-    time_s = min(BRAKING_S + BRAKING_S2PM * hypot(vx, vy), BRAKING_MOST_S)
-    return x + vx * time_s, y + vy * time_s, z
+def stopping_m(speed_mps: float) -> float:
+    """How far ahead a PX4 puts the place where it holds or lands (``computeBrakingDistanceFromVelocity``)."""
+    return speed_mps * (speed_mps / (2.0 * ACCELERATION_MPS2) + LATE_S)
+
+
+def fastest_mps(distance_m: float) -> float:
+    """Speed at which a PX4's setpoint approaches a place that is so far away (``computeMaxSpeedFromDistance``)."""
+    ramp_mps = 2.0 * ACCELERATION_MPS2**2 / JERK_MPS3
+    return sqrt(ramp_mps**2 + 2.0 * ACCELERATION_MPS2 * distance_m) - ramp_mps
 
 
 class Guidance:
@@ -58,17 +67,37 @@ class Guidance:
 
     def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
         self.home = home
-        self.target = Target(home, (0.0, 0.0, 0.0), yaw)
+        self.target = Target(home, REST, yaw)
         self._step_s = step_s
+        self._rest(home)
 
     def stay(self, position: Vector3) -> None:
         """Stay at ``position`` with the present heading."""
-        self.target = Target(position, (0.0, 0.0, 0.0), self.target.yaw)
+        self.target = Target(position, REST, self.target.yaw)
+        self._rest(position)
+
+    def brake(self, position: Vector3, velocity: Vector3, *, back: bool = False) -> None:
+        """Come to rest ahead, at the height of ``position``; ``back``: and fly back to it."""
+        self.stay(position)
+        (x, y, z), (u, v, _), speed = position, velocity, hypot(velocity[0], velocity[1])
+        self._velocity, self._flies_back = (u, v, 0.0), back
+        if speed > 0.0 and back:
+            self._acceleration = -ACCELERATION_MPS2 / speed * u, -ACCELERATION_MPS2 / speed * v, 0.0
+        elif speed > 0.0:
+            ahead_s = stopping_m(speed) / speed
+            self._place = x + ahead_s * u, y + ahead_s * v, z
+
+    def hover(self) -> None:
+        """Brake, or stay."""
+        (x, y), z = self._across(), self.target.position[2]
+        self._go((x, y, z))
 
     def reframe(self, frame: Reframing) -> None:
         """The local frame has jumped: the target keeps its place in the world."""
         target = self.target
         self.home = frame.point(self.home)
+        self._place = frame.point(self._place)
+        self._velocity, self._acceleration = frame.direction(self._velocity), frame.direction(self._acceleration)
         self.target = Target(
             frame.point(target.position),
             frame.direction(target.velocity),
@@ -79,7 +108,7 @@ class Guidance:
 
     def climb(self, height_m: float, speed_mps: float) -> None:
         """Climb, up to ``height_m`` above home."""
-        x, y, z = self.target.position
+        (x, y), z = self._across(), self.target.position[2]
         self._go((x, y, min(self.home[2] + height_m, z + speed_mps * self._step_s)))
 
     def go_home(self, height_m: float, climb_mps: float, speed_mps: float) -> bool:
@@ -87,7 +116,7 @@ class Guidance:
         x, y, z = self.target.position
         height = self.home[2] + height_m
         if z < height - 1e-6 and hypot(x - self.home[0], y - self.home[1]) > ARRIVED_M:
-            self._go((x, y, min(height, z + climb_mps * self._step_s)))
+            self._go((*self._across(), min(height, z + climb_mps * self._step_s)))
             return False
         dx, dy = self.home[0] - x, self.home[1] - y
         distance = hypot(dx, dy)
@@ -95,14 +124,38 @@ class Guidance:
         if distance <= ARRIVED_M:
             return True
         self._go((x + dx / distance * step, y + dy / distance * step, z))
+        self._rest(self.target.position)
         return False
 
     def descend(self, speed_mps: float, height_m: float = -BELOW_GROUND_M) -> None:
         """Descend, down to ``height_m`` above home."""
-        x, y, z = self.target.position
+        (x, y), z = self._across(), self.target.position[2]
         self._go((x, y, max(self.home[2] + height_m, z - speed_mps * self._step_s)))
+
+    def _rest(self, place: Vector3) -> None:
+        """Nothing is left of a way across to ``place``."""
+        self._place, self._velocity, self._acceleration, self._flies_back = place, REST, REST, False
+
+    def _across(self) -> tuple[float, float]:
+        """Where it is next, horizontally, on its way to where it stays: as fast as the distance allows, without a jerk."""
+        (x, y, _), (u, v, _), (a, b, _) = self.target.position, self._velocity, self._acceleration
+        dx, dy = self._place[0] - x, self._place[1] - y
+        distance = hypot(dx, dy)
+        wanted = BACK_PS if self._flies_back else fastest_mps(distance) / max(distance, 1e-9)
+        a_wanted, b_wanted = _within(ACCELERATION_MPS2, (wanted * dx - u) / APPROACH_S, (wanted * dy - v) / APPROACH_S)
+        a_change, b_change = _within(JERK_MPS3 * self._step_s, a_wanted - a, b_wanted - b)
+        a, b = a + a_change, b + b_change
+        u, v = u + a * self._step_s, v + b * self._step_s
+        self._velocity, self._acceleration = (u, v, 0.0), (a, b, 0.0)
+        return x + u * self._step_s, y + v * self._step_s
 
     def _go(self, position: Vector3) -> None:
         old = self.target.position
         velocity = tuple((new - was) / self._step_s for new, was in zip(position, old, strict=True))
         self.target = Target(position, (velocity[0], velocity[1], velocity[2]), self.target.yaw)
+
+
+def _within(most: float, x: float, y: float) -> tuple[float, float]:
+    """The vector, shortened to a length."""
+    share = min(1.0, most / max(hypot(x, y), 1e-9))
+    return share * x, share * y

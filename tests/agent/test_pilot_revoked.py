@@ -21,7 +21,7 @@ from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Pose, Stage, Status
 from protocol.revocations import MOST_HELD, Revoked
-from protocol.signing import sign_entries
+from protocol.signing import sign_entries, sign_obeying
 
 BOOT, LATER = "2" * 16, "3" * 16
 NUMBERS = range(1, 11)
@@ -322,7 +322,12 @@ def test_the_revoked_drone_itself_says_so_and_does_not_start():
 def obeying(one, now_ns):
     """Those that a pilot passes on as obeying."""
     ((_, payload),) = passed_on(one, now_ns)
-    return decode(payload).obeying
+    return tuple(word.drone for word in decode(payload).obeying)
+
+
+def word(held, drone="d2", signer=None):
+    """Of a drone that it obeys a revocation."""
+    return replace(sign_obeying(held, AUTHORITY.trust(signer or drone)), drone=drone)
 
 
 @pytest.mark.parametrize(
@@ -347,23 +352,68 @@ def test_a_revoked_drone_that_does_not_fly_tells_nothing():
     assert obeying(one, START_NS) == ()
 
 
-@pytest.mark.parametrize(
-    ("teller", "told", "believed"),
-    [
-        ("d2", ("d2",), ("d2",)),  # of itself
-        ("d3", ("d2",), ("d2",)),  # passed on by one that counts
-        ("d2", ("d2", "d3"), ("d2",)),  # of another one it tells nothing, being revoked
-        ("d3", ("d3",), ()),  # nobody has revoked it
-    ],
-)
-def test_that_a_revoked_drone_obeys_is_believed_of_itself_or_of_those_that_count(teller, told, believed):
+def believed(one):
+    """Whom a pilot takes to have left the circle, or to do so soon."""
+    return tuple(one._executive._navigator._neighbourhood._silent._obeys_ns)
+
+
+@pytest.mark.parametrize("teller", ["d2", "d3"])
+def test_that_a_revoked_drone_obeys_is_believed_where_it_has_signed_it(teller):
+    """By itself, or passed on."""
     one = full()
     one.receive(*revocation(), START_NS)
-    if "d3" in told and teller == "d2":
-        one.receive(*revocation(member="d3"), START_NS)
-    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=one.revocations, obeying=told)), START_NS)
-    assert obeying(one, START_NS) == believed  # and passed on
-    assert tuple(one._executive._navigator._neighbourhood._silent._obeys_ns) == believed
+    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(one.revocations[0]),))), START_NS)
+    assert obeying(one, START_NS) == ("d2",)  # and passed on
+    assert believed(one) == ("d2",)
+
+
+@pytest.mark.parametrize("teller", ["d2", "d3"])
+@pytest.mark.parametrize("attack", ["another signs", "no signature", "another revocation", "not revoked", "as an operator"])
+def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attack, teller):
+    """Else any member could bring the others onto a circle on which one flies that has not heard of its revocation."""
+    one = full()
+    one.receive(*revocation(), START_NS)
+    held = one.revocations[0]
+    before = decode(revocation(stamp_ns=START_NS - SECOND)[1])
+    told = {
+        "another signs": word(held, signer="d3"),
+        "no signature": replace(word(held), signature=b""),
+        "another revocation": word(before),
+        "not revoked": word(held, drone="d3"),
+        "as an operator": replace(word(held), certificate=AUTHORITY.trust("d2", Role.OPERATOR).certificate),
+    }[attack]
+    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(told,))), START_NS)
+    assert obeying(one, START_NS) == believed(one) == ()
+    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(held),))), START_NS)
+    assert believed(one) == ("d2",)
+
+
+def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
+    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
+    one = full()
+    for tick in range(20):
+        now_ns = START_NS + tick * SECOND // 10
+        here = next(message for message in partner(now_ns) if isinstance(message, Pose))
+        east, north, up = here.position_m
+        for pose in (here, replace(here, position_m=(east + 30.0, north, up))):
+            one.receive(*_told(pose), now_ns)
+    now_ns = START_NS + 2 * SECOND
+    assert one._peers["d2"].sources.are_two(now_ns)
+    one.receive(*revocation(), now_ns)
+    message = Revoked(stamp_ns=now_ns, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    for later_s in (0, 1, 60):  # nor when the two are no longer shown
+        one.receive(*_told(message), now_ns + later_s * SECOND)
+    assert believed(one) == ()
+
+
+def test_a_flood_of_words_that_nobody_has_signed_costs_little():
+    one = full()
+    one.receive(*revocation(), START_NS)
+    forged = replace(word(one.revocations[0]), signature=bytes(64))
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(forged,) * MOST_HELD)
+    for _ in range(100):
+        one.receive(*_told(flood), START_NS)
+    assert one.counters["dropped_obeying_forged"] == MOST_REFUSED
 
 
 def test_revocations_are_bounded():

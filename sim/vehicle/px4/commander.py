@@ -256,8 +256,8 @@ class Commander:
             return
         self.mode = mode
         self._taking_off = False
-        velocity = (0.0, 0.0, 0.0) if self.landed or self.fallback.here else self._velocity
-        self._steering.begin(mode, self._position, velocity, self.landed)
+        velocity = (0.0, 0.0, 0.0) if self.landed else self._velocity
+        self._steering.begin(mode, self._position, velocity, standing=self.landed, back=self.fallback.here)
         if mode is Mode.RETURN and self.armed:
             above_m = self._steering.return_m
             self._announce(events.return_begins(self.home_altitude_m + above_m, above_m))

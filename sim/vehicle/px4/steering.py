@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import dist, isfinite, nan, radians, tan
 
 from sim.geometry import Vector3
-from sim.vehicle.guidance import Guidance, Target, rest_place
+from sim.vehicle.guidance import Guidance, Target
 from sim.vehicle.px4.landing import RAMP_S
 from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
 from sim.vehicle.px4.modes import Mode
@@ -48,11 +48,16 @@ class Steering:
         """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
         return self.guidance.target
 
-    def begin(self, mode: Mode, position: Vector3, velocity: Vector3, standing: bool) -> None:
-        """Fly another mode from now on; autonomous ones begin from the vehicle's position."""
+    def begin(self, mode: Mode, position: Vector3, velocity: Vector3, *, standing: bool, back: bool = False) -> None:
+        """Fly another mode from now on; autonomous ones begin from the vehicle's position. ``back``: it flies back to there once
+        it has braked, as it does before a return anyway.
+        """
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
-        self.guidance.stay(rest_place(position, velocity) if mode in (Mode.HOLD, Mode.LAND) else position)
+        if mode in (Mode.HOLD, Mode.LAND, Mode.RETURN):
+            self.guidance.brake(position, velocity, back=back or mode is Mode.RETURN)
+        else:
+            self.guidance.stay(position)
         if mode is Mode.TAKEOFF:
             self._climb_from_m = 0.0 if standing else position[2] - self.guidance.home[2]
         if mode is Mode.RETURN:
@@ -87,6 +92,8 @@ class Steering:
             return self._climb(position, climbing_s)
         if mode is Mode.OFFBOARD and self.offboard is not None:
             self._obey(self.offboard)
+        elif mode is Mode.HOLD:
+            self.guidance.hover()
         elif mode is Mode.RETURN:
             self._return(position)
         elif mode is Mode.LAND:

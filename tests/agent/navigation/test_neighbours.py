@@ -102,6 +102,21 @@ def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
     assert not any(one.takes_part for one in after_silence(1.5)[0])
 
 
+@pytest.mark.parametrize("seconds", [1.5, 5.0, 16.0, 30.0])
+def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
+    """Where it may be, until it must be down, follows from its last pose, whatever it says, or somebody else with its key."""
+    found = []
+    for tells in (False, True):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        for message in (pose(), status(Stage.TRACK)):
+            assert peers.receive(message, 0) is None
+        if tells:
+            hood.obeys("b", 0)
+        around = hood.around(peers, Self(round(seconds * SECOND), 0, 0.1, Transform(), excluded={"b"}))
+        found.append([(one.plan.positions, one.plan.sigma_m, one.plan.blind, one.takes_part) for one in around])
+    assert found[0] == found[1] != []
+
+
 @pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
 def test_one_that_is_quiet_for_longer_than_usual_may_stop(delay_s, stops):
     """Its agent may be gone: one that flew behind it at the speed of the search could not stop any more when it noticed after a

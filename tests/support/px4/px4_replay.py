@@ -77,13 +77,16 @@ def start(name: str) -> str:
 
 
 class Replay:
-    """One recording and one emulated vehicle. ``flown``: what passed, from the recording's first moment on."""
+    """One recording and one emulated vehicle. ``flown``: what passed, from the recording's first moment on; ``course``: the time,
+    and position and velocity by the vehicle's estimate, NED.
+    """
 
     def __init__(self, name: str, system: int, begin_s: float = 0.0) -> None:
         """``begin_s``: what was before is left out."""
         entry = recordings()[name]
         self.name, self.system = name, system
         self.flown = Timeline(name)
+        self.course: list[tuple[float, ...]] = []
         self.parameters = {} if name.startswith("E_") else dict(RECORDED)
         for prefix, values in CHANGED.items():
             if name.startswith(prefix):
@@ -147,6 +150,8 @@ class Replay:
             return
         self._clock_s += STEP_S
         self._ended = self.over
+        now = self.face._state.now
+        self.course.append((self._clock_s, *now.position_ned_m, *now.velocity_ned_mps))
         due_ms = self._clock_s * 1e3
         while self._stream and self._stream[0][0] <= due_ms:
             self._last_setpoint = self._stream.pop(0)
