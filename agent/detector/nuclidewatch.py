@@ -1,16 +1,20 @@
-"""The nuclide in the spectrum of the own camera, in flight, against the mission's: one, or several candidates."""
+"""The nuclide in the spectrum of the own camera, in flight, against the mission's: one, or several candidates; and whether the
+camera still reads its lines where they are.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.detector.recognition import Recogniser, Recognition, prepare
+from agent.detector.recognition import Recogniser, Recognition, moved, prepare
 from agent.detector.residuals import told
 from agent.detector.windows import candidates_of
 from agent.geometry import Array
 from protocol.messages import Recognised
 
 LOOK_NS = 10_000_000_000
+_SCALE_TOLD = 0.03  # a correction of less is no problem: a fault that is over leaves as much
+_LEAST_EVENTS = 200  # between two looks, to tell the energy scale of them to 1 %
 
 
 class NuclideWatch:
@@ -18,12 +22,19 @@ class NuclideWatch:
 
     Where there are several candidates, there may be several sources, whose spectrum is that of no one nuclide; so only lines are
     told that no mixture of candidates explains.
+
+    Where there is one nuclide, its lines are also a reference for the camera's energy scale, as in spectrometers with gain
+    stabilisation: a camera that has seen them where they are, and later finds them elsewhere, has a scale that has moved.
+    ``scale``: by which the energies of the calibration are to be multiplied.
     """
 
     def __init__(self, expected: str | tuple[str, ...]) -> None:
         """``expected``: as in the mission."""
         self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
+        self._recent = Recogniser()  # since the last look
+        self._is_seen = False  # the mission's nuclide, as it is
+        self.scale = 1.0
         prepare(self._expected)
         self._looked_ns: int | None = None
         self.recognised: Recognition | None = None
@@ -32,6 +43,8 @@ class NuclideWatch:
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Add the energies (keV) of events."""
         self._recogniser.add(energies_kev)
+        if len(self._expected) == 1:
+            self._recent.add(energies_kev)
 
     def look(self, now_ns: int) -> None:
         """Evaluate again, if it is time."""
@@ -39,12 +52,22 @@ class NuclideWatch:
             self._looked_ns = now_ns
         elif now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns = now_ns
+            self._look_at_scale()
             found = self._recogniser.look()
             self.recognised = found if found is not None and found.certain else None
             if len(self._expected) == 1:
                 self._unknown_kev = self._recogniser.unknown_lines_kev(found)
             else:
                 self._unknown_kev = self._recogniser.foreign_lines_kev(self._expected)
+
+    def _look_at_scale(self) -> None:
+        """Correct the scale where it has moved since the look before. What was read in between is forgotten."""
+        recent, self._recent = self._recent, Recogniser()
+        gain = moved(recent.counts, self._expected[0]) if recent.events >= _LEAST_EVENTS else None
+        if gain is not None and gain != 1.0 and self._is_seen:
+            self.scale /= gain
+            self._recogniser = Recogniser()
+        self._is_seen = self._is_seen or gain == 1.0
 
     @property
     def message(self) -> Recognised | None:
@@ -54,7 +77,14 @@ class NuclideWatch:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line where the spectrum contradicts the mission's nuclide, or none."""
+        """Lines where the spectrum contradicts the mission's nuclide, or its lines have moved."""
+        if abs(self.scale - 1.0) > _SCALE_TOLD:
+            corrected = f"camera: it reads {1.0 / self.scale:.2f} of all energies, by the lines of its nuclide; corrected"
+            return (corrected, *self._strange)
+        return self._strange
+
+    @property
+    def _strange(self) -> tuple[str, ...]:
         found, expected = self.recognised, ", ".join(self._expected)
         if found is not None and found.nuclide not in self._expected:
             return (
