@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from agent.detector.recognition import Recogniser, Recognition, moved, prepare
 from agent.detector.residuals import told
 from agent.detector.windows import candidates_of
@@ -13,8 +15,9 @@ from agent.geometry import Array
 from protocol.messages import Recognised
 
 LOOK_NS = 10_000_000_000
-_SCALE_TOLD = 0.03  # a correction of less is no problem: a fault that is over leaves as much
-_LEAST_EVENTS = 200  # between two looks, to tell the energy scale of them to 1 %
+_SAME_SCALE = 0.03  # relative: scales are told apart by steps of 2 %
+# Between two looks at the energy scale: enough to tell it to 1 %, and mostly from before or after it has moved.
+_SCALE_NS, _SCALE_EVENTS = 2_000_000_000, 400
 
 
 class NuclideWatch:
@@ -32,7 +35,7 @@ class NuclideWatch:
         """``expected``: as in the mission."""
         self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
-        self._recent = Recogniser()  # since the last look
+        self._recent, self._since_ns = Recogniser(), 0  # since the last look at the scale: energies by the calibration
         self._is_seen = False  # the mission's nuclide, as it is
         self.scale = 1.0
         prepare(self._expected)
@@ -41,18 +44,20 @@ class NuclideWatch:
         self._unknown_kev: tuple[int, ...] = ()
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events."""
+        """Add the energies (keV) of events, by the present scale."""
         self._recogniser.add(energies_kev)
         if len(self._expected) == 1:
-            self._recent.add(energies_kev)
+            self._recent.add(np.asarray(energies_kev, dtype=np.float64) / self.scale)
 
     def look(self, now_ns: int) -> None:
         """Evaluate again, if it is time."""
+        if now_ns - self._since_ns >= _SCALE_NS and self._recent.events >= _SCALE_EVENTS:
+            self._since_ns = now_ns
+            self._look_at_scale()
         if self._looked_ns is None:
             self._looked_ns = now_ns
         elif now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns = now_ns
-            self._look_at_scale()
             found = self._recogniser.look()
             self.recognised = found if found is not None and found.certain else None
             if len(self._expected) == 1:
@@ -63,11 +68,11 @@ class NuclideWatch:
     def _look_at_scale(self) -> None:
         """Correct the scale where it has moved since the look before. What was read in between is forgotten."""
         recent, self._recent = self._recent, Recogniser()
-        gain = moved(recent.counts, self._expected[0]) if recent.events >= _LEAST_EVENTS else None
-        if gain is not None and gain != 1.0 and self._is_seen:
-            self.scale /= gain
-            self._recogniser = Recogniser()
+        gain = moved(recent.counts, self._expected[0])
         self._is_seen = self._is_seen or gain == 1.0
+        if gain is not None and self._is_seen and abs(gain * self.scale - 1.0) > _SAME_SCALE:
+            self.scale = 1.0 / gain
+            self._recogniser = Recogniser()
 
     @property
     def message(self) -> Recognised | None:
@@ -78,7 +83,7 @@ class NuclideWatch:
     @property
     def problems(self) -> tuple[str, ...]:
         """Lines where the spectrum contradicts the mission's nuclide, or its lines have moved."""
-        if abs(self.scale - 1.0) > _SCALE_TOLD:
+        if self.scale != 1.0:
             corrected = f"camera: it reads {1.0 / self.scale:.2f} of all energies, by the lines of its nuclide; corrected"
             return (corrected, *self._strange)
         return self._strange

@@ -22,6 +22,7 @@ from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, s
 from agent.geometry import Array
 
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
+MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
 _READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # any of which may be a camera's
@@ -134,7 +135,9 @@ def moved(counts: Array, nuclide: str) -> float | None:
     if Recogniser((nuclide,), counts=counts).best() is not None:
         return 1.0
     found = Recogniser((nuclide,), _MOVED, counts).best()
-    return found.gain if found is not None and Recogniser(counts=counts).best() is None else None
+    if found is None or found.evidence < MOVED_EVIDENCE or Recogniser(counts=counts).best() is not None:
+        return None
+    return found.gain
 
 
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
