@@ -22,7 +22,7 @@ class DetectorChain:
 
     Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
     hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``noise`` is the mask of noisy
-    pixels with the count of masked hits.
+    pixels with the count of masked hits. ``scale`` corrects the energies of the calibration: they are multiplied by it.
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class DetectorChain:
         self._held_live_s = 0.0
         self.lost_hits = 0
         self.noise = NoiseMask()
+        self.scale = 1.0
 
     def process(self, readout: Readout) -> Detections:
         """Counts and cones of the next time interval.
@@ -119,7 +120,7 @@ class DetectorChain:
         hits = self.noise.without_noise(hits, self._clock_ns, self._start_ns or 0)
         if len(hits) == 0:
             return Tally()
-        energy = self._calibration.energy_kev(hits.index, hits.tot)
+        energy = self.scale * self._calibration.energy_kev(hits.index, hits.tot)
         if energy.min() <= 0.0:  # possible from a pixel's calibration at a few counts
             known = energy > 0.0
             self.lost_hits += int(len(hits) - known.sum())

@@ -22,9 +22,12 @@ from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, s
 from agent.geometry import Array
 
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
+MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
 _READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # any of which may be a camera's
+# In which one may read whose energy scale has moved: 2 % apart, and more than 5 % off.
+_MOVED = tuple(Reading(float(gain)) for gain in np.geomspace(0.6, 1.7, 53) if abs(gain - 1.0) > 0.05)
 _ROUNDS = (80, 40)  # iterations of the first fit, and of later ones, which start from the one before
 _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
@@ -33,7 +36,7 @@ _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 class Recognition:
     """``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to that without them, or
     to that with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
-    ``against``: what in the spectrum speaks against the nuclide; None: nothing.
+    ``against``: what in the spectrum speaks against the nuclide; None: nothing. ``gain``: the reading that fits best.
     """
 
     nuclide: str
@@ -41,6 +44,7 @@ class Recognition:
     peak_events: float
     events: int
     against: str | None = None
+    gain: float = 1.0
 
     @property
     def certain(self) -> bool:
@@ -51,16 +55,28 @@ class Recognition:
 class Recogniser:
     """Accumulates event energies; ``look`` evaluates them."""
 
-    def __init__(self, candidates: Sequence[str] = CANDIDATES) -> None:
-        """``candidates``: the nuclides that are known."""
-        self._candidates = tuple(candidates)
-        self._counts: Array = np.zeros(len(MIDDLES_KEV))
+    def __init__(
+        self,
+        candidates: Sequence[str] = CANDIDATES,
+        readings: tuple[Reading, ...] = _READINGS,
+        counts: Array | None = None,
+    ) -> None:
+        """``candidates``: the nuclides that are known; ``readings``: the ways in which the camera may read energies; ``counts``:
+        (B,) to begin with.
+        """
+        self._candidates, self._readings = tuple(candidates), readings
+        self._counts: Array = np.zeros(len(MIDDLES_KEV)) if counts is None else counts
         self._shares: tuple[Array, Array] | None = None  # component shares of the last fit, with peaks and without
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Add the energies (keV) of events: single clusters, and sums over the clusters of one photon."""
         place = np.searchsorted(EDGES_KEV, energies_kev)  # 0 and the last are outside of the spectrum
-        self._counts += np.bincount(place, minlength=len(EDGES_KEV) + 1)[1:-1]
+        self._counts = self._counts + np.bincount(place, minlength=len(EDGES_KEV) + 1)[1:-1]
+
+    @property
+    def counts(self) -> Array:
+        """(B,) the spectrum."""
+        return self._counts
 
     @property
     def events(self) -> int:
@@ -76,25 +92,25 @@ class Recogniser:
         """The nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
         if self.events < LEAST_EVENTS:
             return None
-        parts = _parts(self._candidates)
+        parts = _parts(self._candidates, self._readings)
         first_time = self._shares is None
         peaks, plain = self._shares or (_even(parts), _even(parts[:, 1:]))
         rounds = _ROUNDS[0] if first_time else _ROUNDS[1]
         likelihood, peaks = fitted(self._counts, parts, peaks, rounds)
         without, plain = fitted(self._counts, parts[:, 1:], plain, rounds)
         self._shares = peaks, plain
-        by_nuclide = likelihood.reshape(len(self._candidates), len(_READINGS))
+        by_nuclide = likelihood.reshape(len(self._candidates), len(self._readings))
         first = int(by_nuclide.max(axis=1).argmax())
         reading = int(by_nuclide[first].argmax())
         others = np.delete(by_nuclide, first, axis=0).max(initial=-np.inf)
-        place = first * len(_READINGS) + reading
+        place = first * len(self._readings) + reading
         plainest = without.reshape(by_nuclide.shape)[first].max()
         evidence = likelihood[place] - max(plainest, others)
         expected = peaks[place] @ parts[place] * self._counts.sum()
         nuclide = self._candidates[first]
-        lines_kev = [energy * _READINGS[reading].gain for energy, _ in GAMMAS[nuclide]]
-        against = contradiction(self._counts, expected, lines_kev)
-        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against)
+        gain = self._readings[reading].gain
+        against = contradiction(self._counts, expected, [energy * gain for energy, _ in GAMMAS[nuclide]])
+        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against, gain)
 
     def unknown_lines_kev(self, found: Recognition | None) -> tuple[int, ...]:
         """Energies (keV) of the peaks in the spectrum where it contradicts ``found``, the result of the last look; else none."""
@@ -109,6 +125,19 @@ class Recogniser:
         parts = _mixtures(tuple(nuclides))
         likelihood, _ = fitted(self._counts, parts, None, _ROUNDS[0])
         return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
+
+
+def moved(counts: Array, nuclide: str) -> float | None:
+    """Which part of its energies a camera reads that is known to see a nuclide, by its counts (B,); None: not known.
+
+    1.0 where the nuclide is recognised as it is; another part where it is, and no other nuclide.
+    """
+    if Recogniser((nuclide,), counts=counts).best() is not None:
+        return 1.0
+    found = Recogniser((nuclide,), _MOVED, counts).best()
+    if found is None or found.evidence < MOVED_EVIDENCE or Recogniser(counts=counts).best() is not None:
+        return None
+    return found.gain
 
 
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
@@ -133,10 +162,13 @@ def prepare(expected: Sequence[str]) -> None:
     """Compute now what all looks need where these nuclides are expected: at the first look it would take longer than a control
     step.
     """
-    _parts(CANDIDATES)
+    _parts(CANDIDATES, _READINGS)
     single_lines()
     if len(expected) > 1:
         _mixtures(tuple(expected))
+    else:
+        _parts(tuple(expected), _READINGS)
+        _parts(tuple(expected), _MOVED)
 
 
 @cache
@@ -155,13 +187,13 @@ def _even(parts: Array) -> Array:
 
 
 @cache
-def _parts(candidates: tuple[str, ...]) -> Array:
+def _parts(candidates: tuple[str, ...], readings: tuple[Reading, ...]) -> Array:
     """(C G, K, B): for each candidate and reading its peaks and continuum, then the components common to all."""
-    common = [surroundings(reading) for reading in _READINGS]
+    common = [surroundings(reading) for reading in readings]
     return np.array(
         [
             np.concatenate((of_nuclide(GAMMAS[name], reading), shared))
             for name in candidates
-            for reading, shared in zip(_READINGS, common, strict=True)
+            for reading, shared in zip(readings, common, strict=True)
         ]
     )

@@ -14,7 +14,7 @@ from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.aloft import Aloft
 from agent.mission.memory import Memory
-from agent.mission.problems import TELEMETRY_AGE_NS
+from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
@@ -155,7 +155,7 @@ class Executive:
         absence = self._navigator.absence
         unheard = f"does not hear {', '.join(absence.unheard)} any more" if absence is not None and absence.unheard else None
         unhearing = f"is not heard by {', '.join(absence.unhearing)}" if absence is not None and absence.unhearing else None
-        low = "its battery is below the mission's reserve" if self._reserve.is_low else None
+        low = LOW_BATTERY if self._reserve.is_low else None
         why = f"{coming_down}: {landed}" if landed else None
         told = (unsteered, unheard, unhearing, low, why, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)

@@ -12,6 +12,7 @@ TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after th
 MOST_PROBLEMS = 32  # in a status message, which also limits their length
 LONGEST_PROBLEM = 256
 MOST_NOTICES = 8
+LOW_BATTERY = "its battery is below the mission's reserve"
 
 
 class Problems:
@@ -23,9 +24,11 @@ class Problems:
     the mission frame yet. ``taken_over``: a mission is. ``passing``: ids of drones that fly too near for a takeoff.
     """
 
-    def __init__(self, drone: str, mission_id: str) -> None:
+    def __init__(self, drone: str, mission_id: str, battery_reserve: float) -> None:
+        """``battery_reserve``: share of the battery below which the drone would return at once."""
         self._drone = drone
         self._mission_id = mission_id
+        self._battery_reserve = battery_reserve
         self._twin_ns: int | None = None  # when another agent with this id was last heard
         self.unplaced = False
         self.revoked: tuple[str, ...] = ()
@@ -51,6 +54,8 @@ class Problems:
         elif not vehicle.healthy:
             flying = vehicle.armed or vehicle.in_air
             problems.append("the autopilot is in a failsafe" if flying else "the vehicle is not ready to be armed")
+        if vehicle is not None and not vehicle.in_air and vehicle.battery is not None and vehicle.battery < self._battery_reserve:
+            problems.append(LOW_BATTERY)
         if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
             problems.append(f"another agent is running as {self._drone}")
         if self.unplaced:

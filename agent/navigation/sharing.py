@@ -97,10 +97,15 @@ class SharedCircle:
         return found
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
-        """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept."""
+        """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept.
+
+        The first of them may fly on the shared one as well where all before it have left (``Silent.absence``).
+        """
         circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # the last are kept apart from by lines
         circling -= set() if kept else set(absence.kept)
         rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
+        if rings and rings[0][0] > 0 and set(self._names[: rings[0][0]]) <= set(absence.left):
+            rings = [(0, rings[0][1]), *rings]
         return [_Circle(name, index, ring_radius_m(self._mission, index, fits_hypothesis)) for index, name in rings]
 
     def course(

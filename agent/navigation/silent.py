@@ -32,7 +32,7 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, wall_between
+from agent.navigation.contact import Circle, Contact, Wall, ring_of, side, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.placing import blind_plan
@@ -66,8 +66,8 @@ class Absence(Struct, frozen=True):
     """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
 
     ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it: the shared one once all that are missing have
-    left it; ``kept``: whose place on the circle is kept;
+    from each other this drone flies on, and those that it hears and that hear it (``contact.ring_of``); ``kept``: whose place on
+    the circle is kept;
     ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
@@ -175,16 +175,10 @@ class Silent:
         return above_ground_m > _LOW_M or silent_s < self._agentless.longest_s(name)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
-        """What follows from the silence of these drones. ``partners``: those that take part and are heard.
-
-        Its side are those of them that hear it, too. On the circle of others that do not, it would meet a third one that they do
-        not hear either, and that takes itself for one of their side as well.
-        """
+        """What follows from the silence of these drones. ``partners``: those that take part and are heard."""
         unhearing = tuple(name for name in missing if name in self._unhearing)
-        statuses = {name: peers[name].status for name in partners}
-        hear_me = [name for name, status in statuses.items() if status is not None and self._id in status.delays_ns]
         left = tuple(name for name in missing if self._has_left(name, now_ns))
-        ring = min(self._order.index(name) for name in (self._id, *hear_me)) if len(left) < len(missing) else 0
+        ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
         walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
         stops: list[Point2] = []

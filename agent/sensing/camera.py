@@ -53,6 +53,7 @@ class Camera:
         self._newest_ns = readout.end_ns
         entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)
+        self._chain.scale = self._watch.scale
         self._counters["pixel_hits_lost"] = self._chain.lost_hits
         self._counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
         self._counters["detections_dropped"] = self._observer.dropped

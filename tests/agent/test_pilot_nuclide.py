@@ -48,7 +48,7 @@ def test_background_is_no_nuclide():
 
 
 def test_what_the_pilot_notices_does_not_stand_against_a_start():
-    problems = Problems("d1", "0" * 16)
+    problems = Problems("d1", "0" * 16, 0.2)
     problems.noticed = ("another nuclide",)
     vehicle = state(START_NS)
     assert problems.against_start(START_NS, vehicle, {}) == ()

@@ -250,3 +250,46 @@ def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected
     watch.look(0)
     watch.look(LOOK_NS)
     assert watch.recognised is not None
+
+
+def looked_at(watch, second, gain, nuclide="Cs-137"):
+    """Ten seconds of a camera that reads so much of all energies, after which the watch looks. Returns what it told then."""
+    rng = np.random.default_rng(second)
+    watch.add(watch.scale * gain * np.concatenate((rng.choice(pool(nuclide), 600), rng.choice(pool("background"), 30))))
+    watch.look(second * LOOK_NS)
+    return watch.problems
+
+
+@pytest.mark.parametrize("gain", [0.7, 0.762, 0.93, 1.2])
+def test_an_energy_scale_that_moves_is_corrected_by_the_lines_of_the_nuclide_and_back_again(gain):
+    watch = NuclideWatch("Cs-137")
+    watch.look(0)
+    assert looked_at(watch, 1, 1.0) == ()
+    assert watch.scale == 1.0
+    (told,) = looked_at(watch, 2, gain)
+    assert "corrected" in told
+    assert watch.scale * gain == pytest.approx(1.0, abs=0.015)
+    known = watch.scale
+    looked_at(watch, 3, gain)
+    assert watch.scale == known
+    looked_at(watch, 4, 1.0)
+    assert watch.scale == 1.0
+    assert not any("corrected" in text for text in watch.problems)
+
+
+@pytest.mark.parametrize("nuclide", ["Ir-192", "I-131", "Co-60"])
+def test_another_nuclide_is_no_moved_scale(nuclide):
+    """Only Na-22 looks like Cs-137 of which a camera reads 0.77: 511 of 662 keV."""
+    watch = NuclideWatch("Cs-137")
+    watch.look(0)
+    looked_at(watch, 1, 1.0)
+    for second in range(2, 6):
+        looked_at(watch, second, 1.0, nuclide)
+    assert watch.scale == 1.0
+
+
+def test_a_camera_that_has_never_seen_the_nuclide_as_it_is_is_believed():
+    watch = NuclideWatch("Cs-137")
+    watch.look(0)
+    looked_at(watch, 1, 0.762)
+    assert watch.scale == 1.0

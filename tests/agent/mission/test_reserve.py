@@ -4,6 +4,7 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import SECOND, state
 
+from agent.mission.problems import LOW_BATTERY, Problems
 from agent.mission.reserve import Reserve
 from protocol.messages import Stage, Status
 
@@ -53,3 +54,13 @@ def test_a_vehicle_that_may_come_home_without_its_agent_goes_first() -> None:
 def test_one_that_can_wait_no_longer_does_not() -> None:
     assert returns(0.09, other("d1", Stage.RETURN))
     assert returns(0.09, unheard=("d3",))
+
+
+@pytest.mark.parametrize(
+    ("level", "in_air", "problems"),
+    [(None, False, ()), (0.2, False, ()), (0.19, False, (LOW_BATTERY,)), (0.19, True, ())],
+)
+def test_it_does_not_take_off_only_to_return(level: float | None, in_air: bool, problems: tuple[str, ...]) -> None:
+    """Started at 18 % three drones rose one after the other, and came down 5 s later."""
+    vehicle = replace(state(0), battery=level, in_air=in_air)
+    assert Problems("d2", "0" * 16, 0.2).against_start(0, vehicle, {}) == problems

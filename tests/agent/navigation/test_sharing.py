@@ -41,6 +41,11 @@ def test_nobody_keeps_from_a_circle_that_a_revoked_drone_has_left():
     assert lines(("d1", "d4"), 1, RADII_M[1], left=("d1",)) == [(pytest.approx(RADII_M[3]), -1.0)]
 
 
+def test_the_first_that_may_circle_is_also_expected_on_the_circle_that_the_ones_before_it_have_left():
+    alone = lines(("d1", "d2", "d3"), 3, RADII_M[0] + 0.1, left=("d1", "d2"), climbs=True)
+    assert alone == [(pytest.approx(RADII_M[0]), 1.0), (pytest.approx(RADII_M[2]), -1.0)]
+
+
 @pytest.mark.parametrize("missing", [("d1",), ("d1", "d3"), ("d1", "d4")])
 def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
     """It was further away when it was heard last, and keeps clear of the circle while it climbs."""

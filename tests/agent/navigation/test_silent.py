@@ -1,11 +1,12 @@
 """On which circle a drone flies while some of the others are not heard, or do not hear it."""
 
 import pytest
+from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.navigation.peers import Peers
 from agent.navigation.silent import LEFT_S, Silent
-from protocol.messages import Stage, Status
+from protocol.messages import Pose, Stage, Status
 
 NAMES = ("a", "b", "c", "d")
 MISSION = MissionConfig(
@@ -16,23 +17,38 @@ MISSION = MissionConfig(
 
 
 NOW_NS = 10**12
+DOWN = Pose(
+    stamp_ns=NOW_NS,
+    drone="a",
+    epoch=0,
+    position_m=(0.0, 0.0, 0.0),
+    velocity_mps=(0.0, 0.0, 0.0),
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    position_sigma_m=0.1,
+    yaw_sigma_rad=0.01,
+)
 
 
-def ring(me, missing, hears, obeying=(), since_s=LEFT_S):
+def ring(me, missing, hears, obeying=(), since_s=LEFT_S, home=()):
     """The circle of a drone that hears all but the missing ones.
 
-    ``hears``: whom each of these says that it hears; ``obeying``: revoked drones that are known to go home since so long.
+    ``hears``: whom each of these says that it hears; ``obeying``: revoked drones that are known to go home since so long;
+    ``home``: those of the heard ones that have returned.
     """
     peers = Peers([name for name in NAMES if name != me])
     for name, heard in hears.items():
         delays_ns = dict.fromkeys(heard, 1_000_000)
-        told = Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=Stage.TRACK, delays_ns=delays_ns)
+        stage = Stage.LANDED if name in home else Stage.TRACK
+        told = Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage, delays_ns=delays_ns)
         assert peers.receive(told, 0) is None
+        if name in home:
+            assert peers.receive(replace(DOWN, drone=name), NOW_NS) is None
     silent = Silent(MISSION, me)
     for name in obeying:
         silent.obeys(name, NOW_NS - round(since_s * 1e9))
         silent.obeys(name, NOW_NS)  # told again and again
-    return silent.absence(missing, tuple(hears), peers, NOW_NS).ring
+    partners = [name for name in hears if name not in home]
+    return silent.absence(missing, partners, peers, NOW_NS).ring
 
 
 def test_two_sides_fly_on_the_circles_of_their_first():
@@ -61,5 +77,23 @@ def test_the_circle_that_a_revoked_drone_has_left_is_shared_by_the_others():
 
 
 def test_who_may_still_circle_is_kept_apart_from_beside_one_that_has_left():
-    assert ring("b", ("a", "d"), {"c": "b"}, obeying="a") == 1
+    """The first that are left share the circle. The others stay on theirs, whether they know that it has been left or not."""
+    assert ring("b", ("a", "d"), {"c": "b"}, obeying="a") == 0
     assert ring("b", ("a", "d"), {"c": "b"}, obeying="ad") == 0
+    assert [ring("d", ("a", "b", "c"), {}, obeying="a"), ring("d", ("a", "b", "c"), {})] == [3, 3]
+    assert ring("c", ("b", "d"), {}, obeying="") == 2  # a is on the ground and not heard: others may hear it
+    assert ring("c", ("a", "b", "d"), {}, obeying="ab") == 0  # alone on its own, 17 m from the source, it was lost by 2 m
+
+
+def test_a_side_stays_on_its_circle_when_its_first_one_returns():
+    """The last of three circled 19 m from the source, or had no room and went home: the second one was dead, the first had
+    landed.
+    """
+    assert ring("c", ("b", "d"), {"a": "c"}) == 0
+    assert ring("c", ("b", "d"), {"a": "c"}, home="a") == 0
+    assert ring("c", ("b", "d"), {"a": ""}, home="a") == 2  # that one does not hear it
+
+
+def test_the_circle_of_one_that_has_returned_is_nobody_s_while_it_is_heard_by_two_sides():
+    assert [ring("c", ("d",), {"a": "cd"}, home="a"), ring("d", ("c",), {"a": "cd"}, home="a")] == [2, 3]
+    assert [ring("c", ("d",), {"a": "c"}, home="a"), ring("d", ("c",), {"a": "c"}, home="a")] == [0, 3]
