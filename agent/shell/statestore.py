@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import msgspec
-from msgspec import Struct
+from msgspec import Raw, Struct
 
 from agent.mission.memory import Memory
 from agent.outputs import write_durably
@@ -25,25 +25,37 @@ class State(Struct, frozen=True, kw_only=True):
     launch: LaunchPlace | None = None
 
 
-class _Kept(State, frozen=True, kw_only=True):
-    """The file's content: the state, and a hash of it, because a flipped bit would send a drone somewhere else."""
+class _Written(Struct, frozen=True, kw_only=True):
+    """The same as the file has it."""
 
-    check: str = ""
+    memory: Raw
+    launch: Raw
+
+
+class _Kept(_Written, frozen=True, kw_only=True):
+    """The file's content: the state, and a hash of it, because a flipped bit would send a drone somewhere else.
+
+    The hash is of what is written: an agent of a newer release, whose state has more fields, still reads it.
+    """
+
+    check: str
 
 
 def encode_state(state: State) -> bytes:
     """Contents of the state file."""
-    return msgspec.json.encode(_Kept(memory=state.memory, launch=state.launch, check=_check(state)))
+    memory, launch = Raw(msgspec.json.encode(state.memory)), Raw(msgspec.json.encode(state.launch))
+    return msgspec.json.encode(_Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state))))
 
 
 def decode_state(content: bytes) -> State:
     """Read the contents of a state file; raises msgspec.MsgspecError where they are not a state's, or damaged."""
     try:
         kept = msgspec.json.decode(content, type=_Kept)
+        written = msgspec.json.encode(_Written(memory=kept.memory, launch=kept.launch))
+        state = msgspec.json.decode(written, type=State)
     except (UnicodeDecodeError, RecursionError) as error:
         raise msgspec.DecodeError(str(error)) from None
-    state = State(memory=kept.memory, launch=kept.launch)
-    if kept.check != _check(state):
+    if kept.check != _check(written):
         raise msgspec.ValidationError("its content does not match its check")
     return state
 
@@ -71,8 +83,8 @@ class StateFile:
         write_durably(self.path, encode_state(state))
 
 
-def _check(state: State) -> str:
-    return hashlib.blake2b(msgspec.json.encode(state), digest_size=8).hexdigest()
+def _check(written: bytes) -> str:
+    return hashlib.blake2b(written, digest_size=8).hexdigest()
 
 
 def unreadable(file: StateFile, error: Exception) -> str:

@@ -64,6 +64,19 @@ def test_state_survives(tmp_path: Path, log: Logger) -> None:
     assert json.loads((tmp_path / "state/d1.json").read_text())["memory"]["stage"] == "survey"
 
 
+def test_the_state_of_an_older_release_is_read(tmp_path: Path) -> None:
+    """It was written before the state had the frames of all drones."""
+    file = StateFile(str(tmp_path), "d1")
+    file.path.write_text(
+        '{"memory":{"mission":"m1","stamp_ns":7,"started_ns":5,"stage":"track","resume":"survey","released":false,'
+        '"tracking_since_ns":null,"home_m":[1.5,2.0,0.25],"epoch_offset":0,"response":null},"launch":null,'
+        '"check":"91198b6a2279f0a7"}'
+    )
+    memory = file.load().memory
+    assert memory is not None
+    assert (memory.stage, memory.home_m, memory.frames) == (Stage.TRACK, (1.5, 2.0, 0.25), {})
+
+
 def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:
     StateFile(str(tmp_path), "d1").save(STATE)
     path = tmp_path / "d1.json"
