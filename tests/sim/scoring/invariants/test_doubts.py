@@ -78,7 +78,7 @@ def test_a_source_that_is_taken_to_rest_for_a_moment(still_s, expected) -> None:
 
 @pytest.mark.parametrize(("late_s", "expected"), [(0.0, []), (4.0, [("d1",)])])
 def test_a_source_that_is_taken_to_rest_for_seconds_but_not_excluded(late_s, expected) -> None:
-    """Those 7 s, 5.9 sigma off at most, hold nearly all that is known of the lag; only one that shows before, too, counts."""
+    """Those 7 s are 5.9 sigma off at most, and tell nearly all of the lag; one that shows in the rest, too, counts."""
     setting = moments.setting()
     setting.scenario = SimpleNamespace(source=SimpleNamespace(motion="circle"), fault=[])
 
