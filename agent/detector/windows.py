@@ -21,10 +21,13 @@ _SAME_LINE = 0.03  # relative distance within which a line of another nuclide ma
 
 
 def candidates_of(nuclide: str | tuple[str, ...]) -> tuple[str, ...]:
-    """The nuclides that a mission's ``nuclide`` names: of ``auto`` all that are known."""
-    if isinstance(nuclide, tuple):
-        return nuclide
-    return CANDIDATES if nuclide == AUTO else (nuclide,)
+    """The nuclides that a mission's ``nuclide`` names: of ``auto`` all that are known. Raises ConfigError for an unknown one."""
+    if nuclide == AUTO:
+        return CANDIDATES
+    named = nuclide if isinstance(nuclide, tuple) else (nuclide,)
+    for name in named:
+        lines_of(name)
+    return named
 
 
 @dataclass(frozen=True, slots=True)
