@@ -22,12 +22,9 @@ from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, s
 from agent.geometry import Array
 
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
-MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
 _READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # any of which may be a camera's
-# In which one may read whose energy scale has moved: 2 % apart, and more than 5 % off.
-_MOVED = tuple(Reading(float(gain)) for gain in np.geomspace(0.6, 1.7, 53) if abs(gain - 1.0) > 0.05)
 _ROUNDS = (80, 40)  # iterations of the first fit, and of later ones, which start from the one before
 _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
@@ -127,19 +124,6 @@ class Recogniser:
         return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
 
 
-def moved(counts: Array, nuclide: str) -> float | None:
-    """Which part of its energies a camera reads that is known to see a nuclide, by its counts (B,); None: not known.
-
-    1.0 where the nuclide is recognised as it is; another part where it is, and no other nuclide.
-    """
-    if Recogniser((nuclide,), counts=counts).best() is not None:
-        return 1.0
-    found = Recogniser((nuclide,), _MOVED, counts).best()
-    if found is None or found.evidence < MOVED_EVIDENCE or Recogniser(counts=counts).best() is not None:
-        return None
-    return found.gain
-
-
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
     """Largest log likelihood of each candidate (C,), and the shares (C, K) of its components (C, K, B) in the counts (B,).
 
@@ -166,9 +150,12 @@ def prepare(expected: Sequence[str]) -> None:
     single_lines()
     if len(expected) > 1:
         _mixtures(tuple(expected))
-    else:
-        _parts(tuple(expected), _READINGS)
-        _parts(tuple(expected), _MOVED)
+
+
+def prepare_readings(nuclide: str, readings: tuple[Reading, ...]) -> None:
+    """The same for a nuclide alone, as it is and in further readings."""
+    _parts((nuclide,), _READINGS)
+    _parts((nuclide,), readings)
 
 
 @cache
