@@ -19,6 +19,7 @@ CALIBRATED_S = 20.0  # a mean over less says nothing
 FLOOR_M, FLOOR_RAD = 0.3, 0.03  # smaller errors of a vehicle's own localisation are no errors of its frame
 HOMELESS_S = 5.0  # what is stored is renewed as often
 HEARS_S = 0.5  # telemetry comes 20 times a second
+NEW_S = 0.06  # a vehicle that flies 8 m/s is within FLOOR_M and as much again of where its newest telemetry has it
 _LOOK_TICKS = 10
 
 
@@ -66,6 +67,7 @@ class Calibrated(_Placed):
     states.
 
     A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6 sigma.
+    Counted where telemetry has just come: on a bad link a vehicle is metres ahead of the newest that its agent has of it.
     """
 
     name = "calibrated"
@@ -84,7 +86,8 @@ class Calibrated(_Placed):
             for drone in self.placeable(moment):
                 pilot = moment.pilots[drone]
                 placed = pilot.whereabouts if pilot is not None else None
-                if placed is not None and placed.sigma_m > 0.0:
+                hears = moment.time_s - moment.told_s[drone] < NEW_S
+                if hears and placed is not None and placed.sigma_m > 0.0:
                     off_m = max(0.0, _off_m(moment, drone, placed.place_m) - FLOOR_M)
                     off_rad = max(0.0, _off_rad(moment, drone, placed.yaw_rad) - FLOOR_RAD)
                     self.sums[drone] += (off_m / placed.sigma_m) ** 2

@@ -67,6 +67,16 @@ def test_a_drone_that_is_too_sure_of_where_it_is_over_a_flight() -> None:
     assert seen(Calibrated(moments.setting()), placed(x=10.8), seconds=30.0) == []
 
 
+def test_a_drone_is_not_judged_by_where_it_has_flown_since_its_newest_telemetry() -> None:
+    pilots = moments.changed(0, placed(x=10.8), moments.pilot)
+    for late_s, expected in ((0.0, [("d1",)]), (0.3, [])):
+        invariant = Calibrated(estimated())
+        for time_s in np.arange(10.0, 40.0, 0.05).tolist():
+            at = moments.moment(time_s, pilots=pilots, told_s=[time_s - late_s, time_s, time_s])
+            assert list(invariant.look(at)) == []
+        assert [one.drones for one in invariant.finish(at)] == expected
+
+
 def test_a_drone_among_others_that_does_not_get_to_know_where_it_is() -> None:
     assert seen(KnowsItsPlace(estimated()), moments.pilot(), seconds=41.0)[0] == ("d1",)
     others = moments.pilot(placed=moments.whereabouts())
