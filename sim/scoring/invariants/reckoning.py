@@ -35,7 +35,9 @@ class Reckoned(Invariant[Moment]):
     Exempt is whose own position or thrust is faulted or who lies; an agent that was started late, or again: it may never have
     heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
     until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost after they had heard
-    each other last: when its vehicle leaves a circle, and climbs to where the first one flies over that, nobody can know.
+    each other last: when its vehicle leaves a circle, and climbs to where the first one flies over that, nobody can know. Nor can
+    anybody know that the own position of the other one was wrong after that, and that it flies on by it: such a one may be
+    reckoned with where it takes itself to be instead.
     """
 
     name = "reckoned"
@@ -47,10 +49,15 @@ class Reckoned(Invariant[Moment]):
         revoked = (fault for fault in setting.scenario.fault if isinstance(fault, Revoked))
         self._revoked_s = {setting.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(setting.names)}
         self._lost_s: dict[int, float] = {}  # since when agents are gone
+        self._misled_s: dict[int, float] = {}  # until when own positions are faulted
+        for fault in setting.scenario.fault:
+            for name in fault.strikes(setting.names) if fault.family == "pose" else ():
+                drone = setting.names.index(name)
+                self._misled_s[drone] = max(fault.end_s, self._misled_s.get(drone, -inf))
         self._first: list[Pilot | None] = [None] * len(setting.names)
         self._since_s: dict[tuple[int, int], float] = {}
         self._found: dict[tuple[int, int], str] = {}
-        self._believed: dict[tuple[int, int], tuple[object, float]] = {}
+        self._believed: dict[tuple[int, int], tuple[object, list[float]]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Pairs: who does not reckon with whom."""
@@ -96,18 +103,38 @@ class Reckoned(Invariant[Moment]):
         pilot = pilots[drone]
         if pilot is None or (reckoning := pilot.reckoning) is None or pilot.whereabouts is None:
             return 0.0
-        judged, believed_m = self._believed.get((drone, other), (None, inf))
+        near = self._knowable(drone, other, places[other], pilots[other])
+        judged, believed_m = self._believed.get((drone, other), (None, []))
         if judged is not reckoning:  # worked out once for each of its plans
-            believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, places[other], FARTHER_M)
-            if (theirs := _around_source_of(pilot, pilots[other], places[other])) is not None:
-                believed_m = 0.0 if reckoning.keeps_from_circle(theirs, FARTHER_M) else believed_m
+            believed_m = [self._believed_m(pilot, other, pilots[other], place) for place in near]
             self._believed[drone, other] = reckoning, believed_m
-        return believed_m - _apart_m(places, drone, other) - FARTHER_M
+        mine = places[drone][:2]
+        return min(one_m - dist(mine, place[:2]) for one_m, place in zip(believed_m, near, strict=False)) - FARTHER_M
+
+    def _believed_m(self, pilot: Pilot, other: int, other_pilot: Pilot | None, place: Vector3) -> float:
+        """How far away a drone takes another to be, which is at ``place``; infinite if it does not reckon with it."""
+        if (reckoning := pilot.reckoning) is None:
+            return inf
+        theirs = _around_source_of(pilot, other_pilot, place)
+        if theirs is not None and reckoning.keeps_from_circle(theirs, FARTHER_M):
+            return 0.0
+        return reckoning.distance_m(self.setting.names[other], SIGMAS, place, FARTHER_M)
+
+    def _knowable(self, drone: int, other: int, place: Vector3, other_pilot: Pilot | None) -> list[Vector3]:
+        """Where another one, which is at ``place``, may be reckoned with: there; or where it takes itself to be, if its own
+        position was wrong after the two had heard each other last.
+        """
+        told = None if other_pilot is None else other_pilot.whereabouts
+        is_misled = self._misled_s.get(other, -inf) > self._unheard_s(drone, other)
+        return [place, told.place_m] if told is not None and is_misled else [place]
 
     def _was_lost_unheard(self, drone: int, other: int) -> bool:
         """Whether the other one's agent was lost after they had heard each other last, as one of the two is revoked."""
-        revoked_s = min(self._revoked_s.get(one, inf) for one in (drone, other))
-        return self._lost_s.get(other, -inf) > revoked_s + _LINKED_S
+        return self._lost_s.get(other, -inf) > self._unheard_s(drone, other)
+
+    def _unheard_s(self, drone: int, other: int) -> float:
+        """From when on two drones do not hear each other for good, as one of them is revoked; infinite if none is."""
+        return min(self._revoked_s.get(one, inf) for one in (drone, other)) + _LINKED_S
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
         return drone in self._late or (pilot is not None and pilot is not self._first[drone])

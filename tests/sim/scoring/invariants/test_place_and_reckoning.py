@@ -226,6 +226,29 @@ def test_nobody_knows_of_an_agent_that_was_lost_after_a_revocation(faults, lost_
     assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
 
 
+@pytest.mark.parametrize(
+    ("revoked_s", "spoofed_s", "told_x", "expected_x", "expected"),
+    [
+        (8.0, 9.5, 28.0, 28.0, []),
+        (8.0, 9.5, 28.0, 33.0, [("d1", "d2")]),  # nor where it takes itself to be
+        (8.0, 9.5, 12.0, 20.0, []),  # it is seen where it is
+        (8.0, 6.0, 28.0, 28.0, []),  # they had heard each other while it was spoofed, and it went on
+        (8.0, 4.0, 28.0, 28.0, [("d1", "d2")]),  # it told that it had jumped back, and its doubt
+        (inf, 9.5, 28.0, 28.0, [("d1", "d2")]),
+    ],
+)
+def test_nobody_knows_that_one_was_spoofed_after_a_revocation(revoked_s, spoofed_s, told_x, expected_x, expected) -> None:
+    """d2, 10 m away at x = 20, takes itself to be at ``told_x`` since it was spoofed for 4 s; d1 has it at ``expected_x``."""
+    faults = [{"kind": "spoofed", "at_s": spoofed_s, "for_s": 4.0, "target": "d2"}]
+    faults += [{"kind": "revoked", "at_s": revoked_s, "target": "d1"}] if revoked_s < inf else []
+    invariant = Reckoned(moments.setting(*faults))
+    pilots = [reckons(other=(expected_x, 10.0, 3.0)), placed(x=told_x), moments.pilot()]
+    found = []
+    for time_s in np.arange(30.0, 36.0, 0.05):  # 15 s after a fault of its own position, that of a drone is not judged
+        found += invariant.look(moments.moment(float(time_s), pilots=pilots))
+    assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
+
+
 def test_room_beyond_the_fence() -> None:
     assert seen(Confined(moments.setting()), reckons(room=22.0)) == [("d1",)]
     assert seen(Confined(moments.setting()), reckons(room=19.0)) == []
