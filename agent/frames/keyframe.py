@@ -92,8 +92,8 @@ class Keyframe:
             self.members[drone] = replace(self.members[drone], suspicion=suspicion)
 
     def _led(self, joint: Joint) -> tuple[Fixes, Array, Array]:
-        """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the most by
-        which fixes of this interval or the one before lead each drone's track: its frame may have moved as far since.
+        """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the most
+        by which fixes of this interval or the one before lead each drone's track: its frame may have moved as far since.
         """
         fixes = self.intake.fixes(self.index - self.setting.window, self.index)
         leads = np.zeros(len(fixes))
