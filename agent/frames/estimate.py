@@ -66,19 +66,23 @@ def _correct(keyframe: Keyframe) -> None:
 
     Sightings by and of a drone count from the keyframe after its launch on. The launch falls somewhere in its keyframe interval,
     so that there may be a single sighting of each pair: as long as a place is uncertain by nearly the distance between two
-    drones, a false one fits as well as a true one, and it takes several to tell which it is.
+    drones, a false one fits as well as a true one, and it takes several to tell which it is. Fixes that lead a track do not
+    count: they and the track cannot both be right, and a frame that moves would follow them.
     """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
     settled = np.array([member.launched and member.since < keyframe.index for member in keyframe.members]) & (slots >= 0)
     seen = seen.take(settled[seen.observer] & settled[seen.target])
-    fixes = keyframe.intake.fixes(keyframe.before + 1, keyframe.index)
-    fixes = fixes.take(slots[fixes.drone] >= 0)
-    result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes, _headings(keyframe))
+    fixes = keyframe.fixes
+    known = slots[fixes.drone] >= 0
+    counted = known & (keyframe.leads_m == 0.0)
+    result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes.take(counted), _headings(keyframe))
     keyframe.joint = result.joint
-    counted = tally(len(keyframe.members), seen, result.sightings)
-    keyframe.tallies = (*keyframe.tallies, counted)[-KEYFRAMES:]
-    for drone, weight in zip(fixes.drone.tolist(), result.fixes.tolist(), strict=True):
+    tallied = tally(len(keyframe.members), seen, result.sightings)
+    keyframe.tallies = (*keyframe.tallies, tallied)[-KEYFRAMES:]
+    believed = np.zeros(len(fixes))
+    believed[counted] = result.fixes
+    for drone, weight in zip(fixes.drone[known].tolist(), believed[known].tolist(), strict=True):
         missed = 0 if weight > 0.5 else keyframe.members[drone].missed + 1
         keyframe.members[drone] = replace(keyframe.members[drone], missed=missed)
 

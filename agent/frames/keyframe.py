@@ -12,8 +12,9 @@ from agent.frames.checkpoint import Checkpoint, Emission, Suspicion
 from agent.frames.drift import Drift
 from agent.frames.intake import Intake
 from agent.frames.joint import Joint
+from agent.frames.leads import leads_m
 from agent.frames.placement import Placement
-from agent.frames.residuals import Sightings
+from agent.frames.residuals import Fixes, Sightings
 from agent.geometry import Array
 
 SPEED_MPS = 3.0  # assumed speed for the distance-dependent SLAM drift of sightings that are older than the keyframe
@@ -35,7 +36,8 @@ class Keyframe:
     """Begins with the previous estimate, each drone predicted along its own track.
 
     stamp_ns: of the keyframe; before: index of the previous one, -1 for none; seconds: since then. flown: (N,) metres of each
-    drone since then. joint, members, tallies, emissions: as in ``Checkpoint``, updated in place.
+    drone since then. fixes: since then; leads_m: (F,) metres by which they lead their drones' tracks (``leads``). joint, members,
+    tallies, emissions: as in ``Checkpoint``, updated in place.
     """
 
     def __init__(self, setting: Setting, before: Checkpoint, index: int) -> None:
@@ -46,7 +48,8 @@ class Keyframe:
         self.members = list(before.members)
         self.tallies = before.tallies
         self.emissions: list[Emission] = []
-        self.joint, self.flown = self._predicted(before.joint)
+        self.fixes, self.leads_m, led_m = self._led(before.joint)
+        self.joint, self.flown = self._predicted(before.joint, led_m)
 
     def checkpoint(self) -> Checkpoint:
         """The resulting checkpoint."""
@@ -88,7 +91,24 @@ class Keyframe:
             suspicion = Suspicion(reason, self.stamp_ns, lasting, ambiguous)
             self.members[drone] = replace(self.members[drone], suspicion=suspicion)
 
-    def _predicted(self, joint: Joint) -> tuple[Joint, Array]:
+    def _led(self, joint: Joint) -> tuple[Fixes, Array, Array]:
+        """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the most
+        by which fixes of this interval or the one before lead each drone's track: its frame may have moved as far since.
+        """
+        fixes = self.intake.fixes(self.index - self.setting.window, self.index)
+        leads = np.zeros(len(fixes))
+        for row, drone in enumerate(joint.drones.tolist()):
+            if self.drift.follows_satellites(drone):
+                begin_ns = self.intake.tracks[drone].epoch_ns(self.stamp_ns)
+                mine = np.flatnonzero((fixes.drone == drone) & (fixes.stamp_ns >= begin_ns))
+                yaw_sigma_rad = math.sqrt(joint.block(row)[3, 3])
+                leads[mine] = leads_m(fixes.take(mine), joint.pose[row, 3], yaw_sigma_rad)
+        led_m, late = np.zeros(len(self.members)), fixes.stamp_ns > self.stamp_ns - round(2e9 * self.seconds)
+        np.maximum.at(led_m, fixes.drone[late], leads[late])
+        new = fixes.stamp_ns > self.before * self.intake.grid_ns
+        return fixes.take(new), leads[new], led_m
+
+    def _predicted(self, joint: Joint, led_m: Array) -> tuple[Joint, Array]:
         at, far = joint.at.copy(), joint.far.copy()
         for drone, track in enumerate(self.intake.tracks):
             reference = track.reference(self.stamp_ns)
@@ -100,6 +120,7 @@ class Keyframe:
         for row, drone in enumerate(joint.drones.tolist()):
             if not self.setting.exact[drone]:
                 noise[row] = self.drift.over(drone, self.seconds, flown[drone], self.adrift(drone))
+                noise[row, :2] += led_m[drone] ** 2
             noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)  # of an exact one, too
         return joint.moved(at, far, noise), flown
 

@@ -156,6 +156,12 @@ class Track:
                 return segment.joined
         return None
 
+    def epoch_ns(self, stamp_ns: int) -> int:
+        """Stamp with which the segment that a stamp falls in began; 0 before the first."""
+        self._join()
+        index = bisect_right(self._segments, stamp_ns, key=lambda segment: segment.stamp_ns)
+        return self._segments[index - 1].stamp_ns if index else 0
+
     def gaps_s(self, after_ns: int, until_ns: int) -> list[float]:
         """Gaps (s) before the segments that begin in (after_ns, until_ns]."""
         self._join()

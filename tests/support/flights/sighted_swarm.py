@@ -45,6 +45,7 @@ class Drone:
     shift_s: float = -1.0
     shift_lasts_s: float = 0.0  # for so long it grows
     shift_back_s: float = math.inf  # from then on it goes back alike
+    shift_lag_s: float = 0.0  # time constant with which its positions follow its fixes there
     shift_announced: bool = False  # the epoch grows with it
     shift_yaw_deg: float = 0.0  # and its frame's heading turns by
     fixes: bool = False
@@ -216,14 +217,27 @@ def _localised(drone: Drone, path: np.ndarray, rng: np.random.Generator) -> tupl
             wander = keep * wander + drone.wander_m * math.sqrt(1.0 - keep**2) * rng.standard_normal(3)
     epoch = np.zeros(count, dtype=int)
     shifted = np.arange(count) * _STEP_S >= drone.shift_s
-    grown_s, back_s = (np.arange(count) * _STEP_S - at_s for at_s in (drone.shift_s, drone.shift_back_s))
-    grown = np.diff([_share(one_s, drone.shift_lasts_s) for one_s in (back_s, grown_s)], axis=0).T
+    grown = _followed(_grown(drone, count), drone.shift_lag_s)[:, None]
     turn = math.radians(drone.shift_yaw_deg)
     local[shifted] = local[shifted] @ _turn(-turn).T + grown[shifted] * np.array(drone.shift_m) @ _turn(yaw[0]) @ _turn(-turn).T
     yaw = yaw + turn * shifted
     if drone.shift_announced:
         epoch[shifted] = 1
     return local, yaw, epoch
+
+
+def _grown(drone: Drone, count: int) -> np.ndarray:
+    """(K,) how much of its shift has come to its receiver."""
+    grown_s, back_s = (np.arange(count) * _STEP_S - at_s for at_s in (drone.shift_s, drone.shift_back_s))
+    return _share(grown_s, drone.shift_lasts_s) - _share(back_s, drone.shift_lasts_s)
+
+
+def _followed(grown: np.ndarray, lag_s: float) -> np.ndarray:
+    """What follows that with a time constant."""
+    followed, share = grown.copy(), 1.0 - math.exp(-_STEP_S / lag_s) if lag_s else 1.0
+    for k in range(1, len(grown)):
+        followed[k] = followed[k - 1] + share * (grown[k] - followed[k - 1])
+    return followed
 
 
 def _share(since_s: np.ndarray, lasts_s: float) -> np.ndarray:
@@ -260,11 +274,13 @@ def _exposures(drone, identity, stamps, local, heading, epoch):
 
 
 def _fixes(drone, identity, place, local, yaw, epoch, stamps):
-    """1 Hz; of what its own localisation says (an autopilot that follows its receiver)."""
+    """1 Hz; of what its own localisation says (an autopilot that follows its receiver), and what it does not follow yet."""
     entries = []
     origin, start = _origin(drone, place), math.radians(drone.yaw_deg)
+    grown = _grown(drone, len(stamps))
+    ahead = (grown - _followed(grown, drone.shift_lag_s))[:, None] * np.array(drone.shift_m)
     for k in range(5, len(stamps), 10):
-        said = origin + _turn(start) @ local[k]
+        said = origin + _turn(start) @ local[k] + ahead[k]
         latitude, longitude, altitude = pymap3d.enu2geodetic(
             *said.tolist(), DATUM.latitude_deg, DATUM.longitude_deg, DATUM.altitude_m
         )

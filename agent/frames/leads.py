@@ -1,0 +1,37 @@
+"""By how much the satellite fixes of a drone lead the track of its autopilot.
+
+An autopilot that follows its receiver does not jump with it: its position slides after it, within some seconds. Where fixes lead
+the track, the receiver is wrong or has just been, and the local frame moves faster than it ever drifts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agent.frames.residuals import Fixes, turned
+from agent.geometry import Array
+
+_LEAD_M = 1.0  # corrections of a filter stay below it
+_SIGMAS = 3.0  # of the heading
+_FEWEST = 4  # fixes that tell where a frame lies by most of them
+
+
+def leads_m(fixes: Fixes, yaw_rad: float, yaw_sigma_rad: float) -> Array:
+    """(F,) horizontal distances (m) by which fixes of one drone lead its track; 0 for those that do not.
+
+    fixes: within one epoch. yaw_rad, with its 1 sigma: heading of the drone's continuous frame in the mission frame. By each fix
+    the frame lies somewhere, which does not change while the track follows; a lead is the distance from where most have it.
+    """
+    if len(fixes) < _FEWEST:
+        return np.zeros(len(fixes))
+    arms = turned(np.full(len(fixes), yaw_rad), fixes.at)
+    arms_m = np.hypot(*_off_median(arms[:, :2]).T)
+    leads = np.hypot(*_off_median((fixes.place - arms)[:, :2]).T)
+    most = _LEAD_M + np.sqrt(fixes.var[:, 0]) + _SIGMAS * yaw_sigma_rad * arms_m
+    leading: Array = np.where(leads > most, leads, 0.0)
+    return leading
+
+
+def _off_median(places: Array) -> Array:
+    off: Array = places - np.median(places, axis=0)
+    return off
