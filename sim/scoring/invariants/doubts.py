@@ -16,7 +16,7 @@ from sim.scoring.moment import EPOCH_NS, Moment
 from sim.world.gnss import GnssTruth
 
 EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
-FEWEST = 8  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
+FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
 BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long one that evades somebody else may come nearer
 _AWAY_M = 1.0  # others that are no farther than this from being too near are in the way of going away from one

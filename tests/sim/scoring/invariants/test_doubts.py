@@ -117,7 +117,8 @@ class Measured:
         (Measured(2.0, 0.1), (CLOCK,), [("d1",)]),
         (Measured(2.0, 1.0), (CLOCK,), []),
         (Measured(0.4, 0.01), (CLOCK,), []),
-        (Measured(2.0, 0.1, count=7), (CLOCK,), []),
+        (Measured(2.0, 0.1, count=4), (CLOCK,), [("d1",)]),
+        (Measured(2.0, 0.1, count=3), (CLOCK,), []),
         (Measured(2.0, 0.1, told_m=0.0), (CLOCK,), []),  # it does not know it
         (Measured(2.0, 0.1), (CLOCK, LIAR), []),
         (Measured(2.0, 0.1), (CLOCK, {"kind": "clock", "at_s": 4.0, "jump_s": -6.0}), []),  # of all of them
