@@ -1,0 +1,430 @@
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from two_drones import MISSION, SECOND, plan, pose, status
+
+from agent.config.mission import DroneInMission
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.motion.reference import PeerState
+from agent.navigation.contact import Circle
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
+from agent.navigation.peers import Peers
+from protocol.messages import Stage
+
+STANDING = PeerState((0.0, 0.0, 3.0))
+BOTH_ON = Circle((5.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a stands on it at (0, 0), b flies along it about (10, 0)
+HALF_WAY_M = (
+    0.5 * (10.0 * 10.0 + 1.0 * 3.0) / math.hypot(10.0, 1.0)
+)  # of the way from (0, 0) to (10, 3), in the direction of (10, 1)
+ON_THE_WAY = Circle((12.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a is not there yet
+
+
+def after_silence(seconds, stage=Stage.TRACK):
+    """b was heard at 0, at x = 1 m of its frame and going on at 2 m/s."""
+    peers, now_ns = Peers(["b"]), round(seconds * SECOND)
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, Self(now_ns, 0, 0.1, Transform()))
+    return found, now_ns
+
+
+def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
+    """b flew at (10, 1) m, along y at 2 m/s; home is at (10, 0)."""
+    stops, comes_home = (one.plan for one in after_silence(5.0)[0])
+    x, y, _ = stops.positions[0]
+    assert (x, y) == pytest.approx((10.0, 2.0), abs=1e-6)  # nearest to a, between the nearest and the farthest stop
+    assert comes_home.positions[0][:2] == pytest.approx((10.0, 0.0), abs=1e-6)
+    assert stops.blind
+    assert not any(one.takes_part for one in after_silence(1.5)[0])
+
+
+@pytest.mark.parametrize("seconds", [1.5, 5.0, 16.0, 30.0])
+def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
+    """Where it may be, until it must be down, follows from its last pose, whatever it says, or somebody else with its key."""
+    found = []
+    for tells in (False, True):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        for message in (pose(), status(Stage.TRACK)):
+            assert peers.receive(message, 0) is None
+        if tells:
+            hood.obeys("b", 0)
+        around = hood.around(peers, Self(round(seconds * SECOND), 0, 0.1, Transform(), excluded={"b"}))
+        found.append([(one.plan.positions, one.plan.sigma_m, one.plan.blind, one.takes_part) for one in around])
+    assert found[0] == found[1] != []
+
+
+@pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
+def test_one_that_is_quiet_for_longer_than_usual_may_stop(delay_s, stops):
+    """Its agent may be gone: one that flew behind it at the speed of the search could not stop any more when it noticed after a
+    second.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND // 2, 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)))
+    for message in (pose(), status(Stage.TRACK), plan()):
+        assert peers.receive(message, round(delay_s * SECOND)) is None
+    found = hood.around(peers, me)
+    assert [(one.takes_part, one.plan.blind) for one in found] == [(True, False), (False, True)][: 1 + stops]
+    if stops:
+        assert found[1].plan.positions[0][:2] == pytest.approx((10.0, 1.5), abs=0.01)  # half a second of its velocity further on
+    later = replace(me, now_ns=3 * SECOND // 10)
+    assert len(hood.around(peers, later)) == 1
+
+
+def test_it_is_kept_clear_of_until_it_must_be_down_and_on_the_ground_no_more():
+    assert len(after_silence(30.0)[0]) == 1  # no longer where it stopped
+    assert after_silence(120.0)[0] == []
+    assert after_silence(5.0, Stage.LANDED)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("late_s", "stage", "places"),
+    [
+        (1.2, Stage.TRACK, 2),
+        (1.9, Stage.SURVEY, 2),
+        (2.1, Stage.SURVEY, 1),
+        (4.9, Stage.TRACK, 2),
+        (5.1, Stage.TRACK, 1),
+    ],
+)
+def test_one_whose_messages_take_long_is_also_where_its_plan_leads(late_s, stage, places):
+    """Each is silent by the stamp of its last message. A vehicle without its agent would stop; one with it flies on, and who
+    circled stands then: where it was taken for stopped on the circle behind it, the next one flew into it.
+    """
+    peers, now_ns = Peers(["b"]), round(late_s * SECOND)
+    for message in (
+        pose(),
+        status(stage),
+        replace(plan(), positions_m=((1.0, 0.0, 3.0), (1.0, 4.0, 3.0), (1.0, 8.0, 3.0))),
+    ):
+        assert peers.receive(message, min(now_ns, 2 * SECOND)) is None
+    me = Self(now_ns, 0, 0.0, Transform(), ahead=lambda: np.zeros((1, 3)))
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
+    assert len([one for one in found if one.plan.away is None]) == places + 1  # it may have left for home, too
+    if places == 2:
+        x, y, _ = found[-1].plan.state(now_ns).position
+        assert (x, y) == pytest.approx((10.0 - 4.0 * min(late_s, 2.0), 1.0))
+        assert found[-1].plan.blind
+    assert not any(one.takes_part for one in found)
+
+
+def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
+    for stage, minutes in ((Stage.HOLD, 60.0), (Stage.LANDING, 0.3)):
+        (other,) = (one.plan for one in after_silence(60.0 * minutes, stage)[0])
+        assert other.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1e-6)
+    assert after_silence(60.0, Stage.LANDING)[0] == []
+
+
+def test_who_searched_keeps_to_its_own_side():
+    """Half-way between (0, 0), where a was and stayed, and where b gets until a notices: to (10, 3) from (10, 1)."""
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    beyond = hood.around(peers, me)[0].plan.positions[0]
+    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(HALF_WAY_M + 2.0)
+    wall = hood.absence.walls["b"]
+    assert wall.offset == pytest.approx(-HALF_WAY_M)
+    assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
+    assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
+    over = hood.around(peers, replace(me, height_m=20.0))
+    assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
+    assert hood.absence.walls == {"b": wall}
+    revoked = hood.around(peers, replace(me, revoked=True))
+    assert [one for one in revoked if one.plan.away is not None] == []
+    assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
+
+
+@pytest.mark.parametrize(
+    ("stage", "circle", "seconds", "may"),
+    [
+        (Stage.SURVEY, None, 3, False),
+        (Stage.TRACK, None, 3, False),
+        (Stage.TRACK, BOTH_ON, 3, True),
+        (Stage.TRACK, BOTH_ON, 300, False),
+        (Stage.TRACK, ON_THE_WAY, 3, False),
+    ],
+)
+def test_one_that_was_on_the_circle_as_this_drone_was_may_circle_until_its_vehicle_must_be_down(stage, circle, seconds, may):
+    """There is no line between the two, so who leaves the circle for the search could meet it.
+
+    On their way to the circle, two that went on to circles of different radius crossed each other's ways, and came to 0.4 m.
+    """
+    me = Self(SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    for now_s in (3, seconds):
+        hood.around(peers, replace(me, now_ns=now_s * SECOND))
+    assert hood.absence.may_circle is may
+
+
+@pytest.mark.parametrize("velocity_mps", [(0.0, 4.0, 0.0), (3.0, 0.0, 0.0)])
+def test_who_only_crosses_the_circle_keeps_to_its_own_side(velocity_mps):
+    """a, against the turn and inwards. Two that did went on to circles of different radius, across each other's ways: 1.4 m."""
+    crossing = replace(STANDING, velocity=velocity_mps)
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: crossing, circle=BOTH_ON)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, me)
+    assert set(hood.absence.walls) == {"b"}
+    hood.around(peers, replace(me, now_ns=10 * SECOND))
+    assert not hood.absence.may_circle
+
+
+def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
+    """As if neither heard the other: b takes a to keep to the line between the two of them from when they last heard of each
+    other. a flew on into b's half, and b did not know of it.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    for message in (pose(), status(Stage.SURVEY), plan()):
+        assert peers.receive(message, 0) is None
+    assert [(one.plan.blind, one.takes_part) for one in hood.around(peers, me)] == [(False, True)]
+    assert hood.absence is None
+    for stamp_ns in (SECOND, 2 * SECOND):  # it goes on, and is a circle's drone by then
+        told = (replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0)), replace(plan(stamp_ns), unheard=("a",)))
+        for message in (*told, replace(status(Stage.TRACK), stamp_ns=stamp_ns)):
+            assert peers.receive(message, stamp_ns) is None
+        side, heard = hood.around(peers, replace(me, now_ns=stamp_ns, circle=BOTH_ON))
+        assert side.plan.away is not None
+        assert (heard.plan.blind, heard.plan.away, heard.takes_part) == (True, None, False)
+        absence = hood.absence
+        assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
+        assert absence.walls["b"].offset == pytest.approx(-HALF_WAY_M)
+    for message in (plan(5 * SECOND // 2), pose(5 * SECOND // 2)):
+        assert peers.receive(message, 5 * SECOND // 2) is None
+    (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
+    assert (heard.takes_part, hood.absence) == (True, None)
+
+
+def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
+    """b is heard at a place, and tells whom it does not hear; what a makes of it 0.3 s later."""
+    told = replace(plan(stamp_ns), unheard=unheard) if unheard else plan(stamp_ns)
+    for message in (replace(pose(stamp_ns), position_m=(x, 0.0, 3.0)), told, replace(status(stage), stamp_ns=stamp_ns)):
+        assert peers.receive(message, stamp_ns) is None
+    return hood.around(peers, replace(me, now_ns=stamp_ns + 3 * SECOND // 10))
+
+
+def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
+    """The other one cannot know when the second direction is lost, whichever that is."""
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    for silent_first in (False, True):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        heard_from(hood, peers, me, 0, 0.0)
+        if silent_first:
+            hood.around(peers, replace(me, now_ns=5 * SECOND))
+        else:
+            heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+        first = hood.absence.walls["b"]
+        assert hood.absence.unhearing == (() if silent_first else ("b",))
+        if silent_first:
+            heard_from(hood, peers, me, 10 * SECOND, 30.0, unheard=("a",))
+        else:
+            hood.around(peers, replace(me, now_ns=5 * SECOND))
+        assert hood.absence.walls == {"b": first}
+        assert hood.absence.unhearing == (("b",) if silent_first else ())
+
+
+def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands_for_them():
+    """It takes them for vehicles that hover without their agents where they last heard each other; one that flew on around the
+    circle passed it at 5 m, and was expected 7 m farther away.
+    """
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=BOTH_ON)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    heard_from(hood, peers, me, 0, 0.0, stage=Stage.TRACK)
+    for second in (1, 4, 20):
+        heard_from(hood, peers, me, second * SECOND, 1.0, unheard=("a",), stage=Stage.TRACK)
+        hovers = [] if second == 20 else [pytest.approx((10.0, 0.0), abs=1e-6), pytest.approx((10.0, 4.0))]
+        assert (hood.absence.stops.tolist(), hood.absence.unhearing) == (hovers, ("b",))
+        assert hood.absence.coming_home == ()  # it is heard, and is not
+
+
+def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    heard_from(hood, peers, me, 0, 0.0)
+    heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+    first = hood.absence.walls["b"]
+    for second in range(2, 9):  # it is flown by somebody else for a while, and publishes no plans
+        assert peers.receive(replace(pose(second * SECOND), position_m=(9.0, 0.0, 3.0)), second * SECOND) is None
+        hood.around(peers, replace(me, now_ns=second * SECOND + SECOND // 2))
+        assert (hood.absence.walls, hood.absence.unhearing) == ({"b": first}, ("b",))
+    heard_from(hood, peers, me, 9 * SECOND, 9.0)
+    assert hood.absence is None
+
+
+def test_a_revoked_drone_gives_way_to_all_that_it_still_hears():
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, revoked=True)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    (heard,) = heard_from(hood, peers, me, 0, 0.0)
+    assert (heard.plan.blind, heard.takes_part) == (True, False)
+    assert (hood.absence.unhearing, hood.absence.unheard, hood.absence.walls) == (("b",), (), {})
+
+
+def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    lines = []
+    for before in (0, 1):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        heard_from(hood, peers, me, 0, 0.0)
+        assert peers.receive(replace(pose(SECOND), position_m=(100.0 * before, 0.0, 3.0), epoch=before), SECOND) is None
+        heard_from(hood, peers, me, 2 * SECOND, 0.0, unheard=("a",))
+        lines.append(hood.absence.walls["b"])
+    assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize(("me", "crossing", "low"), [("a", [(10.0, 0.0)], [(10.0, 0.0)]), ("b", [], [(0.0, 0.0)])])
+def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_not_hear(me, crossing, low):
+    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And who came
+    down, pushed aside by a third one, met a lower one over that one's home at 1.5 m.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
+    (other,) = peers.names
+    for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
+        assert peers.receive(message, 0) is None
+    for height_m, returning_s, places in (
+        (3.0, 20.0, low), (20.0, 20.0, crossing), (3.0, None, []), (20.0, None, []), (3.0, 50.0, []), (20.0, 50.0, []),
+    ):  # fmt: skip
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s)
+        found = hood.around(peers, myself)
+        assert [one.plan.positions[0][:2] for one in found] == places
+
+
+@pytest.mark.parametrize(("me", "crossing"), [("a", [(10.0, 0.0)]), ("b", [])])
+def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(me, crossing):
+    """Where it is late, they came home as it came down, and it reckoned with none of them."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
+    (other,) = peers.names
+    for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
+        assert peers.receive(message, 0) is None
+    low = [(10.0, 0.0)] if me == "a" else [(0.0, 0.0)]
+    for height_m, returning_s, places in ((3.0, 50.0, low), (20.0, 20.0, crossing), (20.0, 50.0, []), (3.0, None, [])):
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s, revoked=True)
+        assert [one.plan.positions[0][:2] for one in hood.around(peers, myself)] == places
+
+
+@pytest.mark.parametrize(("revoked", "second", "sigma_m"), [(True, 11, 2.0), (True, 12, 0.0), (False, 12, 2.0)])
+def test_a_revoked_drone_does_not_wait_over_its_home_because_the_home_of_another_is_doubtful(revoked, second, sigma_m):
+    """b, without its agent, is home after 11.5 s at the latest. Pushed aside by the doubt until b had to be down as well, a drone
+    waited for a minute, and came down through the layers of others that took it to have landed.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    me = Self(second * SECOND, 0, 2.0, Transform(), height_m=20.0, returning_s=float(second), revoked=revoked)
+    doubts_m = [one.plan.sigma_m for one in hood.around(peers, me) if one.plan.away is None]
+    (home,) = hood.absence.homes
+    assert home.place == pytest.approx((10.0, 0.0))
+    assert (doubts_m[-1], home.sigma_m) == pytest.approx((sigma_m, sigma_m), abs=0.05)
+
+
+def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
+    """One that was revoked before came down over its home, 1.5 m from it."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, returning_s=20.0)
+    (other,) = hood.around(peers, replace(me, resumed=True))
+    assert other.plan.positions[0][:2] == (10.0, 0.0)
+    assert hood.around(peers, me) == hood.around(peers, replace(me, resumed=True, returning_s=None)) == []
+
+
+def test_an_agent_started_in_flight_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_until_that_is_down():
+    """That one waited over its home, and the other came down beside it: 1.1 m."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=True, excluded=("b",))
+    places = []
+    for second in (300, 340, 500):
+        found = hood.around(peers, replace(me, now_ns=second * SECOND))
+        homes = [home.place for home in hood.absence.homes] if hood.absence is not None else None
+        places.append(([one.plan.positions[0][:2] for one in found], homes))
+    assert places == [([(10.0, 0.0)], None), ([(10.0, 0.0)], [(10.0, 0.0)]), ([], [])]
+
+
+@pytest.mark.parametrize(
+    ("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("a", "b"), ("b",)), (False, ("a",), None)]
+)
+def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, missing):
+    """One that was revoked before an agent was started again flew on the same circle: 2 m. To hear the others takes a moment."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), resumed=resumed, measured=measured)
+    hood.around(peers, me)
+    assert hood.absence is None
+    hood.around(peers, replace(me, now_ns=301 * SECOND))
+    assert (hood.absence and hood.absence.missing) == missing
+    for message in (pose(301 * SECOND), replace(status(Stage.LANDED), stamp_ns=301 * SECOND)):
+        assert peers.receive(message, 301 * SECOND) is None
+    hood.around(peers, replace(me, now_ns=301 * SECOND))
+    assert hood.absence is None
+
+
+def test_each_one_whose_measurements_come_first_is_given_a_moment_to_be_heard():
+    mission = replace(MISSION, drones=(*MISSION.drones, DroneInMission(id="c", origin_m=(20.0, 0.0, 0.0))))
+    hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b", "c"])
+    told = []
+    for second, measured in ((300, ("b",)), (301, ("b",)), (310, ("b", "c")), (311, ("b", "c"))):
+        hood.around(peers, Self(second * SECOND, 0, 0.1, Transform(), measured=measured))
+        told.append(hood.absence.missing if hood.absence is not None else ())
+    assert told == [(), ("b",), ("b",), ("b", "c")]
+
+
+@pytest.mark.parametrize("returning_s", [None, 20.0])
+def test_one_on_the_ground_whose_autopilot_is_unplugged_is_not_missed(returning_s):
+    """It sends its status, but has no pose to send."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=True, measured=("b",), returning_s=returning_s)
+    assert peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=300 * SECOND), 300 * SECOND) is None
+    for second in (300, 302, 304):
+        assert hood.around(peers, replace(me, now_ns=second * SECOND)) == []
+        assert hood.absence is None
+
+
+@pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
+def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
+    """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
+    hood, peers, now_ns = (
+        Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"),
+        Peers(["b"]),
+        round(seconds * SECOND),
+    )
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(now_ns, 0, 0.1, Transform(), circle=BOTH_ON))
+    assert hood.absence.stops == pytest.approx(np.array(stops).reshape(-1, 2), abs=1e-6)
+    assert hood.absence.coming_home == ("b",)
+    hood.around(peers, Self(120 * SECOND, 0, 0.1, Transform(), circle=BOTH_ON))
+    assert hood.absence.coming_home == ()
+
+
+def test_whoever_was_lost_while_the_own_clock_was_set_back_is_not_heard_like_any_other():
+    """It was 20 s fast, and b is silent since: its last news would be of the future for as long, and its plan nowhere."""
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers.keep_time(30 * SECOND)
+    for message in (pose(30 * SECOND), plan(30 * SECOND), replace(status(Stage.TRACK), stamp_ns=30 * SECOND)):
+        assert peers.receive(message, 30 * SECOND) is None
+    peers.keep_time(10 * SECOND)
+    other = hood.around(peers, Self(10 * SECOND + SECOND // 2, 0, 0.0, Transform()))[0]
+    assert other.plan.state(10 * SECOND + SECOND // 2).position == pytest.approx((8.0, 1.0, 3.0))
+    for now_ns in (11 * SECOND + SECOND // 10, 40 * SECOND):
+        hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
+        assert hood.absence is not None
+        assert hood.absence.missing == ("b",)
+
+
+def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for message in (pose(30 * SECOND), replace(status(Stage.SURVEY), stamp_ns=30 * SECOND)):
+        assert peers.receive(message, 30 * SECOND) is None
+
+    def walls(now_ns):
+        hood.around(peers, Self(now_ns, 0, 0.0, Transform(), motion_at=lambda ns: STANDING if ns > 20 * SECOND else None))
+        return hood.absence.walls
+
+    before = walls(32 * SECOND)
+    assert "b" in before
+    peers.keep_time(32 * SECOND)
+    peers.keep_time(12 * SECOND)
+    assert walls(13 * SECOND) == before

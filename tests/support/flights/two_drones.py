@@ -1,0 +1,46 @@
+"""Two drones, a and b, whose frames the mission knows: what b tells, and what a makes of it."""
+
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
+from agent.navigation.peers import Peers
+from protocol.messages import Plan, Pose, Status
+
+SECOND = 1_000_000_000
+MISSION = MissionConfig(
+    name="test",
+    area=AreaConfig(polygon_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))),
+    drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), yaw_deg=90.0)),
+)
+
+
+def pose(stamp_ns=0, sigma_m=0.1, epoch=0):
+    return Pose(
+        stamp_ns=stamp_ns,
+        drone="b",
+        epoch=epoch,
+        position_m=(1.0, 0.0, 3.0),
+        velocity_mps=(2.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0),
+        position_sigma_m=sigma_m,
+        yaw_sigma_rad=0.01,
+    )
+
+
+def plan(stamp_ns=0):
+    places = ((1.0, 0.0, 3.0), (1.0, 4.0, 3.0))
+    return Plan(stamp_ns=stamp_ns, drone="b", epoch=0, step_ns=SECOND, positions_m=places)
+
+
+def status(stage):
+    return Status(stamp_ns=0, drone="b", mission="0" * 16, boot="1" * 16, stage=stage)
+
+
+def seen(*messages, now_ns=0, own_sigma_m=0.0):
+    peers = Peers(["b"])
+    for message in messages:
+        assert peers.receive(message, now_ns) is None
+    me = Self(now_ns, 0, own_sigma_m, Transform())
+    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
