@@ -38,7 +38,7 @@ class EnergyScale:
 
     def look(self, now_ns: int) -> bool:
         """Evaluate again, if it is time. Returns whether the scale has moved since the look before."""
-        if now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:
+        if 0 <= now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:  # negative: the clock was set back
             return False
         recent, self._recent, self._since_ns = self._recent, Recogniser(), now_ns
         gain = _gain(recent.counts, self._nuclide)
