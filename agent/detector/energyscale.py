@@ -29,7 +29,7 @@ class EnergyScale:
         self.factor = 1.0
         self._nuclide = nuclide
         self._recent, self._since_ns = Recogniser(), 0  # since the last look: energies by the calibration
-        self._is_seen = False  # the nuclide, as it is
+        self._is_seen = False  # the nuclide, with its lines in place
         prepare_readings(nuclide, _MOVED)
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
@@ -38,12 +38,15 @@ class EnergyScale:
 
     def look(self, now_ns: int) -> bool:
         """Evaluate again, if it is time. Returns whether the scale has moved since the look before."""
-        if now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:
+        if 0 <= now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:  # negative: the clock was set back
             return False
         recent, self._recent, self._since_ns = self._recent, Recogniser(), now_ns
-        gain = _gain(recent.counts, self._nuclide)
-        self._is_seen = self._is_seen or gain == 1.0
-        if gain is None or not self._is_seen or abs(gain * self.factor - 1.0) <= _SAME_SCALE:
+        is_in_place = Recogniser((self._nuclide,), counts=recent.counts).best() is not None
+        self._is_seen = self._is_seen or is_in_place
+        if not self._is_seen:
+            return False
+        gain = 1.0 if is_in_place else _moved_gain(recent.counts, self._nuclide)
+        if gain is None or abs(gain * self.factor - 1.0) <= _SAME_SCALE:
             return False
         self.factor = 1.0 / gain
         return True
@@ -56,13 +59,10 @@ class EnergyScale:
         return (f"camera: it reads {1.0 / self.factor:.2f} of all energies, by the lines of its nuclide; corrected",)
 
 
-def _gain(counts: Array, nuclide: str) -> float | None:
-    """Which part of its energies a camera reads that is known to see a nuclide, by its counts (B,); None: not known.
-
-    1.0 where the nuclide is recognised as it is; another part where it is, and no other nuclide.
+def _moved_gain(counts: Array, nuclide: str) -> float | None:
+    """Which part of its energies a camera reads that sees a nuclide with its lines elsewhere, by its counts (B,); None: not
+    known, or another nuclide is recognised.
     """
-    if Recogniser((nuclide,), counts=counts).best() is not None:
-        return 1.0
     found = Recogniser((nuclide,), _MOVED, counts).best()
     if found is None or found.evidence < MOVED_EVIDENCE or Recogniser(counts=counts).best() is not None:
         return None

@@ -44,14 +44,18 @@ class Revocations:
 
     def confirms(self, word: Obeying, now_ns: int) -> bool:
         """Whether a revoked drone has signed that it obeys one of these; what was refused counts for the flood, too."""
-        held = [one for one in self.held if one.member == word.drone]
-        if self._verifier is None or not held or self._is_flooded(now_ns):
+        if word.drone not in self.names or self._is_flooded(now_ns):
             return False
-        if any(self._verifier.accepts_obeying(word, one) for one in held):
+        if self.counts(word):
             return True
         self._counters["dropped_obeying_forged"] += 1
         self._refusals += 1
         return False
+
+    def counts(self, word: Obeying) -> bool:
+        """Whether a word is of a revocation that counts, and signed by its drone."""
+        verifier, held = self._verifier, (one for one in self.held if one.member == word.drone)
+        return verifier is not None and any(verifier.accepts_obeying(word, one) for one in held)
 
     def leaves_out(self, entry: Entry) -> bool:
         """Whether an entry does not count."""

@@ -142,9 +142,13 @@ class OwnPose:
 
     @property
     def kept_frame(self) -> KeptFrame | None:
-        """The present frame, for an agent that is restarted in flight; None where it is not known, or exact."""
-        vehicle = self.vehicle
-        return None if vehicle is None else KeptFrame.of(vehicle.epoch, self._mission_from_local(vehicle.epoch))
+        """The present frame, with the doubt about it, for an agent that is restarted in flight; None where it is not known, or
+        exact.
+        """
+        vehicle, frame = self.vehicle, self.frame
+        if vehicle is None or frame is None:
+            return None
+        return KeptFrame.of(vehicle.epoch, self._exact.doubted(frame.mission_from_local, vehicle))
 
     def remember(self, kept: KeptFrame) -> None:
         """Take the frame stored before the agent was restarted: it holds for its epoch until the log tells that frame."""

@@ -126,6 +126,8 @@ class Revoking:
             self._executive.revoke()
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
+        if name in self._obeying and not self._revocations.counts(self._obeying[name]):
+            del self._obeying[name]  # another revocation counts now: to others its word would be a forged one
         if name in self._peers.names and self._peers[name].sources.are_two(now_ns):
             self._copied.add(name)
         self._executive.exclude(name)

@@ -214,9 +214,9 @@ class Steering:
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
         if count > _ROWS:
-            slack, lacking = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, previous))
-            slack, steps, first = np.minimum(slack, lacking), np.arange(horizon), lacking.argmin(axis=0)
-            slack[first, steps] = np.where(lacking[first, steps] < 0.0, -np.inf, slack[first, steps])
+            by_optimum, by_plan = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, previous))
+            slack, steps, first = np.minimum(by_optimum, by_plan), np.arange(horizon), by_plan.argmin(axis=0)
+            slack[first, steps] = np.where(by_plan[first, steps] < 0.0, -np.inf, slack[first, steps])
             worst = np.argsort(slack, axis=0, kind="stable")[:_ROWS]
             normals, offsets, yielding = normals[worst, steps], offsets[worst, steps], yielding[worst, steps]
         return HalfPlanes(normals, offsets, yielding)

@@ -84,7 +84,8 @@ def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peer
     third one that they do not hear either, and that takes itself for one of their side as well.
 
     Who is heard, but is not one of the ``partners``, which take part, still belongs to it, or the side would have to leave its
-    circle whenever its first one returns: but only while that one hears none of the ``missing``, as nobody keeps them apart then.
+    circle whenever its first one returns: but only while that one hears none of the ``missing``. These would count it for their
+    side, too, and both sides would fly on one circle.
     """
     found = [me]
     for name in sorted(set(peers.names) - set(missing)):

@@ -1,4 +1,4 @@
-"""Where a drone of an exactly known frame may be besides, whose localisation has jumped unannounced (``localization.ownpose``).
+"""Where else a drone of an exactly known frame may be whose localisation has jumped unannounced (``localization.ownpose``).
 
 It flies on by continuity; if its localisation is right, its poses are of the launch's frame as before. So it is in either of two
 places, and two such drones lie to each other in one of four ways. Each keeps clear of both places of the other, as seen from its

@@ -101,9 +101,10 @@ class Neighbourhood:
 
     @property
     def kept_frames(self) -> dict[str, KeptFrame]:
-        """The frames of the others, for an agent that is restarted in flight."""
+        """The frames of the others, for an agent that is restarted in flight; while one is not heard again, that of before."""
         found = {name: KeptFrame.of(pose.epoch, self._frame_of(name, pose)) for name, (pose, _) in list(self._placed.items())}
-        return {name: kept for name, kept in found.items() if kept is not None}
+        known = {name: kept for name, kept in found.items() if kept is not None}
+        return {name: kept for name, kept in self._remembered.items() if name not in found} | known
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the frames stored before the agent was restarted: each holds for its epoch until the log tells it."""

@@ -367,6 +367,21 @@ def test_that_a_revoked_drone_obeys_is_believed_where_it_has_signed_it(teller):
     assert believed(one) == ("d2",)
 
 
+def test_a_word_is_not_passed_on_once_another_revocation_counts():
+    """Whoever knows that one alone would take it for forged."""
+    one = full()
+    one.receive(*revocation(last={BOOT: 6}), START_NS)
+    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    one.receive(*_told(message), START_NS)
+    one.receive(*revocation(last={BOOT: 3}), START_NS)
+    assert len(one.revocations) == 1
+    assert obeying(one, START_NS) == ()
+    assert believed(one) == ("d2",)  # it is on its way home as before
+    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    one.receive(*_told(message), START_NS + SECOND)
+    assert obeying(one, START_NS + SECOND) == ("d2",)
+
+
 @pytest.mark.parametrize("teller", ["d2", "d3"])
 @pytest.mark.parametrize("attack", ["another signs", "no signature", "another revocation", "not revoked", "as an operator"])
 def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attack, teller):

@@ -288,6 +288,14 @@ def test_another_nuclide_is_no_moved_scale(nuclide):
     assert watch.scale == 1.0
 
 
+def test_an_energy_scale_that_moves_is_corrected_also_after_the_clock_was_set_back():
+    watch = NuclideWatch("Cs-137")
+    watch.look(0)
+    looked_at(watch, 9, 1.0)
+    looked_at(watch, 5, 0.762)
+    assert watch.scale * 0.762 == pytest.approx(1.0, abs=0.015)
+
+
 def test_a_camera_that_has_never_seen_the_nuclide_as_it_is_is_believed():
     watch = NuclideWatch("Cs-137")
     watch.look(0)

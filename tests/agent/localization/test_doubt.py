@@ -46,6 +46,15 @@ def test_a_jump_back_ends_the_doubt_and_the_frame_is_known_exactly_again(own):
     assert own.vehicle.position_sigma_m == 0.1
 
 
+def test_the_doubt_outlives_a_restart_of_the_agent(own):
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    restarted = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=own.epoch_offset)
+    restarted.remember(own.kept_frame)
+    restarted.take(state(START_NS + 7 * TICK_NS, position=JUMPED))
+    assert in_mission(restarted) == pytest.approx(in_mission(own))
+    assert restarted.sigma_m == pytest.approx(22.0 / math.sqrt(2.0), abs=0.1)
+
+
 def test_an_announced_jump_is_no_doubt_and_does_not_end_one(own):
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))
     assert own.otherwise is None

@@ -204,6 +204,7 @@ def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_
     one = Neighbourhood(ESTIMATED, graph, "a")
     assert around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one) == []
     one.remember(former.kept_frames)
+    assert one.kept_frames.keys() == {"b"}  # for a restart before it is heard
     for _ in range(2):
         others = around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one)
         assert [other.takes_part for other in others] == ([True] if found else [])

@@ -35,10 +35,10 @@ def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
     return Pilot(mission, DroneConfig(id=drone), boot=boot, memory=memory, nonce_key=nonce_key_of(boot))
 
 
-def own_pose(drone, graph, member=None):
+def own_pose(drone, graph, member=None, epoch_offset=0):
     """The own pose of a drone of the mission, or of another member, whose frame is in this graph."""
     member = member or next(one for one in MISSION.drones if one.id == drone)
-    return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps)
+    return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps, epoch_offset)
 
 
 def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):
