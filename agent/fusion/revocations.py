@@ -8,7 +8,7 @@ from protocol.entries import Entry
 from protocol.revocations import MOST_HELD, Obeying, Revocation
 from protocol.signing import Verifier
 
-MOST_REFUSED = 20  # in a second; each costs a third of a millisecond
+MOST_REFUSED = 20  # in a second, of one member; each costs a third of a millisecond
 
 
 class Revocations:
@@ -17,21 +17,23 @@ class Revocations:
     def __init__(self, verifier: Verifier | None, counters: Counter[str]) -> None:
         """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
         self._verifier, self._counters = verifier, counters
-        self._second = self._refusals = 0  # in that second
+        self._second = 0
+        self._refusals = Counter[str]()  # in that second, by who has sent what was refused: nobody uses up the others' share
         self.held: tuple[Revocation, ...] = ()
         self.names: frozenset[str] = frozenset()
 
-    def take(self, revocation: Revocation, now_ns: int, passed_on: bool) -> str | None:
-        """Put a revocation into effect; why not, or None. "known" where it would change nothing; "flood" where so many were
-        refused in this second that no more signatures are verified: genuine ones come again.
+    def take(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> str | None:
+        """Put a revocation into effect; why not, or None. "known" where it would change nothing; "flood" where so many of the
+        same sender were refused in this second that no more of its signatures are verified: genuine ones come again.
 
-        ``passed_on``: by another drone, or known before a restart; otherwise it comes from its station, whose certificate must be
-        valid by now: the stamp is its own word, and a key that is no longer guarded must not revoke anybody.
+        ``passed_on_by``: another drone, or this one, if it was known before a restart; None: it comes from its station, whose
+        certificate must be valid by now: the stamp is its own word, and a key that is no longer guarded must not revoke anybody.
         """
-        if self._is_flooded(now_ns):
+        sender = passed_on_by or revocation.station
+        if self._is_flooded(sender, now_ns):
             self._counters["dropped_revocation_flood"] += 1
             return "flood"
-        refused = self._refusal(revocation, now_ns, passed_on)
+        refused = self._refusal(revocation, now_ns, passed_on_by is not None)
         if refused is None:
             self.held = (*self._left_beside(revocation), revocation)
             self.names |= {revocation.member}
@@ -39,17 +41,17 @@ class Revocations:
                 self._verifier.revoke(revocation.member)
         elif refused != "known":
             self._counters[f"dropped_revocation_{refused}"] += 1
-            self._refusals += 1
+            self._refusals[sender] += 1
         return refused
 
-    def confirms(self, word: Obeying, now_ns: int) -> bool:
+    def confirms(self, word: Obeying, now_ns: int, passed_on_by: str) -> bool:
         """Whether a revoked drone has signed that it obeys one of these; what was refused counts for the flood, too."""
-        if word.drone not in self.names or self._is_flooded(now_ns):
+        if word.drone not in self.names or self._is_flooded(passed_on_by, now_ns):
             return False
         if self.counts(word):
             return True
         self._counters["dropped_obeying_forged"] += 1
-        self._refusals += 1
+        self._refusals[passed_on_by] += 1
         return False
 
     def counts(self, word: Obeying) -> bool:
@@ -61,11 +63,12 @@ class Revocations:
         """Whether an entry does not count."""
         return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
 
-    def _is_flooded(self, now_ns: int) -> bool:
+    def _is_flooded(self, sender: str, now_ns: int) -> bool:
         second = now_ns // 1_000_000_000
         if second != self._second:
-            self._second, self._refusals = second, 0
-        return self._refusals >= MOST_REFUSED
+            self._second = second
+            self._refusals.clear()
+        return self._refusals[sender] >= MOST_REFUSED
 
     def _refusal(self, revocation: Revocation, now_ns: int, passed_on: bool) -> str | None:
         if self._verifier is None:

@@ -59,9 +59,9 @@ class Revoking:
     def hear(self, message: Revocation | Revoked, now_ns: int) -> Verdict | None:
         """Put revocations into effect; what became of the last that was not known."""
         verdict = None
-        passed_on = isinstance(message, Revoked)
+        by = message.drone if isinstance(message, Revoked) else None
         for one in message.held if isinstance(message, Revoked) else (message,):
-            refused = self._revocations.take(one, now_ns, passed_on)
+            refused = self._revocations.take(one, now_ns, by)
             if refused is None:
                 self._carry_out(one, now_ns)
             if refused not in ("known", "flood"):
@@ -76,7 +76,7 @@ class Revoking:
         """
         for word in message.obeying:
             known = word.drone in self._obeying or word.drone in self._copied or word.drone == self._drone
-            if not known and self._revocations.confirms(word, now_ns):
+            if not known and self._revocations.confirms(word, now_ns, message.drone):
                 self._obeying[word.drone] = word
                 self._executive.obeys(word.drone, now_ns)
 

@@ -112,8 +112,9 @@ class Picture:
             self.counters["rejected_malformed"] += 1
             return
         if isinstance(message, Revocation | Revoked):
+            by = message.drone if isinstance(message, Revoked) else None
             for one in message.held if isinstance(message, Revoked) else (message,):
-                self.log.revoke(one, now_ns, isinstance(message, Revoked))
+                self.log.revoke(one, now_ns, by)
             return
         if isinstance(message, Order):
             self.orders.take(message, now_ns)

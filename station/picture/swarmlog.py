@@ -54,9 +54,9 @@ class SwarmLog:
         """Whether its drone has signed a status; in a swarm without certificates all count."""
         return self._proofs.is_signed(status, now_ns)
 
-    def revoke(self, revocation: Revocation, now_ns: int, passed_on: bool) -> None:
-        """Leave out what does not count any more of a member's entries, as the drones do; ``passed_on``: by one of them."""
-        if self._revocations.take(revocation, now_ns, passed_on) is None:
+    def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
+        """Leave out what does not count any more of a member's entries, as the drones do; ``passed_on_by``: one of these."""
+        if self._revocations.take(revocation, now_ns, passed_on_by) is None:
             self._world.forget(self.fusion.log.beyond(revocation.member, revocation.counts))
 
     @property

@@ -440,12 +440,20 @@ def test_revocations_are_bounded():
     assert len(payload) < 16_000
 
 
-def test_a_flood_of_forged_revocations_costs_little_and_the_genuine_one_gets_through_afterwards():
+def test_a_flood_of_forged_revocations_costs_little_and_a_genuine_one_of_that_drone_gets_through_afterwards():
     one, forged = full(), decode(revocation(signature=bytes(64))[1])
     flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
     for _ in range(100):
         one.receive(*_told(flood), START_NS)
     assert one.counters["dropped_revocation_forged"] == MOST_REFUSED
     assert one.counters["dropped_revocation_flood"] > 50
-    assert one.receive(*revocation(), START_NS) is None
-    assert one.receive(*revocation(), START_NS + SECOND) == OBEYED
+    assert one.receive(*_told(replace(flood, held=(decode(revocation()[1]),))), START_NS) is None  # by the same drone
+    assert one.receive(*_told(replace(flood, held=(decode(revocation()[1]),))), START_NS + SECOND) == OBEYED
+
+
+def test_whoever_sends_forged_revocations_uses_up_nobody_elses_share():
+    one, forged = full(), decode(revocation(signature=bytes(64))[1])
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
+    for _ in range(100):
+        one.receive(*_told(flood), START_NS)
+    assert one.receive(*revocation(), START_NS) == OBEYED
