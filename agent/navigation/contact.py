@@ -1,10 +1,7 @@
-"""Which drones hear each other, and the circle of those that do; when two last heard each other, and the line half-way between
-them that follows from it. Horizontal, mission frame.
-"""
+"""When two drones last heard each other, and the line half-way between them that follows from it. Horizontal, mission frame."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from math import hypot
 
 from msgspec import Struct
@@ -12,7 +9,6 @@ from msgspec import Struct
 from agent.geometry import Point2
 from agent.motion.reference import PeerState
 from agent.navigation.agentless import Course
-from agent.navigation.peers import Peers
 from protocol.messages import Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
@@ -77,29 +73,3 @@ def wall_between(mine: PeerState, theirs: PeerState) -> Wall:
     normal = dx / apart_m, dy / apart_m
     middle_x, middle_y = 0.5 * (x + other_x + (u + other_u) * _NOTICES_S), 0.5 * (y + other_y + (v + other_v) * _NOTICES_S)
     return Wall(normal, normal[0] * middle_x + normal[1] * middle_y)
-
-
-def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peers, now_ns: int) -> list[str]:
-    """This drone, ``me``, and those of the heard ones that hear it, too. On the circle of others that do not, it would meet a
-    third one that they do not hear either, and that takes itself for one of their side as well.
-
-    Who is heard, but is not one of the ``partners``, which take part, still belongs to it, or the side would have to leave its
-    circle whenever its first one returns: but only while that one hears none of the ``missing``. These would count it for their
-    side, too, and both sides would fly on one circle.
-    """
-    found = [me]
-    for name in sorted(set(peers.names) - set(missing)):
-        status, pose = peers[name].status, peers[name].pose
-        if status is not None and me in status.delays_ns:
-            is_heard = pose is not None and now_ns - pose.stamp_ns <= SILENT_NS
-            belongs = name in partners or (is_heard and status.delays_ns.keys().isdisjoint(missing))
-            found += [name] if belongs else []
-    return found
-
-
-def ring_of(members: Sequence[str], order: Sequence[str], missing: Collection[str], left: Collection[str]) -> int:
-    """The circle of a side, by its first one; ``order``: all ids, in that of the mission; ``left``: those of the missing that
-    circle no more. The shared one where all before that one have left it: no other side can take it.
-    """
-    first = min(map(order.index, members))
-    return 0 if len(left) == len(missing) or set(order[:first]) <= set(left) else first

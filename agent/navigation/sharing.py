@@ -17,6 +17,7 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
 from agent.navigation.crossing import CLEAR_M, Crossing
 from agent.navigation.placing import blind_plan
+from agent.navigation.sides import is_next
 from agent.navigation.silent import Absence
 
 _ROOM_M = 3.0  # between a circle and the fence
@@ -99,12 +100,12 @@ class SharedCircle:
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
         """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept.
 
-        The first of them may fly on the shared one as well where all before it have left (``Silent.absence``).
+        The first of them may fly on the shared one as well where all before it have left (``sides``).
         """
         circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # the last are kept apart from by lines
         circling -= set() if kept else set(absence.kept)
         rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
-        if rings and rings[0][0] > 0 and set(self._names[: rings[0][0]]) <= set(absence.left):
+        if rings and rings[0][0] > 0 and is_next(rings[0][0], self._names, absence.left):
             rings = [(0, rings[0][1]), *rings]
         return [_Circle(name, index, ring_radius_m(self._mission, index, fits_hypothesis)) for index, name in rings]
 

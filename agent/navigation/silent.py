@@ -32,10 +32,11 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, ring_of, side, wall_between
+from agent.navigation.contact import Circle, Contact, Wall, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.placing import blind_plan
+from agent.navigation.sides import ring_of, side
 from agent.navigation.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
@@ -66,7 +67,7 @@ class Absence(Struct, frozen=True):
     """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
 
     ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it (``contact.ring_of``); ``kept``: whose place on
+    from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
     the circle is kept;
     ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each

@@ -108,7 +108,7 @@ class Reckoned(Invariant[Moment]):
         if judged is not reckoning:  # worked out once for each of its plans
             believed_m = [self._believed_m(pilot, other, pilots[other], place) for place in near]
             self._believed[drone, other] = reckoning, believed_m
-        mine = places[drone][:2]
+        mine = places[drone][:2]  # the plan may be from before the second place was one
         return min(one_m - dist(mine, place[:2]) for one_m, place in zip(believed_m, near, strict=False)) - FARTHER_M
 
     def _believed_m(self, pilot: Pilot, other: int, other_pilot: Pilot | None, place: Vector3) -> float:
