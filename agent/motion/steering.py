@@ -30,7 +30,7 @@ _FACING = -0.9  # cosine between the normals of two lines that face each other
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
 # them, a drone turned back into the next one on the circle, which could not brake in time.
 _UNHEARD_YIELDS = 2.0
-# Of the deviation of two drones from their plans 0.92 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
+# Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
 # (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). Expected back within a second, two that passed each other at
 # 8 m/s came 1 m nearer than their plans allowed.
 RETURN_S = 3.4
