@@ -21,7 +21,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
     ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
     epochs added to the vehicle's own. ``response``: the identified response of the vehicle. ``frames``: those of all drones that
-    the mission does not tell, by id.
+    the mission does not tell, by id. ``copied``: the revoked drones whose keys have shown to be copied.
     """
 
     mission: str
@@ -35,6 +35,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     epoch_offset: int = 0
     response: FoundResponse | None = None
     frames: dict[str, KeptFrame] = {}
+    copied: tuple[str, ...] = ()
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
