@@ -229,7 +229,8 @@ class Executive:
         home_m = self._navigator.home.in_mission
         home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
         memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
-        memory = memory and replace(memory, copied=tuple(sorted(self.copied)))
+        epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
+        memory = memory and replace(memory, epoch=epoch, copied=tuple(sorted(self.copied)))
         known = self.memory and replace(self.memory, response=None, frames={})
         if memory != known:  # response and frames change all the time: they are only stored along with the rest
             frames = self._plausible(self._navigator.frames)

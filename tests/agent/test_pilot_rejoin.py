@@ -83,6 +83,15 @@ WRONG = Transform(0.3, (4.0, 5.0, 0.0), np.full((4, 4), math.nan))
 RIGHT = KeptFrame(epoch=1, yaw_rad=0.3, translation_m=(4.0, 5.0, 0.0), covariance=None)
 
 
+def test_a_new_epoch_is_stored_at_once_with_its_frame():
+    one, _ = back()
+    fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD)
+    assert one.memory.frames == {}
+    fly(one, BACK_NS + SECOND, 0.1, FlightMode.OFFBOARD, position=(20.0, 0.0, 3.0), epoch=1)  # announced
+    assert one.memory.stamp_ns == BACK_NS - BACK_NS % REFRESH_NS
+    assert one.memory.frames["d1"].epoch == 1
+
+
 def test_a_frame_of_numbers_that_are_none_is_not_stored_and_the_rest_is():
     one, _ = back()
     one.frames.graph.place("d2", 1, RIGHT.mission_from_local)
