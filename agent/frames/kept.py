@@ -11,7 +11,7 @@ from agent.frames.graph import LAUNCH_EPOCH
 from agent.frames.transform import Transform
 from agent.geometry import Array
 
-Number = float | None  # JSON has no number that is not finite: one that is becomes null
+_Number = float | None  # JSON has no number that is not finite: one that is becomes null
 _LARGEST = np.array([7.0, 1e5, 1e5, 1e5])  # of a yaw (rad) and a translation (m): that of a position in a message
 _LARGEST_VARIANCE = 1e10  # m^2
 
@@ -19,9 +19,9 @@ _LARGEST_VARIANCE = 1e10  # m^2
 class KeptTransform(Struct, frozen=True, kw_only=True):
     """A transform as a state file holds it (``Transform``). ``covariance``: by rows; None: exact."""
 
-    yaw_rad: Number
-    translation_m: tuple[Number, Number, Number]
-    covariance: Annotated[tuple[Number, ...], Meta(min_length=16, max_length=16)] | None
+    yaw_rad: _Number
+    translation_m: tuple[_Number, _Number, _Number]
+    covariance: Annotated[tuple[_Number, ...], Meta(min_length=16, max_length=16)] | None
 
     @property
     def mission_from_local(self) -> Transform | None:

@@ -277,9 +277,11 @@ class OwnPose:
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
-        if known is None and self._continued is not None and self._continued[0] == epoch:
+        if known is not None:
+            return known
+        if self._continued is not None and self._continued[0] == epoch:
             return self._continued[1]
-        return self._kept.transform if known is None and self._kept is not None and self._kept.epoch == epoch else known
+        return self._kept.transform if self._kept is not None and self._kept.epoch == epoch else None
 
     def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says."""
