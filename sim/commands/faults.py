@@ -67,7 +67,7 @@ def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: E
         flown = fly_faults(campaign, out, execute, fly, watch)
     summary = summarise(flown.verdicts)
     typer.echo(table(summary), nl=False)
-    for line in (line for verdict in flown.verdicts for line in told(verdict)):
+    for line in (line for verdict in flown.verdicts for line in told(verdict, campaign.course)):
         say(line, stdout)
     for line in sentences(summary):
         say(line, stdout)
