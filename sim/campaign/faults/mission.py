@@ -77,7 +77,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 def fly_mission(mission: Mission) -> Verdict:
     """Fly and judge a mission. An exception in it is a violation like any other."""
-    from sim.lockstep import watched  # noqa: PLC0415  (only the workers need the physics)
+    from sim.lockstep.flight import watched  # noqa: PLC0415  (only the workers need the physics)
 
     document, course = mission.drawn, mission.course
     scenario = parse_scenario(document, mission.label)

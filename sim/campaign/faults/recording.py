@@ -61,7 +61,7 @@ class _Recorded(RecordedPilot):
 
 
 class Recording:
-    """Makes the pilots of a flight (``sim.lockstep.watched(make=...)``) and records those of one drone."""
+    """Makes the pilots of a flight (``sim.lockstep.flight.watched(make=...)``) and records those of one drone."""
 
     def __init__(self, drone: str, folder: Path) -> None:
         """``folder``: for the records; one folder in it for each start of the agent."""

@@ -15,10 +15,10 @@ from agent.pilot import Pilot
 from sim.faults.agents import Corrupt
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
+from sim.lockstep.sharing import Results
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.invariants.place import excluded
 from sim.scoring.moment import Moment
-from sim.sharing import Results
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0

@@ -10,7 +10,7 @@ from protocol.entries import Credential
 from protocol.keys import key_of
 from protocol.revocations import Revocation
 from protocol.signing import sign_command, sign_entries, sign_revocation
-from sim.members import SimulatedAuthority, operator_of
+from sim.lockstep.members import SimulatedAuthority, operator_of
 
 AUTHORITY, FOREIGN = SimulatedAuthority(1), SimulatedAuthority(2)
 OPERATOR = operator_of(AUTHORITY)

@@ -28,10 +28,12 @@ from sim.faults.onboard import OnboardFaults
 from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
-from sim.faults.revoker import Revoker
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
-from sim.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
+from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
+from sim.lockstep.revoker import Revoker
+from sim.lockstep.sharing import Folds, Readings
+from sim.lockstep.telemetry import Telemetry
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -39,9 +41,6 @@ from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import KINDS
 from sim.scoring.moment import EPOCH_NS, Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.sharing import Folds, Readings
-from sim.streams import streams
-from sim.telemetry import Telemetry
 from sim.vehicle.autopilot import autopilots
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.world.cameras import Cameras
@@ -50,6 +49,7 @@ from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
 from sim.world.sightings import Sightings
 from sim.world.sources import Source, Sources, place_of
+from sim.world.streams import streams
 from sim.world.terrain import Terrain
 from sim.world.walls import Walls
 
