@@ -9,54 +9,13 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import numpy as np
-
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Action
-from sim.faults.agents import Late
-from sim.faults.disk import check_playable
-from sim.faults.forgers import Forgers, OldCommands
-from sim.faults.network import FaultyRadio
-from sim.faults.onboard import OnboardFaults
-from sim.faults.poses import with_dead_reckoning
-from sim.faults.process import Agent, Crew, Life
-from sim.faults.recovery import Recovery
-from sim.faults.schedule import Schedule
-from sim.faults.tellers import Tellers
-from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
-from sim.lockstep.revoker import Revoker
-from sim.lockstep.sharing import Folds, Readings
-from sim.lockstep.telemetry import Telemetry
+from sim.lockstep.world import World
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
-from sim.scoring.aboard import Aboard
-from sim.scoring.framescore import FrameScore
-from sim.scoring.heard import KINDS
-from sim.scoring.moment import EPOCH_NS, Moment, Observer
-from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.vehicle.autopilot import autopilots
-from sim.vehicle.multirotor import Multirotors, Setpoints
-from sim.world.cameras import Cameras
-from sim.world.launch import launch_places
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
-from sim.world.sightings import Sightings
-from sim.world.sources import Source, Sources, place_of
-from sim.world.streams import streams
-from sim.world.terrain import Terrain
-from sim.world.walls import Walls
+from sim.scoring.moment import Observer
 
-TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
-EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle
-READ_TICKS = 4  # cameras are read out at 5 Hz
-START_S = 0.5  # the operator's start command, after the agents have received each other's messages
 Progress = Callable[[float, str], None]
 
 
@@ -84,7 +43,7 @@ def fly(
     Raises:
         ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
     """
-    world = _World(chosen(scenario, estimator, law), seed, listen, Pilot, watch is not None)
+    world = World(chosen(scenario, estimator, law), seed, listen, Pilot, watch is not None)
     started = time.perf_counter()
     _run(world, watch, progress)
     wall_s = time.perf_counter() - started
@@ -94,10 +53,10 @@ def fly(
 
 def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
     """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
-    _run(_World(scenario, seed, (), make, True), watch)
+    _run(World(scenario, seed, (), make, True), watch)
 
 
-def _run(world: _World, watch: Observer | None, progress: Progress | None = None) -> None:
+def _run(world: World, watch: Observer | None, progress: Progress | None = None) -> None:
     gc.disable()  # a flight makes hardly any reference cycles, and the search for them takes 2 % of its time
     try:
         end = False
@@ -110,239 +69,3 @@ def _run(world: _World, watch: Observer | None, progress: Progress | None = None
     finally:
         gc.enable()
         world.close()
-
-
-class _World:
-    """The complete state of the simulated world and its agents."""
-
-    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot], checked: bool) -> None:
-        check_playable(scenario.fault, scenario.name)
-        mission = scenario.mission
-        count = len(mission.drones)
-        random = streams(seed, count)
-        self.ticks = 0
-        self._mission = mission
-        names, layout = [drone.id for drone in mission.drones], [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
-        self._faults = Schedule(scenario.fault, names, seed)
-        self._frames = MovingFrames(scenario.localization, names, layout, mission.datum, TICK_NS * 1e-9, random)
-        self._sightings: Sightings | None = None
-        if scenario.sightings is not None:
-            walls = Walls(scenario.walls) if scenario.walls else None
-            self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
-        configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
-        self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
-        self._sources_now: tuple[Source, ...] = ()
-        nuclides = self._sources.nuclides
-        self._cameras = Cameras(scenario, nuclides, configs, random.cameras, EPOCH_NS) if scenario.measured else None
-        self._folder = TemporaryDirectory()  # also for agents that are started again
-        if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
-            configs = self._cameras.calibrated(configs, Path(self._folder.name))
-        self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
-        self._folds, self._read = Folds(count, seed, checked=checked), Readings()
-        self._authority = authority = SimulatedAuthority(seed)
-        self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
-        self._terrain = Terrain(scenario.terrain)
-        position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
-        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
-        errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
-        self._localization = with_dead_reckoning(scenario.fault, errors)
-        self._autopilots = autopilots(mission, self._frames.local(position), self._frames.yaw_rad, TICK_NS * 1e-9)
-        world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
-        self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
-        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)
-        self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
-        self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
-        self._old_commands = OldCommands(self._faults)
-        self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude, self._onboard.clocks.own_ns)
-        self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
-        late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
-        agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
-        self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone, self._revoker.remind)
-        scored = [Aboard(agent) for agent in agents]
-        event_s = scenario.localization.event_s
-        known = FrameScore(mission, scored[0], self._frames, event_s) if self._frames.moving else None
-        self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
-
-    @property
-    def pilots(self) -> list[Pilot]:
-        """The pilots of all drones; of a dead agent the last one."""
-        return self._crew.pilots
-
-    def close(self) -> None:
-        """Remove the files of the flight."""
-        self._folder.cleanup()
-
-    @property
-    def time_s(self) -> float:
-        """Seconds since the start of the simulation."""
-        return self.ticks * TICK_NS * 1e-9
-
-    def moment(self) -> Moment:
-        """The world after the last tick."""
-        motion, agents = self._multirotors, self._crew.agents
-        return Moment(
-            time_s=self.time_s,
-            position_m=self._terrain.above_ground(motion.position_m),
-            velocity_mps=motion.velocity_mps,
-            heading_rad=motion.yaw_rad,
-            source=place_of(self._sources_now),
-            pilots=[agent.pilot if agent.life is Life.RUNNING else None for agent in agents],
-            commands=[agent.command for agent in agents],
-            autopilots=self._autopilots,
-            sent=[agent.sent for agent in agents],
-            inboxes=self._radio.waiting,
-            batteries=self._onboard.vehicles.levels,
-            told_s=self._telemetry.told_s,
-        )
-
-    def describe(self) -> str:
-        """The stage of the first drone, and the swarm's source estimate."""
-        return self.recorder.describe()
-
-    def tick(self) -> bool:
-        """Advance by one tick; True when the run has ended."""
-        now_ns = EPOCH_NS + self.ticks * TICK_NS
-        self._faults.advance(self.time_s)
-        self._crew.advance(now_ns)
-        self._radio.advance(now_ns, self._multirotors.position_m)
-        sources = self._sources_now = self._sources.at(self.time_s)
-        measured = self._sense(now_ns, sources)
-        if self.ticks == round(START_S * 1e9 / TICK_NS):
-            self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
-        self._command(now_ns, self._crew.called(now_ns), Action.START)
-        self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
-        running = {drone: agent.pilot for drone, agent in enumerate(self._crew.agents) if agent.life is Life.RUNNING}
-        self._revoker.advance(now_ns, running)
-        for drone, agent in enumerate(self._crew.agents):
-            agent.command, agent.sent = None, 0
-            if not agent.alive:
-                self._radio.silence(drone)
-                continue
-            agent.readings += measured[drone]
-            if self._crew.steps(drone, now_ns):
-                self._step(drone, agent, now_ns)
-        self._move()
-        self.ticks += 1
-        motion, error = self._multirotors, self._localization
-        return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, sources, error.position_error_m)
-
-    def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
-        """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
-        pilot, recovery, own_ns = agent.pilot, self._recovery, self._onboard.clocks.own_ns(drone, now_ns)
-        self._publish(drone, agent.readings, now_ns)  # before a peer can ask for them: it gets what all others have been told
-        for key, payload in self._radio.receive(drone, now_ns):
-            if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
-                pilot.receive(key, payload, own_ns)
-        step = pilot.step(own_ns)
-        self._publish(drone, step.publications, now_ns)
-        agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
-        agent.readings.clear()
-        if recovery is not None:
-            recovery.ask(drone, pilot, now_ns)
-        self._autopilots[drone].command(step.command)
-
-    def _publish(self, drone: int, publications: Sequence[tuple[str, bytes]], now_ns: int) -> None:
-        """Send messages of a drone to all others, with what liars and forgers make of them."""
-        for key, payload in publications:
-            for to, told in self._tellers.tell(drone, key, payload):
-                self._radio.send(drone, key, told, now_ns, to)
-            for forged in self._forgers.forged(drone, key, payload):
-                self._radio.send(drone, key, forged, now_ns)
-            if key.endswith(KINDS):
-                self.recorder.take(drone, self._read(key, payload))
-
-    def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
-        """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
-        self._onboard.vehicles.step()
-        self._telemetry.tell(now_ns, self.pilots, self._autopilots)
-        published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
-        self._localize(now_ns, published)
-        if self._cameras is None:
-            return published
-        if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
-            half_ns = EXPOSE_TICKS * TICK_NS // 2
-            for drone in range(len(self.pilots)):
-                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, sources)
-        if self.ticks % READ_TICKS != 0 or self.ticks == 0:
-            return published
-        for drone, pilot in enumerate(self.pilots):
-            readout = self._onboard.readout(drone, self._cameras.read_out(drone))
-            if readout is not None:
-                published[drone] += pilot.observe_detector(readout)
-        return published
-
-    def _localize(self, now_ns: int, published: list[list[tuple[str, bytes]]]) -> None:
-        """Pass fixes and relative observations to the pilots."""
-        motion = self._multirotors
-        for drone, receiver in enumerate(self._frames.receiver):
-            fix = None if receiver is None else receiver.fix(self._onboard.clocks.own_ns(drone, now_ns), motion.position_m[drone])
-            if fix is not None:
-                published[drone] += self.pilots[drone].observe_fix(fix)
-        if self._sightings is None:
-            return
-        if self._sightings.due(self.ticks):
-            attitudes = [motion.quaternion(drone) for drone in range(len(self.pilots))]
-            self._sightings.look(now_ns, motion.position_m, attitudes)
-        for drone, seen in self._sightings.take(now_ns):
-            published[drone] += self.pilots[drone].observe_sightings(self._onboard.clocks.restamped_sightings(drone, seen))
-
-    def _command(self, now_ns: int, drones: Sequence[int], action: Action) -> bytes | None:
-        """The operator commands some drones; what was sent."""
-        if not drones:
-            return None
-        own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
-        tickets = {self._configs[drone].id: self.pilots[drone].ticket(own_ns[drone]) for drone in drones}
-        payload = self._operator.ordered(now_ns, action, tickets)
-        for drone in drones:
-            self.pilots[drone].receive(self._operator.key, payload, own_ns[drone])
-        return payload
-
-    def _again(self, now_ns: int, drone: int, payload: bytes) -> None:
-        """A command that was sent before arrives once more."""
-        self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
-
-    def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
-        """The pilot of a drone's agent that has been started so many times before."""
-        boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
-        listeners = self._listen if drone == 0 else ()
-        config = self._configs[drone]
-        trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
-        shared = self._folds.of(drone), trust
-        return self._make(self._mission, config, boot, listeners, memory, *shared, nonce_key=nonce_key, read=self._read)
-
-    def _gone(self, drone: int) -> None:
-        """An agent has died, or begins."""
-        self._radio.silence(drone)
-        if self._recovery is not None:
-            self._recovery.begin_anew(drone)
-
-    def _move(self) -> None:
-        motion, error = self._multirotors, self._localization
-        flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
-        heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
-        told = zip(self._autopilots, self._telemetry.estimated_m, heights, self._telemetry.velocity_mps, strict=True)
-        for autopilot, estimated, height_m, velocity in told:
-            autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
-        targets = [autopilot.target for autopilot in self._autopilots]
-        turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
-        yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
-        setpoints = Setpoints(
-            turned[:, 0] + self._frames.origin,
-            turned[:, 1],
-            turned[:, 2],
-            yaws[:, 0] + self._frames.yaw_rad - error.yaw_error_rad,
-            yaws[:, 1],
-        )
-        grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
-        # The autopilot controls its estimates, not its true position and velocity.
-        motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
-        landing = any(autopilot.mode is FlightMode.LAND for autopilot in self._autopilots)
-        if not flat or motion.any_falls or landing:
-            motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
-        error.step()
-        self._onboard.poses.step()
-        self._frames.step(self.time_s, motion.position_m)
-        for autopilot, reframing in zip(self._autopilots, self._frames.reframing, strict=True):
-            if reframing is not None:
-                autopilot.reframe(reframing)
