@@ -2,14 +2,9 @@
 
 import csv
 import io
-import sys
-from pathlib import Path
 
 import msgspec
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
-
 import synthetic
 
 from sim.campaign.report import case_sentence, cases_csv
