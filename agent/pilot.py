@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 from msgspec import Struct
 
@@ -23,16 +22,15 @@ from agent.fusion.proofs import Proofs
 from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose, Whereabouts
-from agent.localization.poseproblems import pose_problems
 from agent.mission.commanding import Commanding, Verdict
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
 from agent.mission.news import News
 from agent.mission.orders import Orders
-from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
-from agent.mission.reporter import Believed, Condition, Outbox, Reporter
+from agent.mission.problems import Problems
+from agent.mission.reporter import Outbox
 from agent.mission.revoking import Revoking
-from agent.mission.stages import FLYING
+from agent.mission.telling import Telling
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.navigator import Reckoning
 from agent.navigation.peers import Peers
@@ -45,7 +43,7 @@ from protocol.codec import Read, decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import AnyDroneMessage, Failsafe, Order, Reaction, Stage, Status, Ticket, Upload
+from protocol.messages import AnyDroneMessage, Order, Stage, Ticket, Upload
 from protocol.revocations import Revocation, Revoked
 from protocol.signing import Trust, Verifier
 
@@ -58,7 +56,12 @@ class Step(Struct, frozen=True):
 
 
 class Pilot:
-    """One drone's mission, from the start command to the landing."""
+    """One drone's mission, from the start command to the landing.
+
+    From a pixel hit to a setpoint, in the order of the methods below: ``observe_detector`` makes log entries of it, which
+    ``_record`` signs, publishes and logs, as ``receive`` logs those of the others; ``advance`` works off what is new in the log,
+    into frames and hypothesis; and ``step`` plans by them.
+    """
 
     def __init__(
         self,
@@ -114,11 +117,151 @@ class Pilot:
         self._revoking = Revoking(drone.id, trust, verifier, *affected)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
         self._news = News(drone.id, boot, self._peers, self._clocks, self._proofs, self._revoking, self._problems)
-        self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
-        self._notices = self._told = tuple[str, ...]()
         self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
-        self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
+        seen = self._problems, self._world, self._own, self._clocks, self._camera, self._peers, self._proofs, self._executive
+        self._telling = Telling(
+            mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking, *seen
+        )
+
+    def observe_vehicle(self, state: VehicleState) -> None:
+        """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
+        if (vehicle := self._own.take(state)) is not None:
+            self._executive.follow(vehicle)
+
+    def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
+        """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
+        self._record(self._camera.observe(readout), readout.end_ns)
+        return self._outbox.take()
+
+    def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
+        """Take a satellite fix. Returns the resulting log entry, to be published at once."""
+        entry = self._sensors.fix(fix)
+        if entry is not None:
+            self._record([entry], entry.stamp_ns)
+        return self._outbox.take()
+
+    def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
+        """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
+        entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
+        logged = [entry for entry in entries if entry.sequence != NOT_LOGGED]
+        self._record(logged, max((entry.stamp_ns for entry in logged), default=0))
+        for entry in entries:
+            self._peers.see(entry)
+        return self._outbox.take()
+
+    def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
+        """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
+        sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
+        for entry in self._proofs.signed(sendable, now_ns):
+            if (payload := self._outbox.put(entry)) is not None:
+                self._fold(entry, payload, now_ns)
+
+    def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
+        if not self._world.take(entry, payload, now_ns):
+            self._revoking.recount(entry)
+            return
+        self._own.take_entry(entry)
+        if isinstance(entry, Coverage):
+            self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
+
+    def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
+        """Take a message from the mesh. An invalid one is counted and dropped, never raised.
+
+        Returns what became of a command to this drone, or of a revocation unless it is known; None for everything else.
+        """
+        try:
+            address = parse_key(key)  # as it is where the mesh has read it already
+            message = self._read(address, payload)
+        except ProtocolError:
+            self.counters["rejected_malformed"] += 1
+            return None
+        if address.swarm != self._swarm:
+            self.counters["dropped_other_swarm"] += 1
+            return None
+        if isinstance(message, Order):
+            answered = self._commanding.uploads.answer
+            verdict = self._commanding.judge(message, now_ns)
+            if self._commanding.uploads.answer is not answered:
+                self._telling.hurry(now_ns)  # before the shell begins anew
+            return verdict
+        if isinstance(message, Revocation | Revoked):
+            return self._revoking.hear(message, now_ns)
+        reason = self._dispatch(message, payload, now_ns)
+        if reason is not None:
+            self.counters[f"dropped_{reason}"] += 1
+        return None
+
+    def _dispatch(self, message: AnyDroneMessage, payload: bytes, now_ns: int) -> str | None:
+        if isinstance(message, Entry):
+            for entry, content in self._proofs.proven(message, payload, now_ns):
+                self._fold(entry, content, now_ns)
+            return None
+        dropped = self._news.hear(message, now_ns)
+        if self._news.pressing:
+            self._telling.hurry(now_ns)
+        return dropped
+
+    def log_summary(self) -> bytes:
+        """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
+        return self._exchange.summary()
+
+    def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
+        """Keys and payloads of log entries missing at the asking drone: a bounded number."""
+        return self._exchange.answer(request)
+
+    def advance(self, now_ns: int) -> None:
+        """Process new log entries, so that the hypothesis includes them before the next step.
+
+        Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
+        """
+        self._news.keep_time(now_ns)
+        self._numbers.keep_time(now_ns)
+        if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
+            self._sensors.begin_anew()
+            self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
+        self._world.advance(self._clocks.followed_ns(now_ns))
+
+    def step(self, now_ns: int) -> Step:
+        """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
+        self.advance(now_ns)
+        stage, finding = self.stage, self.finding
+        act = self._executive.step(now_ns, self._peers)
+        if self.stage is not stage or (self.finding and not finding):
+            self._telling.hurry(now_ns)
+        if act.plan is not None:
+            self._outbox.put(act.plan)
+        entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
+        if self._own.is_estimated:
+            entries += self._observer.unseen(now_ns)
+        self._record(entries, now_ns)
+        self._telling.tell(now_ns)
+        return Step(self._outbox.take(), act.command)
+
+    def warn(self, problems: tuple[str, ...]) -> None:
+        """Set the warnings that the shell has for the operator; replaces the previous ones."""
+        self._problems.warned = problems
+
+    def block(self, problems: tuple[str, ...]) -> None:
+        """Set the problems found by the shell that prevent a start; replaces the previous ones."""
+        self._problems.blocked = problems
+
+    def ticket(self, now_ns: int) -> Ticket:
+        """What the next command to this drone needs, as its status tells it."""
+        return self._orders.ticket(now_ns)
+
+    def notice(self, notices: tuple[str, ...]) -> None:
+        """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
+        self._telling.notice(notices)
+
+    @property
+    def taking(self) -> Upload | None:
+        """The mission that the shell is to fetch, keep and begin anew with; None: none."""
+        return self._commanding.uploads.taking
+
+    def decline(self, reason: str) -> None:
+        """Tell the operator why the mission that was to be taken is not."""
+        self._commanding.uploads.decline(reason)
 
     @property
     def stage(self) -> Stage:
@@ -187,7 +330,7 @@ class Pilot:
     @property
     def problems(self) -> tuple[str, ...]:
         """Those of the last status."""
-        return self._told
+        return self._telling.told
 
     @property
     def whereabouts(self) -> Whereabouts | None:
@@ -198,164 +341,3 @@ class Pilot:
     def reckoning(self) -> Reckoning | None:
         """What the last plan was made with; None where somebody else flies."""
         return self._executive.reckoning
-
-    def warn(self, problems: tuple[str, ...]) -> None:
-        """Set the warnings that the shell has for the operator; replaces the previous ones."""
-        self._problems.warned = problems
-
-    def block(self, problems: tuple[str, ...]) -> None:
-        """Set the problems found by the shell that prevent a start; replaces the previous ones."""
-        self._problems.blocked = problems
-
-    def ticket(self, now_ns: int) -> Ticket:
-        """What the next command to this drone needs, as its status tells it."""
-        return self._orders.ticket(now_ns)
-
-    def notice(self, notices: tuple[str, ...]) -> None:
-        """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
-        self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
-
-    @property
-    def taking(self) -> Upload | None:
-        """The mission that the shell is to fetch, keep and begin anew with; None: none."""
-        return self._commanding.uploads.taking
-
-    def decline(self, reason: str) -> None:
-        """Tell the operator why the mission that was to be taken is not."""
-        self._commanding.uploads.decline(reason)
-
-    def log_summary(self) -> bytes:
-        """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
-        return self._exchange.summary()
-
-    def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of log entries missing at the asking drone: a bounded number."""
-        return self._exchange.answer(request)
-
-    def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
-        if (vehicle := self._own.take(state)) is not None:
-            self._executive.follow(vehicle)
-
-    def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
-        self._record(self._camera.observe(readout), readout.end_ns)
-        return self._outbox.take()
-
-    def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
-        """Take a satellite fix. Returns the resulting log entry, to be published at once."""
-        entry = self._sensors.fix(fix)
-        if entry is not None:
-            self._record([entry], entry.stamp_ns)
-        return self._outbox.take()
-
-    def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
-        """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
-        entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
-        logged = [entry for entry in entries if entry.sequence != NOT_LOGGED]
-        self._record(logged, max((entry.stamp_ns for entry in logged), default=0))
-        for entry in entries:
-            self._peers.see(entry)
-        return self._outbox.take()
-
-    def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
-        """Take a message from the mesh. An invalid one is counted and dropped, never raised.
-
-        Returns what became of a command to this drone, or of a revocation unless it is known; None for everything else.
-        """
-        try:
-            address = parse_key(key)  # as it is where the mesh has read it already
-            message = self._read(address, payload)
-        except ProtocolError:
-            self.counters["rejected_malformed"] += 1
-            return None
-        if address.swarm != self._swarm:
-            self.counters["dropped_other_swarm"] += 1
-            return None
-        if isinstance(message, Order):
-            answered = self._commanding.uploads.answer
-            verdict = self._commanding.judge(message, now_ns)
-            if self._commanding.uploads.answer is not answered:
-                self._reporter.hurry(now_ns)  # before the shell begins anew
-            return verdict
-        if isinstance(message, Revocation | Revoked):
-            return self._revoking.hear(message, now_ns)
-        reason = self._dispatch(message, payload, now_ns)
-        if reason is not None:
-            self.counters[f"dropped_{reason}"] += 1
-        return None
-
-    def advance(self, now_ns: int) -> None:
-        """Process new log entries, so that the hypothesis includes them before the next step.
-
-        Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
-        """
-        self._news.keep_time(now_ns)
-        self._numbers.keep_time(now_ns)
-        if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
-            self._sensors.begin_anew()
-            self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
-        self._world.advance(self._clocks.followed_ns(now_ns))
-
-    def step(self, now_ns: int) -> Step:
-        """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
-        self.advance(now_ns)
-        stage, finding = self.stage, self.finding
-        act = self._executive.step(now_ns, self._peers)
-        if self.stage is not stage or (self.finding and not finding):
-            self._reporter.hurry(now_ns)
-        if act.plan is not None:
-            self._outbox.put(act.plan)
-        entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
-        if self._own.is_estimated:
-            entries += self._observer.unseen(now_ns)
-        self._record(entries, now_ns)
-        self._report(now_ns)
-        return Step(self._outbox.take(), act.command)
-
-    def _dispatch(self, message: AnyDroneMessage, payload: bytes, now_ns: int) -> str | None:
-        if isinstance(message, Entry):
-            for entry, content in self._proofs.proven(message, payload, now_ns):
-                self._fold(entry, content, now_ns)
-            return None
-        dropped = self._news.hear(message, now_ns)
-        if self._news.pressing:
-            self._reporter.hurry(now_ns)
-        return dropped
-
-    def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
-        """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
-        sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
-        for entry in self._proofs.signed(sendable, now_ns):
-            if (payload := self._outbox.put(entry)) is not None:
-                self._fold(entry, payload, now_ns)
-
-    def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
-        if not self._world.take(entry, payload, now_ns):
-            self._revoking.recount(entry)
-            return
-        self._own.take_entry(entry)
-        if isinstance(entry, Coverage):
-            self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
-
-    def _report(self, now_ns: int) -> None:
-        frame, condition, hypothesis = self._own.frame, partial(self._condition, now_ns), self.fusion.hypothesis
-        believed = partial(Believed.of, self.fusion, hypothesis) if hypothesis is not None else None
-        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, believed
-        for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, *known, condition)):
-            if not isinstance(message, Status):
-                self._outbox.put(message)
-            elif (status := self._outbox.sendable(message)) is not None:
-                self._outbox.put(self._proofs.signed_status(status))
-
-    def _condition(self, now_ns: int) -> Condition:
-        posed = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
-        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed)
-        self._problems.noticed = self._camera.problems(now_ns)
-        self._problems.flown = self._executive.problems(now_ns)
-        self._commanding.look(now_ns)
-        problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
-        delays_ns, began_ns, seen = self._clocks.delays_ns(now_ns), self._executive.started_ns, self._camera.recognised
-        told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns
-        ticket, notices = self._orders.ticket(now_ns), (*self._revoking.notices, *self._notices)[:MOST_NOTICES]
-        return Condition(*told, ticket, self._failsafe, notices, self._commanding.uploads.answer, self._orders.obeyed)

@@ -20,7 +20,7 @@ import numpy as np
 
 from sim.live.swarm import fly_live
 from sim.live.view import View
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.result import Flight
 from sim.scenario import load_scenario
 

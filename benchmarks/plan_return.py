@@ -15,7 +15,7 @@ import numpy as np
 from agent.motion.steering import RETURN_S
 from sim.campaign.faults.mission import Mission
 from sim.geometry import Array
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
 from sim.scenario import parse_scenario
 from sim.scoring.moment import Moment
 

@@ -117,7 +117,7 @@ def _tolerated(series: Series, name: str) -> float:
 
 def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> None:
     """One mission in lockstep that tracks for so long."""
-    from sim.lockstep import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+    from sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
     series, due_s = Series("lockstep, one mission", seconds), 0.0
 
@@ -135,7 +135,7 @@ def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> No
 
 def short_missions(pipe: Connection, drones: int, seed: int, number: int) -> None:
     """Missions in lockstep, one after the other in the same process."""
-    from sim.lockstep import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+    from sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
     series = Series("lockstep, missions")
     for place in range(number):

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from sim.figures.spacing import WITHIN_DEG
 from sim.figures.style import dress, drone_colour, new_figure, save
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.result import Flight
 from sim.scenario import load_scenario
 from sim.scoring.statistics import hypothesis_steps, settling_times

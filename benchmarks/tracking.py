@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import track
 
 from agent.navigation.identification import ResponseEstimator
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.result import RunResult
 from sim.scenario import load_scenario, override
 

@@ -26,8 +26,8 @@ import numpy as np
 
 from agent.errors import ConfigError
 from sim.geometry import Array
-from sim.lockstep import TICK_NS
-from sim.lockstep import fly as _fly
+from sim.lockstep.flight import fly as _fly
+from sim.lockstep.world import TICK_NS
 from sim.result import Flight, RunResult, Trace
 from sim.scenario import Scenario, load_scenario, override, shipped
 from sim.scoring.moment import EPOCH_NS

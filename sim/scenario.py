@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.drone import ResponseConfig
-from agent.config.loading import convert, read_toml, with_files
+from agent.config.loading import convert, merged, read_toml, with_files
 from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
 from agent.fusion.registry import check_estimator
@@ -202,8 +202,8 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, object]:
         found = _base(path, base)
         if found.resolve() in (path.resolve(), *seen):
             raise ConfigError(f"{path}: base: {base!r} leads back to this file")
-        whole = _merge(whole, _read(found, (*seen, path.resolve())))
-    return _merge(whole, document)
+        whole = merged(whole, _read(found, (*seen, path.resolve())))
+    return merged(whole, document)
 
 
 def _base(path: Path, base: str) -> Path:
@@ -217,14 +217,6 @@ def _base(path: Path, base: str) -> Path:
             break
     known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.toml")))
     raise ConfigError(f"{path}: base: there is no {named!r} in {path.parent}, nor among the shipped scenarios: {known}")
-
-
-def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object]:
-    merged = dict(base)
-    for key, value in over.items():
-        old = merged.get(key)
-        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return merged
 
 
 def parse_scenario(document: dict[str, Any], where: str) -> Scenario:

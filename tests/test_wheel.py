@@ -45,9 +45,8 @@ def test_every_module_of_the_tree_is_in_the_wheel(installed: Path) -> None:
 
 
 def test_it_is_imported_from_outside_the_tree(installed: Path, tmp_path: Path) -> None:
-    code = (
-        f"import {', '.join(PACKAGES)}, agent.pilot, sim.lockstep\nfor module in ({', '.join(PACKAGES)}): print(module.__file__)"
-    )
+    names = ", ".join(PACKAGES)
+    code = f"import {names}, agent.pilot, sim.lockstep.flight\nfor module in ({names}): print(module.__file__)"
     places = run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=str(installed)).split()
     assert places == [str(installed / package / "__init__.py") for package in PACKAGES]
 

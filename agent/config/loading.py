@@ -32,6 +32,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not TOML: nested too deeply") from None
 
 
+def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """One document over another: its values count, section by section."""
+    whole = dict(base)
+    for key, value in over.items():
+        old = whole.get(key)
+        whole[key] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return whole
+
+
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read a TOML file into a config type.
 

@@ -32,7 +32,6 @@ _CHEAP = 0.05  # cost of passing a shape on, against that of uniting two
 
 Path: TypeAlias = NDArray[np.float64]  # (K, 2), mission frame
 Area: TypeAlias = Polygon | MultiPolygon
-_EMPTY = Polygon()
 
 
 @dataclass(slots=True)

@@ -10,7 +10,6 @@ from agent.localization.clocks import LIMIT_S
 from agent.vehicle.interface import Finding
 
 NAME = "chrony"
-_COMMAND = ("chronyc", "-n", "-c", "tracking")
 _PATIENCE_S = 3.0
 # Fields of the report, by chronyc(1): reference id, server, stratum, reference time, offset of the system's clock in seconds, and
 # more, to the leap status.

@@ -25,7 +25,7 @@ from protocol.codec import decode
 from protocol.entries import Credential, Entry, Exposure
 from protocol.keys import drone_key
 from protocol.messages import Estimate, Stage, Status
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
 from sim.scenario import load_scenario, override
 
 FLOWN = 3

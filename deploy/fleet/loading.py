@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from agent.config.loading import convert, load_mission, read_toml
+from agent.config.loading import convert, load_mission, merged, read_toml
 from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
 from agent.errors import ConfigError
@@ -86,16 +86,8 @@ def _with_shared_keys(document: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(drones, list) or not all(isinstance(drone, dict) for drone in drones):
         return document
     shared = {key: document[key] for key in _SHARED if key in document}
-    merged = [_merged(shared, drone) for drone in drones]
-    return {key: value for key, value in document.items() if key != "drones"} | {"drones": merged}
-
-
-def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    result = dict(base)
-    for key, value in own.items():
-        before = result.get(key)
-        result[key] = _merged(before, value) if isinstance(before, dict) and isinstance(value, dict) else value
-    return result
+    whole = [merged(shared, drone) for drone in drones]
+    return {key: value for key, value in document.items() if key != "drones"} | {"drones": whole}
 
 
 def _check_drones(fleet: Fleet) -> None:

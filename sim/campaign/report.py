@@ -10,9 +10,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from matplotlib.figure import Figure
+from msgspec import Struct
 
 from sim.campaign.flights import Flown
-from sim.campaign.sources import sources_csv, sources_markdown, summarise_sources
+from sim.campaign.sources import sources_markdown, summarise_sources
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.error import error_figure
 from sim.figures.map import last_tracking, map_figure
@@ -135,8 +136,8 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
         return []
     rows = [({"scenario": case.name, **dict(case.point)}, summarise(runs)) for case, runs in groups]
     sources = [(case, summarise_sources(runs)) for (case, _), (_, runs) in zip(rows, groups, strict=True)]
-    write_text(folder / "summary.csv", summary_csv(rows))
-    write_text(folder / "sources.csv", sources_csv(sources))
+    write_text(folder / "summary.csv", cases_csv(rows))
+    write_text(folder / "sources.csv", cases_csv(sources))
     write_text(folder / "summary.md", f"{summary_markdown(rows)}\n{sources_markdown(sources)}{failed_note(flown)}")
     estimators = ", ".join(sorted({run.estimator for _, runs in groups for run in runs}))
     title = f"estimator {estimators}, seeds from {flown.campaign.seed_base}"
@@ -178,11 +179,11 @@ def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
 Row = tuple[Mapping[str, object], Summary]
 
 
-def summary_csv(rows: Sequence[Row]) -> str:
-    """A line per case: scenario and sweep point, then all fields of its ``Summary``; empty cells for missing numbers."""
+def cases_csv(rows: Sequence[tuple[Mapping[str, object], Struct]]) -> str:
+    """A line per case: scenario and sweep point, then all fields of its summary; empty cells for missing numbers."""
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
-    table.writerow([*rows[0][0], *Summary.__struct_fields__])
+    table.writerow([*rows[0][0], *rows[0][1].__struct_fields__])
     for case, summary in rows:
         table.writerow([*case.values(), *("" if value is None else value for value in msgspec.structs.astuple(summary))])
     return stream.getvalue()

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-import msgspec
 import numpy as np
 from msgspec import Struct
 
@@ -54,16 +51,6 @@ def summarise_sources(results: Sequence[RunResult]) -> SourceSummary:
 
 
 Row = tuple[Mapping[str, object], SourceSummary]
-
-
-def sources_csv(rows: Sequence[Row]) -> str:
-    """A line per case: scenario and sweep point, then all fields of its ``SourceSummary``; empty cells for missing numbers."""
-    stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
-    table.writerow([*rows[0][0], *SourceSummary.__struct_fields__])
-    for case, summary in rows:
-        table.writerow([*case.values(), *("" if value is None else value for value in msgspec.structs.astuple(summary))])
-    return stream.getvalue()
 
 
 _COLUMNS: tuple[tuple[str, Callable[[SourceSummary], str]], ...] = (

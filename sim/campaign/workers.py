@@ -81,7 +81,7 @@ class Executor(Protocol):
 
 def fly_job(job: Job) -> RunResult:
     """Fly a job in the simulation."""
-    from sim.lockstep import fly  # noqa: PLC0415  (only the workers need the physics)
+    from sim.lockstep.flight import fly  # noqa: PLC0415  (only the workers need the physics)
 
     listeners = () if job.listen is None else (job.listen,)
     flight = fly(job.case.scenario, job.seed, estimator=job.estimator, law=job.law, listen=listeners)

@@ -32,8 +32,8 @@ def consistency(
     from sim.campaign.consistency import SCENARIOS, write_consistency  # noqa: PLC0415
     from sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415  (heavy imports wait until they are needed)
     from sim.campaign.table import as_rich, as_text, blocks  # noqa: PLC0415
-    from sim.console import campaign_progress, say  # noqa: PLC0415
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     chosen = checked(scenario or list(SCENARIOS), {}, settings, [estimator], law)

@@ -60,14 +60,14 @@ def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: E
     """Fly a campaign's missions, and tell and write what was found; exit code 1 where something is violated."""
     from sim.campaign.faults.campaign import fly_faults  # noqa: PLC0415
     from sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
-    from sim.console import campaign_progress, say  # noqa: PLC0415
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     with campaign_progress("faults") as watch:
         flown = fly_faults(campaign, out, execute, fly, watch)
     summary = summarise(flown.verdicts)
     typer.echo(table(summary), nl=False)
-    for line in (line for verdict in flown.verdicts for line in told(verdict)):
+    for line in (line for verdict in flown.verdicts for line in told(verdict, campaign.course)):
         say(line, stdout)
     for line in sentences(summary):
         say(line, stdout)
@@ -82,7 +82,7 @@ def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: E
 def _minimise(mission: Mission) -> None:
     from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
     from sim.campaign.faults.minimise import minimise  # noqa: PLC0415
-    from sim.console import say  # noqa: PLC0415
+    from sim.commands.console import say  # noqa: PLC0415
 
     found = minimise(mission, tell=say)
     if found is None:

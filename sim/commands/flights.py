@@ -57,8 +57,8 @@ def run(
     ] = None,
 ) -> None:
     """Fly one mission, and print the source estimate, its 1-sigma radius, and its distance from the truth."""
-    from sim.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     if seed < 0:
         raise ConfigError(f"--seed {seed}: give 0 or more")
@@ -71,7 +71,7 @@ def run(
         make_folder(out)
 
     from sim.campaign.report import error_of, faults_of, sentence, write_flight  # noqa: PLC0415
-    from sim.lockstep import fly  # noqa: PLC0415
+    from sim.lockstep.flight import fly  # noqa: PLC0415
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
@@ -107,8 +107,8 @@ def campaign(
     """Fly scenarios many times, on all cores or on a Dask cluster. After an interruption, rerun the same command to resume."""
     from sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415
     from sim.campaign.report import case_sentence, write_campaign  # noqa: PLC0415
-    from sim.console import campaign_progress, say  # noqa: PLC0415
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     chosen = checked(scenario, parse_sweep(sweep or []), settings, [name for name in (estimator, listen) if name], law)
@@ -139,8 +139,8 @@ def table(
 ) -> None:
     """Compare with the paper's table: four scenarios, solo and swarm, static and moving source, with the error over the bound."""
     from sim.campaign.table import FIELD, NOTE, SIMULATIONS, Pilot, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
-    from sim.console import campaign_progress, say  # noqa: PLC0415
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     names = [name.strip() for name in estimators.split(",") if name.strip()]
@@ -221,7 +221,7 @@ def exit_on(failures: Sequence[Outcome[Job, RunResult]], out: Path | None) -> No
     """End the command with code 1 if flights failed, and name them so that they can be repeated."""
     if not failures:
         return
-    from sim.console import say  # noqa: PLC0415
+    from sim.commands.console import say  # noqa: PLC0415
 
     where = f"; tracebacks in {out}/.../failures.jsonl" if out is not None else ""
     named = ", ".join(outcome.job.label for outcome in failures[:10])

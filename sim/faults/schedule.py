@@ -12,7 +12,7 @@ import numpy as np
 from sim.faults.base import Fault
 
 T = TypeVar("T", bound=Fault)
-_STREAM = 1_000_004  # key of the faults' random streams, beside those of ``sim.streams``
+_STREAM = 1_000_004  # key of the faults' random streams, beside those of ``sim.world.streams``
 
 
 class Active:

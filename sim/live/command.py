@@ -85,8 +85,8 @@ def live(
     ] = "emulated",
 ) -> None:
     """Fly one mission with real agents: a process for each drone, Zenoh between them, and MAVLink to emulated vehicles."""
-    from sim.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.commands.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.commands.console import out as stdout  # noqa: PLC0415
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
     check_json(json)
@@ -192,7 +192,7 @@ def run_live(flight: Coroutine[None, None, T]) -> T:
     try:
         return asyncio.run(fly())
     except asyncio.CancelledError:
-        from sim.console import say  # noqa: PLC0415
+        from sim.commands.console import say  # noqa: PLC0415
 
         say("stopped on request before the end; all processes have ended")
         raise typer.Exit(128 + received[0]) from None

@@ -28,8 +28,8 @@ from protocol.issuing import throwaway
 from sim.live.crew import Guidance
 from sim.runfile import make_folder, write_text
 from sim.scenario import Scenario
-from sim.streams import streams
 from sim.world.launch import launch_places
+from sim.world.streams import streams
 
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
 LOCAL = "127.0.0.1"

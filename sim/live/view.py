@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from protocol.messages import Stage
-from sim.console import Every, err, say
+from sim.commands.console import Every, err, say
 from sim.live.monitor import SILENT_S, ObservedAgent
 from sim.live.worldlink import Truth
 

@@ -26,7 +26,6 @@ from sim.live.feed import ByteServer, FeedServer, LineServer
 from sim.live.vehicles import Vehicles
 from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
 from sim.scoring.recorder import LONGEST_START_S
-from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
@@ -38,6 +37,7 @@ from sim.world.movingframes import MovingFrames
 from sim.world.sightings import Sightings
 from sim.world.slam import Slam
 from sim.world.sources import Source, Sources
+from sim.world.streams import Streams, streams
 from sim.world.terrain import Terrain
 from sim.world.walls import Walls
 

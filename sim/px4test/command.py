@@ -36,8 +36,8 @@ def px4_test(
     ] = Path("results/px4-test"),
 ) -> None:
     """Test flights of three live agents: two missions, hold and resume, an agent killed, GNSS lost. Code 1: one failed."""
-    from sim.console import out as stdout  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.console import say  # noqa: PLC0415
+    from sim.commands.console import out as stdout  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.commands.console import say  # noqa: PLC0415
 
     chosen = tuple(only or TESTS)
     if unknown := [name for name in chosen if name not in TESTS]:

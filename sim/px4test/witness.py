@@ -40,7 +40,6 @@ class Witness:
         self.moments: list[Moment] = []
         self._agents = operator.observer.agents
         drones = operator.mission.drones
-        self._places = {drone.id: place for place, drone in enumerate(drones)}
         self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in drones])
         self._own: list[Array | None] = [None] * len(drones)
         operator.watchers.append(self._see)

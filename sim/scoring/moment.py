@@ -60,6 +60,10 @@ class Flown(Protocol):
         """Age of the setpoint that the vehicle follows; None where it follows none."""
 
 
+class Shared:
+    """What the agents of a flight in one process have in common, and what is no part of any one's memory."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scene:
     """What can be observed of any flight, in lockstep or live. One drone per row and item, in the order of the mission.

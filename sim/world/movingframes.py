@@ -14,12 +14,12 @@ import numpy as np
 
 from agent.config.mission import DatumConfig
 from sim.geometry import Array, Vector3
-from sim.streams import Streams
 from sim.vehicle.guidance import Reframing
 from sim.world.frame import LocalFrames
 from sim.world.gnss import Receiver
 from sim.world.localization import LocalizationTruth
 from sim.world.localizers import EventTruth, Kind, LiarTruth, SlamTruth, VehicleTruth
+from sim.world.streams import Streams
 
 _FILTER_S = 1.0  # time constant with which an autopilot follows its receiver: positions do not jump with it, but slide
 # Shares of its receiver's error in a vehicle's position: heights depend more on barometer and rangefinder.

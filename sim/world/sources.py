@@ -12,9 +12,9 @@ from shapely import Polygon
 
 from sim.geometry import Vector3
 from sim.scenario import Scenario
-from sim.streams import Streams
 from sim.world.source import Path, Place, anywhere, source_path
 from sim.world.sourcetruth import RandomSourcesTruth
+from sim.world.streams import Streams
 from sim.world.terrain import Terrain
 
 _TRIES = 1000  # for a place beside the others, before all are drawn anew

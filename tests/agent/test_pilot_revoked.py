@@ -3,39 +3,42 @@
 import random
 from dataclasses import replace as replace_in
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from members import AUTHORITY, FOREIGN, cones, credential, give, order, revocation, trusting
+from members import (
+    AUTHORITY,
+    BOOT,
+    FOREIGN,
+    LATER,
+    NUMBERS,
+    cones,
+    credential,
+    full,
+    give,
+    keyed,
+    order,
+    passed_on,
+    revocation,
+    trusting,
+)
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, partner, state
 
 from agent.config.drone import DroneConfig
 from agent.fusion.revocations import MOST_REFUSED
 from agent.mission.commanding import Verdict
-from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode
 from protocol.codec import decode, encode
 from protocol.entries import Coverage
 from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Pose, Stage, Status
 from protocol.revocations import MOST_HELD, Revoked
-from protocol.signing import sign_entries, sign_obeying
+from protocol.signing import sign_entries
 
-BOOT, LATER = "2" * 16, "3" * 16
-NUMBERS = range(1, 11)
 ANNA = AUTHORITY.trust("anna", Role.OPERATOR, may_revoke=True)
 OBEYED = Verdict()
-
-
-def full(*, boot=None):
-    """A pilot with the entries of d2, which has run twice."""
-    one = trusting(boot=boot)
-    give(one, credential(), *cones(NUMBERS), credential(boot=LATER), *cones(NUMBERS, boot=LATER))
-    return one
 
 
 def counted(one):
@@ -48,11 +51,6 @@ def counted(one):
 def status_of(one, now_ns=START_NS):
     (status,) = messages(one.step(now_ns), Status)
     return status
-
-
-def passed_on(one, now_ns=START_NS):
-    """Keys and payloads of what a pilot passes on."""
-    return [(key, payload) for key, payload in one.step(now_ns).publications if key.endswith("/revoked")]
 
 
 def test_a_revocation_leaves_out_what_lies_beyond_its_numbers():
@@ -111,7 +109,7 @@ def test_a_key_whose_certificate_has_ended_revokes_nobody_but_what_was_taken_in_
     assert one.receive(key, payload, late_ns).refused == "with_expired_certificate"
     assert one.revocations == ()
     passed_on = Revoked(stamp_ns=late_ns, drone="d2", held=(decode(payload),))
-    assert one.receive(*_told(passed_on), late_ns) == OBEYED
+    assert one.receive(*keyed(passed_on), late_ns) == OBEYED
     in_time = full(boot="e" * 16)
     assert in_time.receive(key, payload, START_NS) == OBEYED
     for pilot in (one, in_time):
@@ -264,31 +262,27 @@ def test_what_is_passed_on_is_believed_only_as_it_was_signed():
     genuine = full(boot="e" * 16)
     genuine.receive(*revocation(last={BOOT: 6}), START_NS)
     forged = replace(genuine.revocations[0], last={})
-    verdict = one.receive(*_told(Revoked(stamp_ns=START_NS, drone="d2", held=(forged,))), START_NS)
+    verdict = one.receive(*keyed(Revoked(stamp_ns=START_NS, drone="d2", held=(forged,))), START_NS)
     one.advance(START_NS)
     assert verdict.refused == "forged"
     assert one.digest == before
-    assert one.receive(*_told(Revoked(stamp_ns=START_NS, drone="d2", held=(forged, genuine.revocations[0]))), START_NS) == OBEYED
-
-
-def _told(message):
-    return key_of(MISSION.swarm, message), encode(message)
+    assert one.receive(*keyed(Revoked(stamp_ns=START_NS, drone="d2", held=(forged, genuine.revocations[0]))), START_NS) == OBEYED
 
 
 def test_news_of_a_revoked_drone_are_dropped_and_its_last_place_is_kept():
     one = full()
     for message in partner(START_NS):
-        one.receive(*_told(message), START_NS)
+        one.receive(*keyed(message), START_NS)
     one.receive(*revocation(), START_NS)
     for message in partner(START_NS + SECOND):
-        one.receive(*_told(message), START_NS + SECOND)
+        one.receive(*keyed(message), START_NS + SECOND)
     assert one.counters["dropped_revoked"] == 2
     assert one._executive._navigator.excluded == {"d2"}
     assert isinstance(one._peers["d2"].pose, Pose)
     assert one._peers["d2"].pose.stamp_ns == START_NS
     unaware = full()
     for message in (*partner(START_NS), *partner(START_NS + SECOND)):
-        unaware.receive(*_told(message), START_NS + SECOND)
+        unaware.receive(*keyed(message), START_NS + SECOND)
     assert unaware._peers["d2"].pose.stamp_ns == START_NS + SECOND
 
 
@@ -321,139 +315,6 @@ def test_the_revoked_drone_itself_says_so_and_does_not_start():
     assert "revoked" in one.receive(*order(Action.START, START_NS), START_NS).because
 
 
-def obeying(one, now_ns):
-    """Those that a pilot passes on as obeying."""
-    ((_, payload),) = passed_on(one, now_ns)
-    return tuple(word.drone for word in decode(payload).obeying)
-
-
-def word(held, drone="d2", signer=None):
-    """Of a drone that it obeys a revocation."""
-    return replace(sign_obeying(held, AUTHORITY.trust(signer or drone)), drone=drone)
-
-
-@pytest.mark.parametrize(
-    ("mode", "tells"), [(FlightMode.OFFBOARD, ("d1",)), (FlightMode.MANUAL, ()), (FlightMode.RETURN, ())], ids=str
-)
-def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode, tells):
-    one = full()
-    one.observe_vehicle(state(START_NS))
-    one.receive(*order(Action.START, START_NS), START_NS)
-    one.step(START_NS)
-    assert one.stage is Stage.SURVEY
-    one.observe_vehicle(state(START_NS + SECOND, mode=mode))
-    one.receive(*revocation(member="d1"), START_NS + SECOND)
-    assert obeying(one, START_NS + SECOND) == tells
-    assert one.stage is Stage.RETURN
-
-
-def test_a_revoked_drone_that_does_not_fly_tells_nothing():
-    one = full()
-    one.observe_vehicle(state(START_NS))
-    one.receive(*revocation(member="d1"), START_NS)
-    assert obeying(one, START_NS) == ()
-
-
-def believed(one):
-    """Whom a pilot takes to have left the circle, or to do so soon."""
-    return tuple(one._executive._navigator._neighbourhood._silent._obeys_ns)
-
-
-@pytest.mark.parametrize("teller", ["d2", "d3"])
-def test_that_a_revoked_drone_obeys_is_believed_where_it_has_signed_it(teller):
-    """By itself, or passed on."""
-    one = full()
-    one.receive(*revocation(), START_NS)
-    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(one.revocations[0]),))), START_NS)
-    assert obeying(one, START_NS) == ("d2",)  # and passed on
-    assert believed(one) == ("d2",)
-
-
-def test_a_word_is_not_passed_on_once_another_revocation_counts():
-    """Whoever knows that one alone would take it for forged."""
-    one = full()
-    one.receive(*revocation(last={BOOT: 6}), START_NS)
-    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
-    one.receive(*_told(message), START_NS)
-    one.receive(*revocation(last={BOOT: 3}), START_NS)
-    assert len(one.revocations) == 1
-    assert obeying(one, START_NS) == ()
-    assert believed(one) == ("d2",)  # it is on its way home as before
-    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
-    one.receive(*_told(message), START_NS + SECOND)
-    assert obeying(one, START_NS + SECOND) == ("d2",)
-
-
-@pytest.mark.parametrize("teller", ["d2", "d3"])
-@pytest.mark.parametrize("attack", ["another signs", "no signature", "another revocation", "not revoked", "as an operator"])
-def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attack, teller):
-    """Else any member could bring the others onto a circle on which one flies that has not heard of its revocation."""
-    one = full()
-    one.receive(*revocation(), START_NS)
-    held = one.revocations[0]
-    before = decode(revocation(stamp_ns=START_NS - SECOND)[1])
-    told = {
-        "another signs": word(held, signer="d3"),
-        "no signature": replace(word(held), signature=b""),
-        "another revocation": word(before),
-        "not revoked": word(held, drone="d3"),
-        "as an operator": replace(word(held), certificate=AUTHORITY.trust("d2", Role.OPERATOR).certificate),
-    }[attack]
-    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(told,))), START_NS)
-    assert obeying(one, START_NS) == believed(one) == ()
-    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(held),))), START_NS)
-    assert believed(one) == ("d2",)
-
-
-def hear_two_sources(one):
-    """For two seconds, under the id of d2."""
-    for tick in range(20):
-        now_ns = START_NS + tick * SECOND // 10
-        here = next(message for message in partner(now_ns) if isinstance(message, Pose))
-        east, north, up = here.position_m
-        for pose in (here, replace(here, position_m=(east + 30.0, north, up))):
-            one.receive(*_told(pose), now_ns)
-
-
-def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
-    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
-    one, now_ns = full(), START_NS + 2 * SECOND
-    hear_two_sources(one)
-    assert one._peers["d2"].sources.are_two(now_ns)
-    one.receive(*revocation(), now_ns)
-    message = Revoked(stamp_ns=now_ns, drone="d2", held=(), obeying=(word(one.revocations[0]),))
-    for later_s in (0, 1, 60):  # nor when the two are no longer shown
-        one.receive(*_told(message), now_ns + later_s * SECOND)
-    assert believed(one) == ()
-
-
-def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
-    """Each finds the revocation in a file of its own, and hears the word again; the two sources are silent by then."""
-    memory = Memory(mission=MISSION.mission_id, stamp_ns=START_NS, started_ns=START_NS, stage=Stage.SURVEY, resume=Stage.SURVEY)
-    for restart in range(3):
-        now_ns = START_NS + 5 * restart * SECOND
-        one = trusting(memory=memory)
-        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
-        if restart == 0:
-            hear_two_sources(one)
-        one.receive(*revocation(), now_ns + 2 * SECOND)
-        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
-        one.receive(*_told(message), now_ns + 3 * SECOND)
-        one.step(now_ns + 3 * SECOND)
-        assert believed(one) == ()
-        memory = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
-
-
-def test_a_flood_of_words_that_nobody_has_signed_costs_little():
-    one = full()
-    one.receive(*revocation(), START_NS)
-    forged = replace(word(one.revocations[0]), signature=bytes(64))
-    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(forged,) * MOST_HELD)
-    for _ in range(100):
-        one.receive(*_told(flood), START_NS)
-    assert one.counters["dropped_obeying_forged"] == MOST_REFUSED
-
-
 def test_revocations_are_bounded():
     one = full()
     for number in range(MOST_HELD):
@@ -467,16 +328,16 @@ def test_a_flood_of_forged_revocations_costs_little_and_a_genuine_one_of_that_dr
     one, forged = full(), decode(revocation(signature=bytes(64))[1])
     flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
     for _ in range(100):
-        one.receive(*_told(flood), START_NS)
+        one.receive(*keyed(flood), START_NS)
     assert one.counters["dropped_revocation_forged"] == MOST_REFUSED
     assert one.counters["dropped_revocation_flood"] > 50
-    assert one.receive(*_told(replace(flood, held=(decode(revocation()[1]),))), START_NS) is None  # by the same drone
-    assert one.receive(*_told(replace(flood, held=(decode(revocation()[1]),))), START_NS + SECOND) == OBEYED
+    assert one.receive(*keyed(replace(flood, held=(decode(revocation()[1]),))), START_NS) is None  # by the same drone
+    assert one.receive(*keyed(replace(flood, held=(decode(revocation()[1]),))), START_NS + SECOND) == OBEYED
 
 
 def test_whoever_sends_forged_revocations_uses_up_nobody_elses_share():
     one, forged = full(), decode(revocation(signature=bytes(64))[1])
     flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
     for _ in range(100):
-        one.receive(*_told(flood), START_NS)
+        one.receive(*keyed(flood), START_NS)
     assert one.receive(*revocation(), START_NS) == OBEYED

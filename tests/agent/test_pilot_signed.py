@@ -14,7 +14,7 @@ from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status
 from protocol.signing import Verifier, sign_command, sign_status
-from sim.members import OPERATOR_NAME
+from sim.lockstep.members import OPERATOR_NAME
 
 
 def ready():

@@ -12,7 +12,7 @@ from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Answer, Stage, Status, Ticket, Upload
 from protocol.signing import sign_command, sign_status
-from sim.members import OPERATOR_NAME
+from sim.lockstep.members import OPERATOR_NAME
 
 NEW = "abcdef0123456789"
 PARTS = (b"h" * 32,)

@@ -6,7 +6,7 @@ import sys
 import docs_pages
 import pytest
 
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.scenario import load_scenario, override
 
 

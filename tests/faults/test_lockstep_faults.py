@@ -5,7 +5,7 @@ import pytest
 
 from agent.errors import ConfigError
 from protocol.messages import Stage
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.scenario import load_scenario, override
 from sim.scoring.moment import EPOCH_NS
 

@@ -12,7 +12,7 @@ from sim.campaign.faults.summary import told
 
 
 def violations(seed: int, course: Course) -> str:
-    return "\n".join(told(fly_mission(Mission(seed, course))))
+    return "\n".join(told(fly_mission(Mission(seed, course)), course))
 
 
 def marks(seed: int) -> tuple[pytest.MarkDecorator, ...]:

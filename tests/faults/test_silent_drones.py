@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from protocol.messages import Stage
 from sim.faults.agents import Disk, Kill, Partition
 from sim.faults.machines import Takeover
-from sim.lockstep import fly, watched
+from sim.lockstep.flight import fly, watched
 from sim.scenario import load_scenario, override
 from sim.scoring.safety import OFF_GROUND_M
 

@@ -6,7 +6,7 @@ import pytest
 
 from agent.errors import ConfigError
 from sim import api
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 
 SHORT = {"end.track_s": 4, "drones": 2}
 

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from agent.errors import ConfigError
-from sim.campaign.faults.course import FULL, Course
+from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT, Course
 from sim.campaign.faults.mission import Mission, Verdict, fly_mission
 from sim.campaign.flights import Watch, claim
 from sim.campaign.workers import Executor, Outcome
@@ -19,6 +19,7 @@ from sim.runfile import RunFile, make_folder
 from sim.scoring.invariants.judge import ANY
 
 RUNS = "missions.jsonl"
+_COMMANDS = {FULL: "faults", SHORT: "faults --short", DEALT: "faults --dealt", LIVE: "live-faults"}
 Fly = Callable[[Mission], Verdict]
 
 
@@ -87,9 +88,9 @@ def fly_faults(
     return Flown(tuple(verdicts), tuple(sorted(failures, key=lambda outcome: outcome.job.seed)))
 
 
-def replay_line(seed: int) -> str:
-    """The command that flies a seed again."""
-    return f"radron-sim faults --seed {seed} --runs 1"
+def replay_line(seed: int, course: Course) -> str:
+    """The command that flies a seed of this course again."""
+    return f"radron-sim {_COMMANDS[course]} --seed {seed} --runs 1"
 
 
 def _closing(outcomes: Iterator[Outcome[Mission, Verdict]]) -> Iterator[Outcome[Mission, Verdict]]:

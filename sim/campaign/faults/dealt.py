@@ -104,7 +104,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
 
 def deal(seed: int, course: Course) -> dict[str, Any]:
     """The scenario document of a seed's mission, with its faults in order of time."""
-    live = course is LIVE
+    live = course == LIVE
     decks, calm = ((LIVE_DECK,), 0) if live else ((DECK, MISLEADING), 2)
     missions = calm + sum(map(len, decks)) // HAND
     turn = seed % missions

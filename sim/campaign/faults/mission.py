@@ -21,7 +21,7 @@ from sim.campaign.faults.recording import Recording
 from sim.scenario import parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 from sim.scoring.invariants.judge import Judge
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Hypothesis, Moment
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
@@ -77,7 +77,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 def fly_mission(mission: Mission) -> Verdict:
     """Fly and judge a mission. An exception in it is a violation like any other."""
-    from sim.lockstep import watched  # noqa: PLC0415  (only the workers need the physics)
+    from sim.lockstep.flight import watched  # noqa: PLC0415  (only the workers need the physics)
 
     document, course = mission.drawn, mission.course
     scenario = parse_scenario(document, mission.label)
@@ -100,10 +100,7 @@ def fly_mission(mission: Mission) -> Verdict:
         text = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
         violations.append(Violation(invariant=EXCEPTION, time_s=log.time_s, drones=(), text=text))
     able = judge.landed.able.drones or ()
-    errors = [log.error_m[drone] for drone in able]
-    known = [error for error in errors if error is not None]
-    error_m = max(known) if known and len(known) == len(errors) else None
-    least_m = judge.separation.least_m
+    error_m, least_m = log.largest_error_m(able), judge.separation.least_m
     return Verdict(
         seed=mission.seed,
         drones=len(setting.names),
@@ -144,8 +141,13 @@ class _Log:
                     self.error_m[drone] = _error_m(pilot.hypothesis, moment.source)
         return False
 
+    def largest_error_m(self, drones: Collection[int]) -> float | None:
+        """Of these drones' last estimates; None without drones, and where one has none."""
+        known = [error for drone in drones if (error := self.error_m[drone]) is not None]
+        return max(known) if known and len(known) == len(drones) else None
 
-def _error_m(hypothesis: Any, source: tuple[float, float]) -> float | None:
+
+def _error_m(hypothesis: Hypothesis | None, source: tuple[float, float]) -> float | None:
     if hypothesis is None:
         return None
     return float(np.hypot(hypothesis.position[0] - source[0], hypothesis.position[1] - source[1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
@@ -13,7 +13,7 @@ from agent.errors import RadronError
 from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
+from agent.flight.replay import Difference, replay
 from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.ownpose import Whereabouts
 from agent.mission.memory import Memory
@@ -61,7 +61,7 @@ class _Recorded(RecordedPilot):
 
 
 class Recording:
-    """Makes the pilots of a flight (``sim.lockstep.watched(make=...)``) and records those of one drone."""
+    """Makes the pilots of a flight (``sim.lockstep.flight.watched(make=...)``) and records those of one drone."""
 
     def __init__(self, drone: str, folder: Path) -> None:
         """``folder``: for the records; one folder in it for each start of the agent."""
@@ -111,7 +111,7 @@ class Recording:
         return found
 
 
-def _told(first: Any, flaw: str | None) -> str:
+def _told(first: Difference | None, flaw: str | None) -> str:
     if first is None:
         return f"the record is flawed: {flaw}"
     return f"{first.topic} after {first.time_s:.2f} s of wall time: {first.recorded[:60]} flown, {first.replayed[:60]} replayed"

@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Struct
 
 from sim.campaign.faults.campaign import replay_line
+from sim.campaign.faults.course import Course
 from sim.campaign.faults.mission import EXCEPTION, Verdict
 from sim.faults.kinds import KINDS
 from sim.figures.faults import kinds_figure
@@ -125,14 +126,14 @@ def sentences(summary: Summary) -> list[str]:
     ]
 
 
-def told(verdict: Verdict) -> list[str]:
+def told(verdict: Verdict, course: Course) -> list[str]:
     """A line for each invariant that a mission violates, and one that flies it again; empty where none is."""
     first = {violation.invariant: violation for violation in reversed(verdict.violations)}
     lines = [
         f"seed {verdict.seed}: {name} at {violation.time_s:.2f} s, {' '.join(violation.drones) or 'all'}: {violation.text}"
         for name, violation in first.items()
     ]
-    return [*lines, f"  again: {replay_line(verdict.seed)}"] if lines else []
+    return [*lines, f"  again: {replay_line(verdict.seed, course)}"] if lines else []
 
 
 def write_summary(folder: Path, summary: Summary) -> list[Path]:

@@ -229,7 +229,7 @@ def _unheld(pilot: Pilot) -> str:
 
 def _equal(one: Pilot, other: Pilot) -> bool:
     mine, theirs = one.hypothesis, other.hypothesis
-    if mine is None or theirs is None or mine is theirs:  # most have theirs from the same fold (``sim.sharing``)
+    if mine is None or theirs is None or mine is theirs:  # most have theirs from the same fold (``sim.lockstep.sharing``)
         return mine is theirs
     return bool(
         (mine.position == theirs.position).all()

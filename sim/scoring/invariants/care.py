@@ -17,8 +17,7 @@ from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.invariants.place import excluded
-from sim.scoring.moment import Moment
-from sim.sharing import Results
+from sim.scoring.moment import Moment, Shared
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
@@ -26,7 +25,7 @@ TOLD_S = 25.0
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
 SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
-_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
+_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Shared)
 _LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
@@ -189,7 +188,7 @@ class Memory(Invariant[Moment]):
 
 
 def bytes_of(root: object) -> int:
-    """Size of an object with all that it holds; classes, functions and modules do not count."""
+    """Size of an object with all that it holds; classes, functions, modules and what agents share do not count."""
     seen: set[int] = set()
     found, size = {id(root): root}, 0
     while found:  # all that is a step farther away

@@ -25,7 +25,7 @@ ANY = "any"  # invariant
 
 
 class Judge:
-    """The observer of a flight (``sim.lockstep.fly(watch=...)``). ``violations``: in order of time."""
+    """The observer of a flight (``sim.lockstep.flight.fly(watch=...)``). ``violations``: in order of time."""
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
         """``until``: the flight ends as soon as the invariant of this name is violated, or ``ANY``."""

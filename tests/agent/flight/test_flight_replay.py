@@ -28,7 +28,7 @@ from agent.flight.replay import replay
 from agent.mission.commanding import Verdict
 from protocol.codec import decode_from
 from protocol.messages import Action, Status
-from sim.members import SimulatedAuthority, SimulatedOperator
+from sim.lockstep.members import SimulatedAuthority, SimulatedOperator
 
 ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
 

@@ -5,7 +5,6 @@ import itertools
 import pytest
 from one_pilot import SECOND
 
-import sim.lockstep
 from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
@@ -13,6 +12,7 @@ from agent.flight.replay import replay
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from protocol.messages import Stage
+from sim.lockstep.world import TICK_NS, World
 from sim.scenario import load_scenario, override
 from sim.scoring.moment import EPOCH_NS
 
@@ -90,20 +90,20 @@ def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, trust, mortal=config.id == "d2"))
         return agents[-1]
 
-    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made, True)
+    world = World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made, True)
     for agent in agents:
         agent.others = [other for other in agents if other is not agent]
     stages = []
     while not world.tick():
         stages.append([agent.stage for agent in agents])
     world.close()
-    end_ns = EPOCH_NS + world.ticks * sim.lockstep.TICK_NS
+    end_ns = EPOCH_NS + world.ticks * TICK_NS
     for agent in agents:
         agent.ask(end_ns)  # what was under way when the world ended
         agent.pilot.advance(end_ns)
         agent.recorder.close()
     d2 = agents[1]
-    back = round((BACK_NS - EPOCH_NS) / sim.lockstep.TICK_NS)
+    back = round((BACK_NS - EPOCH_NS) / TICK_NS)
     assert d2.modes[back] is FlightMode.RETURN  # the failsafe had it
     assert set(d2.modes[back + 2 : back + 100]) == {FlightMode.OFFBOARD}
     assert {seen[1] for seen in stages[back + 2 : back + 40]} == {Stage.SURVEY, Stage.TRACK}  # no log yet, at first

@@ -17,7 +17,7 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Upload
 from protocol.signing import sign_command
-from sim.members import OPERATOR_NAME
+from sim.lockstep.members import OPERATOR_NAME
 
 BOOT = "0" * 15 + "1"
 NEW, OTHER = "abcdef0123456789", "f" * 16

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
+from fusions import fusion_of
 
 from agent.config.estimators import FusionConfig, GivenHypothesisConfig, PaperEstimatorConfig
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
@@ -15,6 +17,7 @@ from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSampl
 
 T0_NS = 1_700_000_000_000_000_000
 BOOT = "00000000000000b1"
+END_NS = 40_000_000_000  # after ``T0_NS``: all ``entries`` are older
 
 
 def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=0.5, **paper):
@@ -118,6 +121,11 @@ def _bits(hypothesis):
     return (*(array.tobytes() for array in arrays), hypothesis.stamp_ns, hypothesis.cones, hypothesis.x0_stamp_ns)
 
 
+def agrees(fusion, other):
+    """Whether two fusions have the same log and the same hypothesis."""
+    return fusion.digest == other.digest and same_bits(fusion.hypothesis, other.hypothesis)
+
+
 def settle(fusion, now_ns, budget=400):
     """Advance until nothing is left to replay."""
     fusion.advance(now_ns, budget)
@@ -133,5 +141,30 @@ def feed(fusion, entries):
 @pytest.fixture(scope="session")
 def kit():
     """The helpers of this file (test files are imported without packages, so they come as a fixture)."""
-    names = (mission_of, cone_entry, exposure_entry, cone_towards, flight, same_bits, settle, feed)
-    return SimpleNamespace(T0_NS=T0_NS, BOOT=BOOT, **{function.__name__: function for function in names})
+    names = (mission_of, cone_entry, exposure_entry, cone_towards, flight, same_bits, agrees, settle, feed)
+    return SimpleNamespace(T0_NS=T0_NS, BOOT=BOOT, END_NS=END_NS, **{function.__name__: function for function in names})
+
+
+@pytest.fixture(scope="session")
+def mission():
+    """One in which x0 takes six cones."""
+    return mission_of(initial_cones=6)
+
+
+@pytest.fixture(scope="session")
+def entries(mission):
+    """Cones and exposures of 30 s, some cones at the very same time."""
+    cones = flight(mission, np.random.default_rng(11), 30.0, lambda time_s: (40.0 + time_s, 60.0))
+    twins = [msgspec.structs.replace(cone, boot="00000000000000b2", separation_mm=2.0) for cone in cones[5:8]]
+    exposures = [exposure_entry(mission, i / 2, (1.0, 2.0, 3.0), sequence=1000 + i) for i in range(20)]
+    return sorted([*cones, *twins, *exposures], key=lambda entry: entry.entry_id)
+
+
+@pytest.fixture(scope="session")
+def in_order(mission, entries):
+    """The reference: every entry in its order, folded in one go."""
+    fusion = fusion_of(mission)
+    assert all(feed(fusion, entries))
+    settle(fusion, T0_NS + END_NS)
+    assert fusion.hypothesis.cones > 40
+    return fusion

@@ -50,11 +50,6 @@ class Elsewhere:
 
 
 @pytest.fixture(scope="module")
-def mission(kit):
-    return kit.mission_of(initial_cones=6)
-
-
-@pytest.fixture(scope="module")
 def cones(kit, mission):
     return kit.flight(mission, np.random.default_rng(5), 60.0, lambda _: (40.0, 60.0))
 

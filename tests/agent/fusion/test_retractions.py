@@ -18,11 +18,6 @@ END_NS = 30_000_000_000
 
 
 @pytest.fixture(scope="session")
-def mission(kit):
-    return kit.mission_of(initial_cones=6)
-
-
-@pytest.fixture(scope="session")
 def entries(kit, mission):
     """Cones of 25 s; each drone's are numbered from 0 on."""
     return kit.flight(mission, np.random.default_rng(5), 25.0, lambda time_s: (40.0 + time_s, 60.0))

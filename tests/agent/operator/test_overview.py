@@ -25,7 +25,7 @@ from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Estimate, Obeyed, Source, Stage, Status
 from protocol.signing import Verifier, sign_status
 from protocol.trust import trust_of
-from sim.members import SimulatedAuthority
+from sim.lockstep.members import SimulatedAuthority
 
 MISSION = MissionConfig(
     name="m",

@@ -13,16 +13,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+import synthetic
 
-FAKES = Path(__file__).parents[1] / "fakes"
-sys.path.insert(0, str(FAKES))  # worker processes take the path over
-
-import synthetic  # noqa: E402
-
-from agent.errors import ConfigError  # noqa: E402
-from sim.campaign.flights import Campaign, fly_campaign, result_of  # noqa: E402
-from sim.campaign.report import write_campaign  # noqa: E402
-from sim.campaign.workers import Fly, Job, Outcome, attempt, in_processes, on_dask  # noqa: E402
+from agent.errors import ConfigError
+from sim.campaign.flights import Campaign, fly_campaign, result_of
+from sim.campaign.report import write_campaign
+from sim.campaign.workers import Fly, Job, Outcome, attempt, in_processes, on_dask
 
 WALL = ("wall_s", "realtime_factor")
 DEADLINE_S = 30.0
@@ -81,7 +77,7 @@ def test_a_killed_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
     folder, flag = tmp_path / "out", tmp_path / "flag"
     script = f"""
 import sys
-sys.path.insert(0, {str(FAKES)!r})
+sys.path.insert(0, {str(Path(synthetic.__file__).parent)!r})
 import synthetic
 from sim.campaign.flights import Campaign, fly_campaign
 from sim.campaign.workers import in_processes

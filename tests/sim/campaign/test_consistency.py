@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
-
 import synthetic
 
 from sim.campaign.consistency import SCENARIOS, Share, consistency_of, consistency_table, write_consistency

@@ -6,17 +6,13 @@ import csv
 import dataclasses
 import io
 import json
-import sys
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-from matplotlib.patches import Ellipse
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
-
 import synthetic
+from matplotlib.patches import Ellipse
 
 from protocol.messages import Source
 from sim.campaign.flights import Campaign, Flown, fly_campaign

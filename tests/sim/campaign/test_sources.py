@@ -2,18 +2,13 @@
 
 import csv
 import io
-import sys
-from pathlib import Path
 
 import msgspec
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
-
 import synthetic
 
-from sim.campaign.report import case_sentence
-from sim.campaign.sources import SourceSummary, sources_csv, sources_markdown, summarise_sources
+from sim.campaign.report import case_sentence, cases_csv
+from sim.campaign.sources import SourceSummary, sources_markdown, summarise_sources
 
 
 def run(seed, **fields):
@@ -48,7 +43,7 @@ def test_numbers_are_added_up_and_errors_are_medians_over_the_runs():
 
 def test_the_tables_hold_a_line_for_each_case():
     rows = [({"scenario": "many"}, summarise_sources(RUNS)), ({"scenario": "old"}, summarise_sources(RUNS[3:]))]
-    table = list(csv.DictReader(io.StringIO(sources_csv(rows))))
+    table = list(csv.DictReader(io.StringIO(cases_csv(rows))))
     assert [(row["scenario"], row["runs"], row["number_right"]) for row in table] == [("many", "3", "2"), ("old", "0", "0")]
     lines = [line for line in sources_markdown(rows).splitlines() if line.startswith("|")]
     assert len(lines) == 3

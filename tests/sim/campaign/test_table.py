@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
-
 import synthetic
 
 from sim.campaign.table import FIELD, SIMULATIONS, Pilot, Study, Table, as_csv, as_markdown, as_text, blocks, fly_study, law_of

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from sim.faults.kinds import read_faults
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
 from sim.scenario import load_scenario
 from sim.scoring.moment import Moment
 

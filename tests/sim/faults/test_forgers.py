@@ -11,7 +11,7 @@ from protocol.messages import Action
 from sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
 from sim.faults.kinds import KINDS
 from sim.faults.schedule import Schedule
-from sim.members import SimulatedAuthority
+from sim.lockstep.members import SimulatedAuthority
 
 DRONES = ("d1", "d2", "d3")
 TRUSTS = [SimulatedAuthority(1).trust(name) for name in DRONES]

@@ -14,8 +14,8 @@ from protocol.keys import key_of
 from sim.faults.kinds import KINDS
 from sim.faults.liars import KIND_OF, Liars
 from sim.faults.schedule import Schedule
-from sim.lockstep import watched
-from sim.members import SimulatedAuthority
+from sim.lockstep.flight import watched
+from sim.lockstep.members import SimulatedAuthority
 
 
 def told(what, how, drone=0, **values):

@@ -11,11 +11,11 @@ from sim.faults.base import Fault
 from sim.faults.machines import Drag, PositionJump, SatellitesLost
 from sim.faults.poses import PoseFaults, with_dead_reckoning
 from sim.faults.schedule import Schedule
-from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
 from sim.world.localization import Localization, LocalizationTruth
 from sim.world.localizers import VehicleTruth
 from sim.world.movingframes import MovingFrames
+from sim.world.streams import streams
 
 STEP_S = 0.05
 PLACES = np.array([[0.0, 0.0, 5.0], [9.0, 0.0, 5.0]])

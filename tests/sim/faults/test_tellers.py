@@ -12,8 +12,8 @@ from protocol.summary import Held, decode_summary, encode_summary
 from sim.faults.kinds import KINDS, read_faults
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
-from sim.lockstep import watched
-from sim.members import SimulatedAuthority
+from sim.lockstep.flight import watched
+from sim.lockstep.members import SimulatedAuthority
 from sim.scenario import load_scenario
 
 NAMES = ("d1", "d2", "d3", "d4")

@@ -10,7 +10,7 @@ from protocol.message import DroneMessage
 from protocol.messages import Estimate, Source, Stage, Status
 from protocol.signing import Verifier, sign_status
 from sim.live.monitor import Observer
-from sim.members import SimulatedAuthority
+from sim.lockstep.members import SimulatedAuthority
 from sim.scenario import load_scenario
 from sim.vehicle.px4.fleet import VehicleReport
 

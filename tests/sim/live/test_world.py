@@ -20,8 +20,8 @@ from sim.live.world import SLIP_S
 from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read
 from sim.live.worldprocess import LiveError, WorldProcess
 from sim.scenario import load_scenario, override
-from sim.streams import streams
 from sim.world.localization import Localization, LocalizationTruth
+from sim.world.streams import streams
 
 NOBODY = ("127.0.0.1", 9)
 

@@ -9,10 +9,10 @@ from msgspec.structs import replace
 from agent.config.mission import DatumConfig
 from sim.scenario import load_scenario
 from sim.scoring.framescore import RECOVERY_S, FrameScore
-from sim.streams import streams
 from sim.world.localization import LocalizationTruth
 from sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
 from sim.world.movingframes import MovingFrames
+from sim.world.streams import streams
 
 PLACES = np.array([[10.0, 5.0, 3.0], [20.0, 5.0, 3.0], [15.0, 15.0, 3.0]])
 NOTHING = np.zeros((3, 3))

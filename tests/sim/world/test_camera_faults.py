@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from agent.detector.readout import PixelHits
 from protocol.codec import decode_from
 from sim.faults.network import FaultyRadio
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.scenario import load_scenario, override
 from sim.world.cameras import Cameras
 

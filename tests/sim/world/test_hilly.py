@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from protocol.messages import Stage
-from sim.lockstep import fly
+from sim.lockstep.flight import fly
 from sim.scenario import load_scenario, override
 from sim.scoring.samples import TRACKING
 from sim.world.terrain import Terrain

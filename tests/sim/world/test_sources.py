@@ -10,9 +10,9 @@ from shapely import Point, Polygon
 
 from agent.errors import ConfigError
 from sim.scenario import load_scenario
-from sim.streams import streams
 from sim.world.sources import Sources, place_of
 from sim.world.sourcetruth import RandomSourcesTruth, SourceTruth
+from sim.world.streams import streams
 from sim.world.terrain import HillTruth, TerrainTruth
 
 MANY = load_scenario("many-ideal")

@@ -10,10 +10,11 @@ from protocol.entries import Credential
 from protocol.keys import key_of
 from protocol.revocations import Revocation
 from protocol.signing import sign_command, sign_entries, sign_revocation
-from sim.members import SimulatedAuthority, operator_of
+from sim.lockstep.members import SimulatedAuthority, operator_of
 
 AUTHORITY, FOREIGN = SimulatedAuthority(1), SimulatedAuthority(2)
 OPERATOR = operator_of(AUTHORITY)
+BOOT, LATER, NUMBERS = "2" * 16, "3" * 16, range(1, 11)  # of d2 in ``full``: its two boots, and the numbers of its cones
 
 
 def trusting(drone="d1", boot=None, memory=None):
@@ -23,7 +24,7 @@ def trusting(drone="d1", boot=None, memory=None):
     return Pilot(MISSION, DroneConfig(id=drone), boot=boot, memory=memory, trust=trust, nonce_key=nonce_key_of(boot))
 
 
-def credential(drone="d2", boot="2" * 16, trust=None, **changes):
+def credential(drone="d2", boot=BOOT, trust=None, **changes):
     """The first entry of a boot, signed."""
     trust = trust or AUTHORITY.trust(drone)
     entry = Credential(
@@ -32,7 +33,7 @@ def credential(drone="d2", boot="2" * 16, trust=None, **changes):
     return next(sign_entries([replace(entry, **changes)], trust.sign))
 
 
-def cones(numbers, drone="d2", boot="2" * 16, sign=None):
+def cones(numbers, drone="d2", boot=BOOT, sign=None):
     """Cones published together."""
     entries = [cone_of(drone, number, START_NS + number * 200_000_000, boot) for number in numbers]
     return list(sign_entries(entries, sign or AUTHORITY.trust(drone).sign))
@@ -41,7 +42,7 @@ def cones(numbers, drone="d2", boot="2" * 16, sign=None):
 def give(one, *entries, now_ns=START_NS):
     """Deliver entries to a pilot."""
     for entry in entries:
-        one.receive(key_of(MISSION.swarm, entry), encode(entry), now_ns)
+        one.receive(*keyed(entry), now_ns)
 
 
 def order(action, now_ns, trust=OPERATOR, **changes):
@@ -49,7 +50,7 @@ def order(action, now_ns, trust=OPERATOR, **changes):
     key, payload = command(action, stamp_ns=now_ns)
     message = replace(decode_from(key, payload), **{"station": "lockstep", **changes})
     message = sign_command(message, trust)
-    return key_of(MISSION.swarm, message), encode(message)
+    return keyed(message)
 
 
 def revocation(
@@ -59,4 +60,21 @@ def revocation(
     station, last = station or trust.name, last or {}
     bare = Revocation(stamp_ns=stamp_ns, station=station, member=member, until_ns=until_ns, last=last, certificate=b"")
     message = replace(sign_revocation(bare, trust), **(altered or {}), **changes)
+    return keyed(message)
+
+
+def full(*, boot=None):
+    """A pilot with the entries of d2, which has run twice."""
+    one = trusting(boot=boot)
+    give(one, credential(), *cones(NUMBERS), credential(boot=LATER), *cones(NUMBERS, boot=LATER))
+    return one
+
+
+def passed_on(one, now_ns=START_NS):
+    """Keys and payloads of what a pilot passes on."""
+    return [(key, payload) for key, payload in one.step(now_ns).publications if key.endswith("/revoked")]
+
+
+def keyed(message):
+    """A message with its key."""
     return key_of(MISSION.swarm, message), encode(message)

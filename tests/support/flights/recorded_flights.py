@@ -19,7 +19,7 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, VehicleState
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
 from sim.scenario import load_scenario, override
 
 MISSION = MissionConfig(

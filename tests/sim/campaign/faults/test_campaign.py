@@ -7,6 +7,7 @@ import pytest
 
 from agent.errors import ConfigError
 from sim.campaign.faults.campaign import FaultCampaign, fly_faults
+from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
 from sim.campaign.faults.minimise import minimise
 from sim.campaign.faults.mission import Mission, Verdict
 from sim.campaign.faults.summary import summarise, table, told, write_summary
@@ -106,11 +107,13 @@ def test_the_summary_counts_missions_and_kinds(tmp_path: Path) -> None:
     struck = [one for one in verdicts if any(fault["kind"] == row.kind for fault in one.faults)]
     assert (row.missions, row.violated) == (len(struck), sum(bool(one.violations) for one in struck))
     assert table(summary).splitlines()[-1].split("|")[1:-1] != []
-    assert told(verdicts[0]) == []
-    assert told(verdicts[1]) == [
+    assert told(verdicts[0], FULL) == []
+    assert told(verdicts[1], FULL) == [
         "seed 1: separation at 12.00 s, d1 d2: 2.10 m apart, at least 2.5 m wanted",
         "  again: radron-sim faults --seed 1 --runs 1",
     ]
+    for course, command in ((SHORT, "faults --short"), (DEALT, "faults --dealt"), (LIVE, "live-faults")):
+        assert told(verdicts[1], course)[-1] == f"  again: radron-sim {command} --seed 1 --runs 1"
     names = [path.name for path in write_summary(tmp_path, summary)]
     assert names == ["summary.json", "summary.md", "kinds.png"]
     assert json.loads((tmp_path / "summary.json").read_text())["violations"] == 10

@@ -1,9 +1,13 @@
 """Dealt missions: a few successive seeds have every fault of the deck, and all can be flown."""
 
+import pickle
 from collections import Counter
 
-from sim.campaign.faults.course import DEALT, LIVE
+import pytest
+
+from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
 from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
+from sim.campaign.faults.mission import Mission
 from sim.faults.disk import check_playable as check_lockstep
 from sim.faults.machines import Clock
 from sim.live.faults.playable import check_playable as check_live
@@ -11,7 +15,7 @@ from sim.scenario import parse_scenario
 
 
 def kinds(first: int, course) -> Counter[str]:
-    missions = 3 if course is LIVE else 10
+    missions = 3 if course == LIVE else 10
     return Counter(fault["kind"] for seed in range(first, first + missions) for fault in deal(seed, course).get("fault", []))
 
 
@@ -20,6 +24,12 @@ def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_eac
         unheard = {"mavlink-loss": sum(kind == "clock" and given["jump_s"] < 0.0 for kind, given in DECK)}
         assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING) + Counter(unheard)
     assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
+
+
+@pytest.mark.parametrize("course", [FULL, SHORT, DEALT, LIVE])
+def test_a_worker_process_flies_the_same_mission(course) -> None:
+    mission = Mission(600_000, course)
+    assert pickle.loads(pickle.dumps(mission)).drawn == mission.drawn
 
 
 def test_a_seed_is_dealt_the_same_each_time_and_others_otherwise() -> None:

@@ -7,16 +7,16 @@ from typing import Any
 import pytest
 from moments import hypothesis, moment, pilot
 
-import sim.lockstep
+import sim.lockstep.flight
 from agent.pilot import Pilot
 from protocol.messages import Stage
 from sim.campaign.faults.course import SHORT
 from sim.campaign.faults.draw import draw
 from sim.campaign.faults.mission import Mission, _Log, fly_mission
 from sim.campaign.faults.recording import Recording
+from sim.lockstep.sharing import SharedFold
 from sim.scenario import parse_scenario
 from sim.scoring.moment import Moment
-from sim.sharing import SharedFold
 
 
 def document(*faults):
@@ -30,7 +30,7 @@ def fly_until(end_s: float, make=Pilot, *faults) -> list[Moment]:
         seen.append(moment)
         return moment.time_s > end_s
 
-    sim.lockstep.watched(parse_scenario(document(*faults), "test"), 1, watch, make)
+    sim.lockstep.flight.watched(parse_scenario(document(*faults), "test"), 1, watch, make)
     return seen
 
 

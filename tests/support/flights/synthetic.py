@@ -1,4 +1,4 @@
-"""Synthetic flights: quick, with known numbers, and importable by worker processes (this folder is put on their path)."""
+"""Synthetic flights: quick, with known numbers, and importable by worker processes, which take the path over."""
 
 from __future__ import annotations
 

@@ -14,14 +14,11 @@ from typing import Any
 
 import msgspec
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent / "fakes"))
-
 import synthetic
 
 import sim.cli
 import sim.commands.flights
-import sim.lockstep
+import sim.lockstep.flight
 from agent.errors import ConfigError
 from sim.campaign.workers import Fly, Job, Outcome, attempt
 from sim.scenario import shipped
@@ -66,7 +63,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     def in_line(workers: int) -> Callable[[Iterable[Job], Fly], Iterator[Outcome[Job, synthetic.RunResult]]]:
         return lambda jobs, one: (attempt(one, job) for job in jobs)
 
-    monkeypatch.setattr(sim.lockstep, "fly", fly)
+    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
     monkeypatch.setattr(sim.commands.flights, "in_processes", in_line)
     return calls
 
@@ -212,7 +209,7 @@ def test_errors_of_the_simulation_that_the_user_can_mend_are_one_line(radron_sim
     def fly(*arguments: object, **options: object) -> None:
         raise ConfigError("the scenario cannot be flown")
 
-    monkeypatch.setattr(sim.lockstep, "fly", fly)
+    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
     assert radron_sim("run", "demo")[::2] == (2, "demo: preparing\nradron-sim: the scenario cannot be flown\n")
 
 
@@ -275,7 +272,7 @@ def test_a_disk_that_fails_is_one_line(radron_sim: Call, monkeypatch: pytest.Mon
     def fly(*_: object, **__: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/data/x")
 
-    monkeypatch.setattr(sim.lockstep, "fly", fly)
+    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
     code, _, told = radron_sim("run", "demo")
     assert (code, told.splitlines()[-1]) == (2, "radron-sim: /data/x: Read-only file system")
 

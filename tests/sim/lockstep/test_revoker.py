@@ -3,9 +3,9 @@
 from types import SimpleNamespace
 
 from protocol.codec import decode
-from sim.faults.revoker import Revoker
 from sim.faults.schedule import Schedule
-from sim.members import SimulatedAuthority, SimulatedOperator
+from sim.lockstep.members import SimulatedAuthority, SimulatedOperator
+from sim.lockstep.revoker import Revoker
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2")

@@ -8,7 +8,7 @@ from agent.detector.calibration import load_calibration
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage
-from sim.lockstep import fly, watched
+from sim.lockstep.flight import fly, watched
 from sim.scenario import load_scenario, override
 from sim.scoring.samples import spacing_error_deg
 
@@ -24,7 +24,7 @@ def collect_pilots(monkeypatch):
             super().__init__(*args, **kwargs)
             pilots.append(self)
 
-    monkeypatch.setattr("sim.lockstep.Pilot", Collected)
+    monkeypatch.setattr("sim.lockstep.flight.Pilot", Collected)
     return pilots
 
 
@@ -163,7 +163,7 @@ def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):
                 return super().observe_detector(readout)
 
         with monkeypatch.context() as patched:
-            patched.setattr("sim.lockstep.Pilot", Listening)
+            patched.setattr("sim.lockstep.flight.Pilot", Listening)
             fly(override(load_scenario("empty"), {"end.search_s": 0.5} | values), seed=2)
         return list(states.values()), list(clocks.values())
 

@@ -8,8 +8,8 @@ from protocol.codec import encode
 from protocol.messages import Stage
 from protocol.revocations import Revocation
 from protocol.signing import sign_revocation
-from sim.lockstep import watched
-from sim.members import SimulatedAuthority, operator_of
+from sim.lockstep.flight import watched
+from sim.lockstep.members import SimulatedAuthority, operator_of
 from sim.scenario import load_scenario, override
 from sim.scoring.moment import EPOCH_NS, Moment
 

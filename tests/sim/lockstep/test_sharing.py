@@ -14,10 +14,10 @@ from agent.fusion.registry import estimator_named
 from agent.pilot import Pilot
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
+from sim.lockstep.sharing import Folds, Results, SharedFold
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
-from sim.sharing import Folds, Results, SharedFold
 
 PARTITION = {"kind": "partition", "groups": [["d1", "d2"], ["d3"]], "at_s": 12.0, "for_s": 5.0}
 

@@ -9,7 +9,7 @@ from agent.pilot import Pilot
 from protocol.revocations import Revocation
 from sim.faults.agents import Revoked
 from sim.faults.schedule import Schedule
-from sim.members import SimulatedOperator
+from sim.lockstep.members import SimulatedOperator
 
 LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after the other; this is for the second of them
 

@@ -24,6 +24,7 @@ from agent.fusion.observation import ConeObservation, Observation
 from agent.fusion.registry import Estimators, estimator_named
 from protocol.codec import decode_from
 from protocol.messages import AnyMessage
+from sim.scoring.moment import Shared
 
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
@@ -100,7 +101,7 @@ class Readings:
         return self._read.get(None, (key, payload), partial(decode_from, key, payload))
 
 
-class Results:
+class Results(Shared):
     """The newest results, by the state that they were computed from (the object itself) and what went into them."""
 
     def __init__(self, most: int) -> None:

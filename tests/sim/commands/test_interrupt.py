@@ -15,8 +15,8 @@ import pytest
 
 # The command itself, which tells of each step of the progress at once.
 COMMAND = """
-import sim.cli, sim.console
-sim.console._PLAIN_EVERY_S = 0.0
+import sim.cli, sim.commands.console
+sim.commands.console._PLAIN_EVERY_S = 0.0
 sim.cli.main()
 """
 SHORT = ("--set", "source.activity_bq=3e10", "--set", "end.track_s=2")  # so strong that it is found within seconds

@@ -1,13 +1,7 @@
-"""The swarm in one process, faster than real time, reproducible from a seed.
-
-Every drone is a full agent: its own pilot, log, fusion and tracker. Messages between agents pass through the codec and the
-simulated radio; the world reaches them as telemetry and pixel hits. They never see the truth.
-"""
+"""The whole of a flight in lockstep, tick by tick: the simulated world, and the agents in it."""
 
 from __future__ import annotations
 
-import gc
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -28,20 +22,18 @@ from sim.faults.onboard import OnboardFaults
 from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
-from sim.faults.revoker import Revoker
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
-from sim.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
-from sim.result import Flight
-from sim.scenario import Scenario, chosen
+from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
+from sim.lockstep.revoker import Revoker
+from sim.lockstep.sharing import Folds, Readings
+from sim.lockstep.telemetry import Telemetry
+from sim.scenario import Scenario
 from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import KINDS
-from sim.scoring.moment import EPOCH_NS, Moment, Observer
+from sim.scoring.moment import EPOCH_NS, Moment
 from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.sharing import Folds, Readings
-from sim.streams import streams
-from sim.telemetry import Telemetry
 from sim.vehicle.autopilot import autopilots
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.world.cameras import Cameras
@@ -50,6 +42,7 @@ from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
 from sim.world.sightings import Sightings
 from sim.world.sources import Source, Sources, place_of
+from sim.world.streams import streams
 from sim.world.terrain import Terrain
 from sim.world.walls import Walls
 
@@ -57,65 +50,13 @@ TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle
 READ_TICKS = 4  # cameras are read out at 5 Hz
 START_S = 0.5  # the operator's start command, after the agents have received each other's messages
-Progress = Callable[[float, str], None]
 
 
-def fly(
-    scenario: Scenario,
-    seed: int,
-    estimator: str | None = None,
-    listen: Sequence[str] = (),
-    law: str | None = None,
-    progress: Progress | None = None,
-    watch: Observer | None = None,
-) -> Flight:
-    """Fly one mission.
-
-    Args:
-        scenario: the mission and the truth.
-        seed: of all random numbers of the run; the same seed gives the same result, bit for bit, except the wall times (of the
-            flight itself, without setup).
-        estimator: replaces the mission's own.
-        listen: estimators that fuse the same log on the first drone without influence on the flight.
-        law: flocking law, replaces the mission's own.
-        progress: called about every simulated second with the time and the swarm's state.
-        watch: sees the world after every tick, and ends the flight by returning True.
-
-    Raises:
-        ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
-    """
-    world = _World(chosen(scenario, estimator, law), seed, listen, Pilot, watch is not None)
-    started = time.perf_counter()
-    _run(world, watch, progress)
-    wall_s = time.perf_counter() - started
-    recorder = world.recorder
-    return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
-
-
-def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
-    """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
-    _run(_World(scenario, seed, (), make, True), watch)
-
-
-def _run(world: _World, watch: Observer | None, progress: Progress | None = None) -> None:
-    gc.disable()  # a flight makes hardly any reference cycles, and the search for them takes 2 % of its time
-    try:
-        end = False
-        while not end:
-            end = world.tick()
-            if watch is not None:
-                end = watch(world.moment()) or end
-            if progress is not None and world.ticks % 20 == 0:
-                progress(world.time_s, world.describe())
-    finally:
-        gc.enable()
-        world.close()
-
-
-class _World:
+class World:
     """The complete state of the simulated world and its agents."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot], checked: bool) -> None:
+        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``; ``checked``: one drone folds on its own."""
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)

@@ -29,7 +29,7 @@ from sim.scenario import load_scenario
 from sim.vehicle.px4.config import Datum
 from sim.vehicle.px4.parameters import DEFAULTS
 
-STANDIN = Path(__file__).parents[1] / "support/px4/px4_standin.py"
+STANDIN = Path(__file__).parents[2] / "support/px4/px4_standin.py"
 MISSION = live_mission(load_scenario("demo"), 1)
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
 

@@ -18,7 +18,7 @@ from protocol.keys import command_key, key_of
 from protocol.messages import Action, Command, Ticket
 from protocol.revocations import Revocation, Revoked
 from protocol.signing import Sign, Trust, sign_command, sign_revocation
-from sim.sharing import Results
+from sim.lockstep.sharing import Results
 
 OPERATOR_NAME = "lockstep"
 MOST_SIGNED = 512  # signatures that are remembered: all drones verify them within the delay of the radio

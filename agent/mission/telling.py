@@ -1,0 +1,103 @@
+"""What a drone tells regularly: pose, frame, source estimate and status, gathered from all its parts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import partial
+
+from agent.config.mission import MissionConfig
+from agent.fusion.proofs import Proofs
+from agent.localization.clocks import Clocks
+from agent.localization.ownpose import OwnPose
+from agent.localization.poseproblems import pose_problems
+from agent.mission.commanding import Commanding
+from agent.mission.executive import Executive
+from agent.mission.orders import Orders
+from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
+from agent.mission.reporter import Believed, Condition, Outbox, Reporter
+from agent.mission.revoking import Revoking
+from agent.mission.stages import FLYING
+from agent.mission.worldmodel import WorldModel
+from agent.navigation.peers import Peers
+from agent.sensing.camera import Camera
+from protocol.messages import Failsafe, Reaction, Status
+
+
+class Telling:
+    """The regular messages of one drone. ``told``: the problems of the last status."""
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: str,
+        boot: str,
+        outbox: Outbox,
+        counters: Counter[str],
+        orders: Orders,
+        commanding: Commanding,
+        revoking: Revoking,
+        problems: Problems,
+        world: WorldModel,
+        own: OwnPose,
+        clocks: Clocks,
+        camera: Camera,
+        peers: Peers,
+        proofs: Proofs,
+        executive: Executive,
+    ) -> None:
+        """``boot``: of the agent; ``counters``: of everything that is counted on board; the rest: the drone's parts."""
+        self._id, self._outbox, self._counters = drone, outbox, counters
+        self._orders, self._commanding, self._revoking = orders, commanding, revoking
+        self._problems, self._world, self._own, self._clocks = problems, world, own, clocks
+        self._camera, self._peers, self._proofs, self._executive = camera, peers, proofs, executive
+        self._reporter = Reporter(drone, mission.mission_id, boot, mission.fusion.estimator)
+        self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone))
+        self._notices = tuple[str, ...]()
+        self.told = tuple[str, ...]()
+
+    def hurry(self, now_ns: int) -> None:
+        """Send a status with the next report: something has changed that the others must know."""
+        self._reporter.hurry(now_ns)
+
+    def notice(self, notices: tuple[str, ...]) -> None:
+        """Set what the shell has for the operator to know; replaces the previous."""
+        self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
+
+    def tell(self, now_ns: int) -> None:
+        """Put into the outbox what is due now; a status with its signature."""
+        frame, fusion, hypothesis = self._own.frame, self._world.fusion, self._world.fusion.hypothesis
+        believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
+        placed = frame.mission_from_local if frame is not None else None
+        reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, partial(self._condition, now_ns))
+        for message in (*self._revoking.due(now_ns), *reports):
+            if not isinstance(message, Status):
+                self._outbox.put(message)
+            elif (status := self._outbox.sendable(message)) is not None:
+                self._outbox.put(self._proofs.signed_status(status))
+
+    def _condition(self, now_ns: int) -> Condition:
+        self.told = self._look(now_ns)
+        return Condition(
+            stage=self._executive.stage,
+            counters=dict(self._counters),
+            problems=self.told,
+            finding=self._executive.finding,
+            recognised=self._camera.recognised,
+            delays_ns=self._clocks.delays_ns(now_ns),
+            started_ns=self._executive.started_ns,
+            ticket=self._orders.ticket(now_ns),
+            failsafe=self._failsafe,
+            notices=(*self._revoking.notices, *self._notices)[:MOST_NOTICES],
+            upload=self._commanding.uploads.answer,
+            obeyed=self._orders.obeyed,
+        )
+
+    def _look(self, now_ns: int) -> tuple[str, ...]:
+        """All problems, found anew."""
+        flying = self._executive.stage in FLYING
+        posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
+        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed)
+        self._problems.noticed = self._camera.problems(now_ns)
+        self._problems.flown = self._executive.problems(now_ns)
+        self._commanding.look(now_ns)
+        return self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))

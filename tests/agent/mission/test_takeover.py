@@ -1,0 +1,173 @@
+"""Who flies: a failsafe, a human pilot or a ground station takes over, and what a late heartbeat or a slow mode is not."""
+
+from msgspec.structs import replace
+from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
+
+from agent.config.mission import TrackConfig
+from agent.mission.stages import UNSTEERED_NS, Mission
+from agent.mission.takeover import FAILSAFE_NS, STALE_NS, TAKEOVER_NS
+from agent.vehicle.interface import FlightMode, Request
+from protocol.messages import Action, Stage
+
+
+def test_gives_way_to_the_failsafe_but_not_to_a_late_heartbeat():
+    mission = tracking()
+    returning = replace(VEHICLE, mode=FlightMode.RETURN)
+    mission.step(at(20.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(20.5, OFFBOARD, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(21.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(22.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert mission.stage is Stage.TRACK
+    mission.step(at(21.0 + TAKEOVER_NS / SECOND + 0.1, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.RETURN, Request.RELEASE)
+    mission.step(at(60.0, replace(returning, armed=False, in_air=False)))
+    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)  # which gets it ready for the next start
+
+
+def test_a_failsafe_that_passes_is_not_a_takeover():
+    mission = tracking()
+    failsafe = replace(VEHICLE, mode=FlightMode.RETURN, healthy=False)
+    for second in (20.0, 21.0, 22.0, 22.9):
+        mission.step(at(second, failsafe, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.TRACK, Request.OFFBOARD)
+    mission.step(at(20.0 + FAILSAFE_NS / SECOND + 0.1, failsafe, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.RETURN, Request.RELEASE)
+
+
+def test_gives_way_to_a_human_pilot_until_told_to_resume():
+    mission = tracking()
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    for second in (20.0, 22.0):
+        mission.step(at(second, manual, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.HOLD, Request.RELEASE)
+    assert mission.command(Action.RESUME, 30 * SECOND, at(30.0)) is None
+    assert (mission.stage, mission.request) == (Stage.TRACK, Request.OFFBOARD)
+
+
+def held_by(mission, vehicle, *seconds):
+    for second in seconds:
+        mission.step(at(second, vehicle, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    return mission.stage, mission.request
+
+
+def test_gives_way_to_a_hold_from_the_ground_station_but_waits_for_offboard():
+    mission = surveying()
+    hold = replace(VEHICLE, mode=FlightMode.HOLD)
+    mission.step(at(3.0, hold))
+    mission.step(at(9.0, hold))
+    assert mission.request is Request.OFFBOARD  # not yet in offboard: goes on asking
+    mission.step(at(10.0, OFFBOARD))
+    assert held_by(mission, hold, 11.0, 13.0) == (Stage.HOLD, Request.RELEASE)
+
+
+def test_a_hold_that_it_asked_for_itself_is_nobodys_takeover_but_one_that_stays_is():
+    """For want of telemetry it asks for a hold; the heartbeat shows it when it has long asked for offboard again."""
+    mission = tracking()
+    held_by(mission, OFFBOARD, 12.0, 13.0)
+    mission.hold_asked(int(13.1 * SECOND))
+    held_by(mission, OFFBOARD, 13.2, 13.9)  # as the last heartbeat showed it
+    assert held_by(mission, VEHICLE, 14.0, 15.0, 15.8) == (Stage.TRACK, Request.OFFBOARD)
+    assert held_by(mission, OFFBOARD, 15.9, 17.0) == (Stage.TRACK, Request.OFFBOARD)
+    assert held_by(mission, VEHICLE, 18.0, 19.6) == (Stage.HOLD, Request.RELEASE)
+
+
+def test_a_hold_that_it_asked_for_itself_may_take_long_to_leave():
+    """On a link that loses most packets: the hold was asked for between two pieces of telemetry, and offboard is not heard."""
+    mission = tracking()
+    held_by(mission, OFFBOARD, 12.0, 13.0)
+    mission.hold_asked(14 * SECOND)
+    hold = replace(VEHICLE, mode=FlightMode.HOLD)
+    assert held_by(mission, hold, *range(15, 40)) == (Stage.TRACK, Request.OFFBOARD)
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    assert held_by(mission, manual, 40.0, 42.0) == (Stage.HOLD, Request.RELEASE)
+
+
+def test_a_takeover_during_takeoff_and_landing_is_not_fought():
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    assert held_by(mission, manual, 2.0, 4.0) == (Stage.HOLD, Request.RELEASE)
+    mission = tracking()
+    mission.command(Action.LAND, 11 * SECOND, at(11.0))
+    assert held_by(mission, manual, 12.0, 14.0) == (Stage.LANDING, Request.RELEASE)
+
+
+def test_who_is_disarmed_during_takeoff_is_not_armed_again():
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    grounded = replace(VEHICLE, mode=FlightMode.TAKEOFF, in_air=False)
+    mission.step(at(2.0, replace(grounded, armed=False)))
+    assert mission.request is Request.TAKEOFF
+    mission.step(at(3.0, grounded))
+    mission.step(at(4.0, replace(grounded, armed=False)))
+    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)
+
+
+# What a real PX4 shows of its takeoff: heartbeats come once a second, the landed state on a grid of its own.
+
+
+def test_a_stale_hold_of_before_the_takeoff_is_not_its_end() -> None:
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    for at_s, mode, in_air in ((3.0, FlightMode.HOLD, False), (3.8, FlightMode.TAKEOFF, False), (8.0, FlightMode.TAKEOFF, False)):
+        mission.step(at(at_s, replace(VEHICLE, mode=mode, in_air=in_air)))
+        assert mission.stage is Stage.TAKEOFF
+    mission.step(at(8.2, replace(VEHICLE, mode=FlightMode.TAKEOFF)))  # IN_AIR comes up to 0.8 s before the heartbeat's hold
+    assert mission.stage is Stage.SURVEY
+
+
+def test_a_takeoff_that_ends_below_the_floor_goes_on_by_setpoints() -> None:
+    """The autopilot goes by its barometer; the rangefinder says that it is at 1.4 m."""
+    mission = Mission(TrackConfig(), floor_m=1.5)
+    mission.command(Action.START, SECOND, CALM)
+    for at_s, mode in ((5.0, FlightMode.HOLD), (6.0, FlightMode.OFFBOARD)):
+        mission.step(at(at_s, replace(VEHICLE, mode=mode, height_m=1.4)))
+        assert (mission.stage, mission.request) == (Stage.TAKEOFF, Request.OFFBOARD)
+    mission.step(at(6.5, replace(OFFBOARD, height_m=1.6)))
+    assert mission.stage is Stage.SURVEY
+
+
+def test_the_autopilots_way_from_takeoff_to_hold_is_nobodys_takeover() -> None:
+    mission = surveying()
+    for tick in range(80):
+        mode = FlightMode.TAKEOFF if tick < 10 else FlightMode.HOLD
+        mission.step(at(2.0 + 0.05 * tick, replace(VEHICLE, mode=mode)))
+    assert (mission.stage, mission.released) == (Stage.SURVEY, False)
+
+
+def test_a_heartbeat_of_before_the_stage_does_not_show_that_offboard_was_reached() -> None:
+    mission = surveying()
+    mission.step(at(2.0 + 0.5 * STALE_NS * 1e-9, OFFBOARD))  # of a hold that an operator had it leave a moment ago
+    for tick in range(100):
+        mission.step(at(3.0 + 0.05 * tick, VEHICLE))
+    assert not mission.released
+    for tick in range(20):
+        mission.step(at(9.0 + 0.05 * tick, OFFBOARD))
+    for tick in range(2 + int(TAKEOVER_NS / SECOND * 20)):
+        mission.step(at(10.0 + 0.05 * tick, VEHICLE))
+    assert mission.released
+
+
+def test_a_drone_that_is_not_steered_is_told_whatever_the_cause() -> None:
+    mission = surveying()
+    mission.step(at(2.5, VEHICLE))
+    assert mission.unsteered(int(2.6 * SECOND)) is None
+    late_ns = int(2.5 * SECOND) + UNSTEERED_NS
+    mission.step(at(late_ns / SECOND, VEHICLE))
+    assert mission.unsteered(late_ns) == "not following its mission: the autopilot has been in hold, not in offboard, for 3 s"
+    mission.step(at(14.5, VEHICLE))
+    assert mission.unsteered(int(14.5 * SECOND)) is not None
+    mission.step(at(15.0, OFFBOARD))
+    assert mission.unsteered(int(15.0 * SECOND)) is None
+
+
+def test_a_pilot_who_has_taken_over_is_what_is_told() -> None:
+    mission = surveying()
+    for tick in range(200):
+        mode = FlightMode.OFFBOARD if tick < 60 else FlightMode.MANUAL
+        mission.step(at(2.0 + 0.05 * tick, replace(VEHICLE, mode=mode)))
+    assert mission.released
+    told = mission.unsteered(12 * SECOND)
+    assert told is not None
+    assert "under the control of a human pilot" in told
+    assert "manual" in told

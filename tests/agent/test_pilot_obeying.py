@@ -1,0 +1,149 @@
+"""A revoked drone signs that it obeys and flies home: who believes it, and who may not say it."""
+
+import msgspec
+import pytest
+from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, trusting
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS, partner, state
+
+from agent.fusion.revocations import MOST_REFUSED
+from agent.mission.memory import Memory
+from agent.vehicle.interface import FlightMode
+from protocol.codec import decode
+from protocol.identity import Role
+from protocol.messages import Action, Pose, Stage
+from protocol.revocations import MOST_HELD, Revoked
+from protocol.signing import sign_obeying
+
+
+def obeying(one, now_ns):
+    """Those that a pilot passes on as obeying."""
+    ((_, payload),) = passed_on(one, now_ns)
+    return tuple(word.drone for word in decode(payload).obeying)
+
+
+def word(held, drone="d2", signer=None):
+    """Of a drone that it obeys a revocation."""
+    return replace(sign_obeying(held, AUTHORITY.trust(signer or drone)), drone=drone)
+
+
+@pytest.mark.parametrize(
+    ("mode", "tells"), [(FlightMode.OFFBOARD, ("d1",)), (FlightMode.MANUAL, ()), (FlightMode.RETURN, ())], ids=str
+)
+def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode, tells):
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    one.step(START_NS)
+    assert one.stage is Stage.SURVEY
+    one.observe_vehicle(state(START_NS + SECOND, mode=mode))
+    one.receive(*revocation(member="d1"), START_NS + SECOND)
+    assert obeying(one, START_NS + SECOND) == tells
+    assert one.stage is Stage.RETURN
+
+
+def test_a_revoked_drone_that_does_not_fly_tells_nothing():
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*revocation(member="d1"), START_NS)
+    assert obeying(one, START_NS) == ()
+
+
+def believed(one):
+    """Whom a pilot takes to have left the circle, or to do so soon."""
+    return tuple(one._executive._navigator._neighbourhood._silent._obeys_ns)
+
+
+@pytest.mark.parametrize("teller", ["d2", "d3"])
+def test_that_a_revoked_drone_obeys_is_believed_where_it_has_signed_it(teller):
+    """By itself, or passed on."""
+    one = full()
+    one.receive(*revocation(), START_NS)
+    one.receive(*keyed(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(one.revocations[0]),))), START_NS)
+    assert obeying(one, START_NS) == ("d2",)  # and passed on
+    assert believed(one) == ("d2",)
+
+
+def test_a_word_is_not_passed_on_once_another_revocation_counts():
+    """Whoever knows that one alone would take it for forged."""
+    one = full()
+    one.receive(*revocation(last={BOOT: 6}), START_NS)
+    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    one.receive(*keyed(message), START_NS)
+    one.receive(*revocation(last={BOOT: 3}), START_NS)
+    assert len(one.revocations) == 1
+    assert obeying(one, START_NS) == ()
+    assert believed(one) == ("d2",)  # it is on its way home as before
+    message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    one.receive(*keyed(message), START_NS + SECOND)
+    assert obeying(one, START_NS + SECOND) == ("d2",)
+
+
+@pytest.mark.parametrize("teller", ["d2", "d3"])
+@pytest.mark.parametrize("attack", ["another signs", "no signature", "another revocation", "not revoked", "as an operator"])
+def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attack, teller):
+    """Else any member could bring the others onto a circle on which one flies that has not heard of its revocation."""
+    one = full()
+    one.receive(*revocation(), START_NS)
+    held = one.revocations[0]
+    before = decode(revocation(stamp_ns=START_NS - SECOND)[1])
+    told = {
+        "another signs": word(held, signer="d3"),
+        "no signature": replace(word(held), signature=b""),
+        "another revocation": word(before),
+        "not revoked": word(held, drone="d3"),
+        "as an operator": replace(word(held), certificate=AUTHORITY.trust("d2", Role.OPERATOR).certificate),
+    }[attack]
+    one.receive(*keyed(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(told,))), START_NS)
+    assert obeying(one, START_NS) == believed(one) == ()
+    one.receive(*keyed(Revoked(stamp_ns=START_NS, drone=teller, held=(), obeying=(word(held),))), START_NS)
+    assert believed(one) == ("d2",)
+
+
+def hear_two_sources(one):
+    """For two seconds, under the id of d2."""
+    for tick in range(20):
+        now_ns = START_NS + tick * SECOND // 10
+        here = next(message for message in partner(now_ns) if isinstance(message, Pose))
+        east, north, up = here.position_m
+        for pose in (here, replace(here, position_m=(east + 30.0, north, up))):
+            one.receive(*keyed(pose), now_ns)
+
+
+def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
+    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
+    one, now_ns = full(), START_NS + 2 * SECOND
+    hear_two_sources(one)
+    assert one._peers["d2"].sources.are_two(now_ns)
+    one.receive(*revocation(), now_ns)
+    message = Revoked(stamp_ns=now_ns, drone="d2", held=(), obeying=(word(one.revocations[0]),))
+    for later_s in (0, 1, 60):  # nor when the two are no longer shown
+        one.receive(*keyed(message), now_ns + later_s * SECOND)
+    assert believed(one) == ()
+
+
+def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
+    """Each finds the revocation in a file of its own, and hears the word again; the two sources are silent by then."""
+    memory = Memory(mission=MISSION.mission_id, stamp_ns=START_NS, started_ns=START_NS, stage=Stage.SURVEY, resume=Stage.SURVEY)
+    for restart in range(3):
+        now_ns = START_NS + 5 * restart * SECOND
+        one = trusting(memory=memory)
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+        if restart == 0:
+            hear_two_sources(one)
+        one.receive(*revocation(), now_ns + 2 * SECOND)
+        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
+        one.receive(*keyed(message), now_ns + 3 * SECOND)
+        one.step(now_ns + 3 * SECOND)
+        assert believed(one) == ()
+        memory = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
+
+
+def test_a_flood_of_words_that_nobody_has_signed_costs_little():
+    one = full()
+    one.receive(*revocation(), START_NS)
+    forged = replace(word(one.revocations[0]), signature=bytes(64))
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(forged,) * MOST_HELD)
+    for _ in range(100):
+        one.receive(*keyed(flood), START_NS)
+    assert one.counters["dropped_obeying_forged"] == MOST_REFUSED
