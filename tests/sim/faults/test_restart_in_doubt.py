@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from agent.mission.stages import STRANDED_NS
 from protocol.messages import Stage
 from sim.faults.kinds import read_faults
-from sim.lockstep import watched
+from sim.lockstep.flight import watched
 from sim.scenario import load_scenario
 from sim.scoring.moment import Moment
 
