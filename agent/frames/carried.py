@@ -16,11 +16,16 @@ from agent.frames.transform import Transform
 from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 
-def told(launch_from_local: Transform) -> CarriedFrame:
+def told(frame: Transform) -> CarriedFrame:
     """A frame in that of the launch, as it is published."""
-    covariance = launch_from_local.covariance
-    rows = None if covariance is None else tuple(covariance.ravel().tolist())
-    return CarriedFrame(launch_from_local.translation, launch_from_local.yaw_rad, rows)
+    rows = None if frame.covariance is None else tuple(frame.covariance.ravel().tolist())
+    return CarriedFrame(frame.translation, frame.yaw_rad, rows)
+
+
+def launch_from_local(carried: CarriedFrame) -> Transform:
+    """The frame that ``told`` made it from."""
+    covariance = None if carried.covariance is None else np.array(carried.covariance).reshape(4, 4)
+    return Transform(carried.yaw_rad, carried.translation_m, covariance)
 
 
 class CarriedFrames:
@@ -71,5 +76,4 @@ class CarriedFrames:
         self._first[key] = first
         carried, launch = self._told[key][first], self._graph.mission_from_local(drone, LAUNCH_EPOCH)
         assert launch is not None  # the mission knows it
-        covariance = None if carried.covariance is None else np.array(carried.covariance).reshape(4, 4)
-        self._graph.place(drone, epoch, launch @ Transform(carried.yaw_rad, carried.translation_m, covariance))
+        self._graph.place(drone, epoch, launch @ launch_from_local(carried))

@@ -10,11 +10,12 @@ from agent.config.frames import FramesConfig
 from agent.config.mission import DroneInMission, MissionConfig
 from agent.frames.residuals import Ints
 from agent.frames.tracks import LONGEST_SLOPE_S, Track
-from agent.geometry import Array
+from agent.frames.transform import Transform
+from agent.geometry import Array, Vector3
 
 _LONGEST_S = 60.0  # longest interval without data whose drift is added in one step
 _GAP_S = 10.0  # the same for the gap of a jump
-_SPEED_MPS, _TURNING_RPS = 3.0, 0.5  # of a vehicle, over a gap in which its motion is not known
+_SPEED_MPS, _TURNING_RPS = 3.0, 0.5  # of a vehicle, while its motion is not known
 _EXACT = 1e-3  # metres and radians: sigma of what is configured as exact
 _HEADING_KNOWN = math.radians(60.0)  # a heading with a larger sigma counts as unknown
 
@@ -26,6 +27,7 @@ class Drift:
         frames = mission.frames
         self._frames = frames
         self._drones = mission.drones
+        self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._per_s = np.array([_per_second(drone, frames) for drone in mission.drones])  # (N, 2) position, heading
         slam = np.array([drone.localization == "slam" for drone in mission.drones])
         level, climb = frames.slam_drift_m**2, frames.slam_climb_m**2
@@ -56,6 +58,12 @@ class Drift:
         per_m = self._adrift_per_m if adrift else self._per_m[number]
         drift: Array = per_m * metres + np.array([place, place, place, heading])
         return drift
+
+    def aged(self, drone: str, mission_from_local: Transform, seconds: float, place_m: Vector3) -> Transform:
+        """A frame that nothing has told for that time, in which its drone may have flown on to ``place_m``, local frame."""
+        seconds = min(max(seconds, 0.0), _LONGEST_S)
+        variances = self.over(self._numbers[drone], seconds, seconds * _SPEED_MPS)
+        return mission_from_local.blurred(place_m, variances) if variances.any() else mission_from_local
 
     def over_jumps(self, track: Track, after_ns: int, until_ns: int) -> Array:
         """Variances (4,) added at the jumps between a track's segments, which are joined by the motion before."""

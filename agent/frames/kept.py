@@ -7,30 +7,72 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
+from agent.frames.graph import LAUNCH_EPOCH
 from agent.frames.transform import Transform
-from agent.geometry import Vector3
+from agent.geometry import Array
+
+_Number = float | None  # JSON has no number that is not finite: one that is becomes null
+_LARGEST = np.array([7.0, 1e5, 1e5, 1e5])  # of a yaw (rad) and a translation (m): that of a position in a message
+_LARGEST_VARIANCE = 1e10  # m^2
 
 
-class KeptFrame(Struct, frozen=True):
-    """The local frame of one epoch of a drone in the mission frame, as a state file holds it (``Transform``).
+class KeptTransform(Struct, frozen=True, kw_only=True):
+    """A transform as a state file holds it (``Transform``). ``covariance``: by rows; None: exact."""
 
-    ``covariance``: the 16 numbers of the matrix, by rows.
+    yaw_rad: _Number
+    translation_m: tuple[_Number, _Number, _Number]
+    covariance: Annotated[tuple[_Number, ...], Meta(min_length=16, max_length=16)] | None
+
+    @property
+    def mission_from_local(self) -> Transform | None:
+        """As it was when it was kept; None where that cannot be a frame, as a number is not finite, or too large."""
+        pose = np.array([self.yaw_rad, *self.translation_m], dtype=np.float64)
+        covariance = None if self.covariance is None else np.array(self.covariance, dtype=np.float64).reshape(4, 4)
+        if not (np.abs(pose) <= _LARGEST).all() or (covariance is not None and not _is_plausible(covariance)):
+            return None
+        yaw_rad, x, y, z = pose.tolist()
+        return Transform(yaw_rad, (x, y, z), covariance)
+
+
+class KeptFrame(KeptTransform, frozen=True, kw_only=True):
+    """The local frame of one epoch of a drone in the mission frame, as it was at ``stamp_ns`` (0: an older release kept it).
+
+    ``otherwise``: the same frame by the other explanation of a jump (``localization.knownframe``); None: no such doubt.
     """
 
     epoch: int
-    yaw_rad: float
-    translation_m: Vector3
-    covariance: Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]
+    stamp_ns: int = 0
+    otherwise: KeptTransform | None = None
 
     @classmethod
-    def of(cls, epoch: int, mission_from_local: Transform | None) -> KeptFrame | None:
-        """None where the frame is not known, or exact: then the mission tells it."""
-        if mission_from_local is None or mission_from_local.covariance is None:
+    def of(
+        cls, epoch: int, stamp_ns: int, mission_from_local: Transform | None, otherwise: Transform | None = None
+    ) -> KeptFrame | None:
+        """None where the frame is not known, or the mission tells it."""
+        if mission_from_local is None or (mission_from_local.covariance is None and epoch == LAUNCH_EPOCH):
             return None
-        rows = tuple(mission_from_local.covariance.ravel().tolist())
-        return cls(epoch, mission_from_local.yaw_rad, mission_from_local.translation, rows)
+        return cls(
+            epoch=epoch,
+            stamp_ns=stamp_ns,
+            yaw_rad=mission_from_local.yaw_rad,
+            translation_m=mission_from_local.translation,
+            covariance=_rows(mission_from_local),
+            otherwise=None if otherwise is None else _kept(otherwise),
+        )
 
     @property
-    def mission_from_local(self) -> Transform:
-        """As it was when it was kept."""
-        return Transform(self.yaw_rad, self.translation_m, np.array(self.covariance).reshape(4, 4))
+    def is_plausible(self) -> bool:
+        """Whether it can be a frame."""
+        return all(one is None or one.mission_from_local is not None for one in (self, self.otherwise))
+
+
+def _kept(transform: Transform) -> KeptTransform:
+    return KeptTransform(yaw_rad=transform.yaw_rad, translation_m=transform.translation, covariance=_rows(transform))
+
+
+def _rows(transform: Transform) -> tuple[float, ...] | None:
+    return None if transform.covariance is None else tuple(transform.covariance.ravel().tolist())
+
+
+def _is_plausible(covariance: Array) -> bool:
+    return bool((np.abs(covariance) <= _LARGEST_VARIANCE).all() and (covariance.diagonal() >= 0.0).all())

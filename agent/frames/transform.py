@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -93,6 +93,15 @@ class Transform:
             inner[:3, :3] = self.rotation_matrix()
             covariance += inner @ other.covariance @ inner.T
         return Transform(yaw_rad, translation, covariance)
+
+    def blurred(self, point: Vector3, variances: Sequence[float] | Array) -> Transform:
+        """The same with further errors in the place and heading of a body at a point of b.
+
+        variances: (4,) of x, y, z (m^2) and yaw (rad^2), independent; the first two equal.
+        """
+        at_body = Transform(0.0, point)
+        blurred = self @ at_body @ Transform(covariance=np.diag(variances)) @ at_body.inverse()
+        return replace(self, covariance=blurred.covariance)
 
     def sigmas_at(self, point: Vector3) -> tuple[float, float]:
         """1 sigma of the horizontal position in a of a point of b (m), and of the yaw (rad); zeros if exact."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import dist, hypot, remainder, sqrt, tau
 
 import msgspec
-import numpy as np
 
 from agent.frames.transform import Transform
 from agent.localization.continuity import carried_on
@@ -57,9 +55,7 @@ class KnownFrame:
         if self.otherwise is None:
             return frame
         axis_m2, turned_rad = 0.25 * self.doubt_m(frame, vehicle) ** 2, _turned_rad(frame, self.otherwise)
-        at_vehicle = Transform(0.0, vehicle.position_m)
-        doubt = Transform(covariance=np.diag([axis_m2, axis_m2, 0.0, 0.5 * turned_rad**2]))
-        return replace(frame @ at_vehicle @ doubt @ at_vehicle.inverse(), yaw_rad=frame.yaw_rad, translation=frame.translation)
+        return frame.blurred(vehicle.position_m, (axis_m2, axis_m2, 0.0, 0.5 * turned_rad**2))
 
     def stated(self, frame: Transform | None, vehicle: VehicleState) -> VehicleState:
         """Telemetry with the doubt in its errors."""

@@ -13,7 +13,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import DroneInMission
-from agent.frames.carried import told
+from agent.frames.carried import launch_from_local, told
+from agent.frames.drift import Drift
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
@@ -52,6 +53,23 @@ class Whereabouts(Struct, frozen=True):
     sigma_m: float
     yaw_rad: float
     yaw_sigma_rad: float
+
+
+class _Kept(Struct, frozen=True):
+    """The own frame of before a restart, as it is at ``stamp_ns``."""
+
+    epoch: int
+    transform: Transform
+    stamp_ns: int
+    drift: Drift
+
+    def drifted(self, drone: str, vehicle: VehicleState | None) -> _Kept:
+        """As it is at this telemetry; anew once a second."""
+        seconds = 0.0 if vehicle is None else (vehicle.stamp_ns - self.stamp_ns) * 1e-9
+        if vehicle is None or vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
+            return self
+        transform = self.drift.aged(drone, self.transform, seconds, vehicle.position_m)
+        return replace(self, transform=transform, stamp_ns=vehicle.stamp_ns)
 
 
 class OwnPose:
@@ -94,7 +112,7 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
-        self._kept: tuple[int, Transform] | None = None  # the same from before a restart, until the log tells it
+        self._kept: _Kept | None = None  # the one from before a restart, until the log tells it
         self._exact = KnownFrame()
         self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
@@ -119,8 +137,9 @@ class OwnPose:
         vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
-        if self._kept is not None and self._frames.mission_from_local(self._drone, self._kept[0]) is not None:
-            self._kept = None
+        if self._kept is not None:
+            known = self._frames.mission_from_local(self._drone, self._kept.epoch)
+            self._kept = None if known is not None else self._kept.drifted(self._drone, vehicle)
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
@@ -142,17 +161,28 @@ class OwnPose:
 
     @property
     def kept_frame(self) -> KeptFrame | None:
-        """The present frame, with the doubt about it, for an agent that is restarted in flight; None where it is not known, or
-        exact.
+        """The present frame, as it is told, and as it is otherwise, for an agent that is restarted in flight; None where it is
+        not known, or the mission tells it.
         """
         vehicle, frame = self.vehicle, self.frame
         if vehicle is None or frame is None:
             return None
-        return KeptFrame.of(vehicle.epoch, self._exact.doubted(frame.mission_from_local, vehicle))
+        carried, transform = self.carried(vehicle.epoch), frame.mission_from_local
+        if carried is not None:
+            transform = self._launch @ launch_from_local(carried)
+        return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, transform, self.otherwise)
 
-    def remember(self, kept: KeptFrame) -> None:
-        """Take the frame stored before the agent was restarted: it holds for its epoch until the log tells that frame."""
-        self._kept, self.is_unplaced = (kept.epoch, kept.mission_from_local), False
+    def remember(self, kept: KeptFrame, drift: Drift) -> None:
+        """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log tells that frame,
+        and drifts. A frame that the mission knew is told on, and doubted, as before.
+        """
+        transform = kept.mission_from_local
+        assert transform is not None  # it is plausible
+        self._kept = _Kept(kept.epoch, transform, kept.stamp_ns, drift).drifted(self._drone, self.vehicle)
+        self.is_unplaced = False
+        if not self.is_estimated and kept.epoch != LAUNCH_EPOCH and (self.vehicle is None or self.vehicle.epoch == kept.epoch):
+            self._carried[kept.epoch] = told(self._launch.inverse() @ transform)
+            self._exact.otherwise = None if kept.otherwise is None else kept.otherwise.mission_from_local
 
     @property
     def vehicle(self) -> VehicleState | None:
@@ -247,10 +277,11 @@ class OwnPose:
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
-        for other in (self._continued, self._kept):
-            if known is None and other is not None and other[0] == epoch:
-                return other[1]
-        return known
+        if known is not None:
+            return known
+        if self._continued is not None and self._continued[0] == epoch:
+            return self._continued[1]
+        return self._kept.transform if self._kept is not None and self._kept.epoch == epoch else None
 
     def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says."""
@@ -263,11 +294,15 @@ class OwnPose:
             return
         frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
         self._continued = vehicle.epoch, frame
-        launch = self._frames.mission_from_local(self._drone, LAUNCH_EPOCH)
-        assert launch is not None  # the mission knows it
-        self._carried[vehicle.epoch] = told(launch.inverse() @ self._exact.doubted(frame, vehicle))
+        self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(frame, vehicle))
         while len(self._carried) > _EPOCHS_KEPT:
             del self._carried[next(iter(self._carried))]
+
+    @property
+    def _launch(self) -> Transform:
+        launch = self._frames.mission_from_local(self._drone, LAUNCH_EPOCH)
+        assert launch is not None  # the mission knows it
+        return launch
 
     def _with_clock_error(self, state: VehicleState) -> VehicleState:
         clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from math import isfinite
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
+from agent.frames.kept import KeptFrame
 from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.aloft import Aloft
@@ -47,7 +49,7 @@ class Executive:
     """Flies the mission of one drone.
 
     ``finding``: the result of a search that ended without finding a source; else empty. ``memory``: state for an agent that is
-    restarted in flight, the same object as long as nothing in it changes.
+    restarted in flight, the same object as long as nothing in it changes. ``copied``: as in it; ``Revoking`` adds to it.
     """
 
     def __init__(
@@ -73,7 +75,7 @@ class Executive:
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding, self._revoked = "", False
-        self.memory = memory
+        self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         self._remembered = memory  # until telemetry shows whether that flight goes on
 
     @property
@@ -195,7 +197,7 @@ class Executive:
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
         self._navigator.home.remember(memory.home_m)
-        self._navigator.remember(memory.frames)
+        self._navigator.remember(self._plausible(memory.frames))
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
         if memory.started_ns != 0:
@@ -222,12 +224,24 @@ class Executive:
         self._search.begin(started_ns)
 
     def _remember(self, now_ns: int) -> None:
-        if self._remembered is None:
-            home = self._navigator.home.in_mission
-            memory = self._mission.memory(self._mission_id, home, now_ns, self._own.epoch_offset)
-            known = self.memory and replace(self.memory, response=None, frames={})
-            if memory != known:  # response and frames change all the time: they are only stored along with the rest
-                self.memory = memory and replace(memory, response=self._navigator.response.found, frames=self._navigator.frames)
+        if self._remembered is not None:
+            return
+        home_m = self._navigator.home.in_mission
+        home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
+        memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
+        epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
+        memory = memory and replace(memory, epoch=epoch, copied=tuple(sorted(self.copied)))
+        known = self.memory and replace(self.memory, response=None, frames={})
+        if memory != known:  # response and frames change all the time: they are only stored along with the rest
+            frames = self._plausible(self._navigator.frames)
+            self.memory = memory and replace(memory, response=self._navigator.response.found, frames=frames)
+
+    def _plausible(self, frames: Mapping[str, KeptFrame]) -> dict[str, KeptFrame]:
+        """Those that can be frames; the others are counted, and neither stored nor believed."""
+        found = {name: kept for name, kept in frames.items() if kept.is_plausible}
+        if len(found) < len(frames):
+            self._counters["kept_frame_implausible"] += len(frames) - len(found)
+        return found
 
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis

@@ -20,8 +20,8 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
     ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
-    epochs added to the vehicle's own. ``response``: the identified response of the vehicle. ``frames``: those of all drones that
-    the mission does not tell, by id.
+    epochs added to the vehicle's own; ``epoch``: with these. ``response``: the identified response of the vehicle. ``frames``:
+    those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have shown to be copied.
     """
 
     mission: str
@@ -33,8 +33,10 @@ class Memory(Struct, frozen=True, kw_only=True):
     tracking_since_ns: int | None = None
     home_m: Vector3 | None = None
     epoch_offset: int = 0
+    epoch: int = 0
     response: FoundResponse | None = None
     frames: dict[str, KeptFrame] = {}
+    copied: tuple[str, ...] = ()
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""

@@ -42,8 +42,7 @@ class Revoking:
         self._drone, self._trust, self._revocations = drone, trust, Revocations(verifier, counters)
         self._world, self._executive, self._peers, self._problems = world, executive, peers, problems
         self._contradictions: dict[Publisher, Contradiction] = {}
-        self._obeying: dict[str, Obeying] = {}  # the words of the others that are revoked
-        self._copied: set[str] = set()  # revoked while two sources sent in its name: the word may be the other one's
+        self._obeying: dict[str, Obeying] = {}  # the words of the others that are revoked; after a restart others pass them on
         self._due_ns = 0
 
     @property
@@ -75,7 +74,7 @@ class Revoking:
         on.
         """
         for word in message.obeying:
-            known = word.drone in self._obeying or word.drone in self._copied or word.drone == self._drone
+            known = word.drone in self._obeying or word.drone in self._executive.copied or word.drone == self._drone
             if not known and self._revocations.confirms(word, now_ns, message.drone):
                 self._obeying[word.drone] = word
                 self._executive.obeys(word.drone, now_ns)
@@ -129,7 +128,7 @@ class Revoking:
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):
             del self._obeying[name]  # another revocation counts now: to others its word would be a forged one
         if name in self._peers.names and self._peers[name].sources.are_two(now_ns):
-            self._copied.add(name)
+            self._executive.copied.add(name)  # the word may be the other one's
         self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))
         self._recount(name)

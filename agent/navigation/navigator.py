@@ -12,6 +12,7 @@ from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
+from agent.frames.drift import Drift
 from agent.frames.graph import FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
@@ -126,7 +127,7 @@ class Navigator:
         ``measured``: tells the drones that may fly at a stamp, by the measurements in the log.
         """
         self._limits = mission.limits
-        self._id = drone.id
+        self._id, self._drift = drone.id, Drift(mission)
         self.response = ResponseEstimator(drone.vehicle.response)
         self._own, self._measured = own, measured
         self.home = Home(self._own)
@@ -171,9 +172,9 @@ class Navigator:
         return self._neighbourhood.kept_frames if own is None else {self._id: own, **self._neighbourhood.kept_frames}
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
-        """Take the frames stored before the agent was restarted."""
+        """Take the plausible frames stored before the agent was restarted."""
         if self._id in frames:
-            self._own.remember(frames[self._id])
+            self._own.remember(frames[self._id], self._drift)
         self._neighbourhood.remember(frames)
 
     def obeys(self, name: str, now_ns: int) -> None:

@@ -36,6 +36,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
+from agent.frames.drift import Drift
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
@@ -86,7 +87,7 @@ class Neighbourhood:
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
         """``drone``: the own id."""
-        self._frames = frames
+        self._frames, self._drift = frames, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
@@ -102,12 +103,17 @@ class Neighbourhood:
     @property
     def kept_frames(self) -> dict[str, KeptFrame]:
         """The frames of the others, for an agent that is restarted in flight; while one is not heard again, that of before."""
-        found = {name: KeptFrame.of(pose.epoch, self._frame_of(name, pose)) for name, (pose, _) in list(self._placed.items())}
+        found = {
+            name: KeptFrame.of(pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame))
+            for name, (pose, frame) in self._placed.items()
+        }
         known = {name: kept for name, kept in found.items() if kept is not None}
         return {name: kept for name, kept in self._remembered.items() if name not in found} | known
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
-        """Take the frames stored before the agent was restarted: each holds for its epoch until the log tells it."""
+        """Take the plausible frames stored before the agent was restarted: each holds for its epoch until the log tells it, and
+        drifts.
+        """
         self._remembered = frames
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
@@ -225,18 +231,28 @@ class Neighbourhood:
             self._carried.pop(name, None)
             return known
         last, kept = self._placed.get(name), self._remembered.get(name)
-        if last is None and kept is not None and kept.epoch == pose.epoch:
-            last, self._carried[name] = (pose, kept.mission_from_local), pose.epoch
+        frame = kept.mission_from_local if last is None and kept is not None and kept.epoch == pose.epoch else None
+        if kept is not None and frame is not None:
+            last, self._carried[name] = (replace(pose, stamp_ns=kept.stamp_ns), frame), pose.epoch
         if last is None:
             return None
         before, transform = last
         if before.epoch != pose.epoch:
             transform = carried_on(transform, before, pose)
             self._carried[name] = pose.epoch
-        elif self._carried.get(name) != pose.epoch:  # it has become unknown
-            return Transform(transform.yaw_rad, transform.translation, _DOUBTED)
+        elif self._carried.get(name) == pose.epoch:
+            transform = self._drift.aged(name, transform, (pose.stamp_ns - before.stamp_ns) * 1e-9, pose.position_m)
+        else:
+            return self._as_told(name, pose.epoch, transform)
         self._placed[name] = pose, transform
         return transform
+
+    def _as_told(self, name: str, epoch: int, frame: Transform) -> Transform:
+        """The frame in which one was placed last, as the log tells it now; where the log tells it no more, with great doubt."""
+        known = self._frames.mission_from_local(name, epoch)
+        if known is None and self._carried.get(name) != epoch:
+            return Transform(frame.yaw_rad, frame.translation, _DOUBTED)
+        return known or frame
 
     def _elsewhere(self, name: str, pose: Pose, me: Self) -> list[PeerPlan]:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right."""

@@ -1,11 +1,13 @@
 """A revoked drone signs that it obeys and flies home: who believes it, and who may not say it."""
 
+import msgspec
 import pytest
-from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation
+from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, trusting
 from msgspec.structs import replace
-from one_pilot import SECOND, START_NS, partner, state
+from one_pilot import MISSION, SECOND, START_NS, partner, state
 
 from agent.fusion.revocations import MOST_REFUSED
+from agent.mission.memory import Memory
 from agent.vehicle.interface import FlightMode
 from protocol.codec import decode
 from protocol.identity import Role
@@ -98,22 +100,43 @@ def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attac
     assert believed(one) == ("d2",)
 
 
-def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
-    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
-    one = full()
+def hear_two_sources(one):
+    """For two seconds, under the id of d2."""
     for tick in range(20):
         now_ns = START_NS + tick * SECOND // 10
         here = next(message for message in partner(now_ns) if isinstance(message, Pose))
         east, north, up = here.position_m
         for pose in (here, replace(here, position_m=(east + 30.0, north, up))):
             one.receive(*keyed(pose), now_ns)
-    now_ns = START_NS + 2 * SECOND
+
+
+def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
+    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
+    one, now_ns = full(), START_NS + 2 * SECOND
+    hear_two_sources(one)
     assert one._peers["d2"].sources.are_two(now_ns)
     one.receive(*revocation(), now_ns)
     message = Revoked(stamp_ns=now_ns, drone="d2", held=(), obeying=(word(one.revocations[0]),))
     for later_s in (0, 1, 60):  # nor when the two are no longer shown
         one.receive(*keyed(message), now_ns + later_s * SECOND)
     assert believed(one) == ()
+
+
+def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
+    """Each finds the revocation in a file of its own, and hears the word again; the two sources are silent by then."""
+    memory = Memory(mission=MISSION.mission_id, stamp_ns=START_NS, started_ns=START_NS, stage=Stage.SURVEY, resume=Stage.SURVEY)
+    for restart in range(3):
+        now_ns = START_NS + 5 * restart * SECOND
+        one = trusting(memory=memory)
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+        if restart == 0:
+            hear_two_sources(one)
+        one.receive(*revocation(), now_ns + 2 * SECOND)
+        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
+        one.receive(*keyed(message), now_ns + 3 * SECOND)
+        one.step(now_ns + 3 * SECOND)
+        assert believed(one) == ()
+        memory = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
 
 
 def test_a_flood_of_words_that_nobody_has_signed_costs_little():

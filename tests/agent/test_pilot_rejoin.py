@@ -1,18 +1,24 @@
 """An agent that is restarted in flight: when and how it resumes, and when it leaves the vehicle alone."""
 
+import math
+
 import msgspec
+import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, messages, pilot, state, tracking
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, messages, partner, pilot, state, tracking
 
 from agent.config.mission import MissionConfig, TrackConfig
+from agent.frames.kept import KeptFrame
+from agent.frames.transform import Transform
 from agent.mission.memory import OLDEST_NS, REFRESH_NS, Memory
 from agent.navigation.identification import FoundResponse
+from agent.shell.statestore import State, decode_state, encode_state
 from agent.vehicle.interface import FlightMode, Request
 from protocol.codec import encode
 from protocol.entries import Coverage
 from protocol.keys import key_of
-from protocol.messages import Action, Plan, Stage, Status
+from protocol.messages import Action, Plan, Pose, Stage, Status
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 HOME = (5.0, 5.0, 3.0)
@@ -71,6 +77,44 @@ def test_what_was_found_of_the_vehicle_is_remembered_with_the_next_stamp_and_gon
     kept = one.memory
     fly(one, BACK_NS + 2 * REFRESH_NS, REFRESH_NS / SECOND - 1.0, FlightMode.OFFBOARD, position=(0.5, 0.0, 3.0))
     assert one.memory is kept  # the deviation has changed meanwhile, and waits
+
+
+WRONG = Transform(0.3, (4.0, 5.0, 0.0), np.full((4, 4), math.nan))
+RIGHT = KeptFrame(epoch=1, yaw_rad=0.3, translation_m=(4.0, 5.0, 0.0), covariance=None)
+
+
+def test_a_new_epoch_is_stored_at_once_with_its_frame():
+    one, _ = back()
+    fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD)
+    assert one.memory.frames == {}
+    fly(one, BACK_NS + SECOND, 0.1, FlightMode.OFFBOARD, position=(20.0, 0.0, 3.0), epoch=1)  # announced
+    assert one.memory.stamp_ns == BACK_NS - BACK_NS % REFRESH_NS
+    assert one.memory.frames["d1"].epoch == 1
+
+
+def test_a_frame_of_numbers_that_are_none_is_not_stored_and_the_rest_is():
+    one, _ = back()
+    one.frames.graph.place("d2", 1, RIGHT.mission_from_local)
+    for message in partner(BACK_NS):
+        told = replace(message, epoch=1) if isinstance(message, Pose) else message
+        one.receive(key_of("radron", told), encode(told), BACK_NS)
+    fly(one, BACK_NS, 0.5, FlightMode.OFFBOARD)
+    one._executive._remember(BACK_NS + REFRESH_NS)
+    assert one.memory.frames.keys() == {"d2"}
+    one.frames.graph.place("d2", 1, WRONG)
+    one._executive._remember(BACK_NS + 2 * REFRESH_NS)
+    assert one.memory.frames == {}
+    assert one.counters["kept_frame_implausible"] == 1
+    found = decode_state(encode_state(State(memory=one.memory))).memory
+    assert (found.stage, found.home_m) == (Stage.SURVEY, HOME)
+
+
+def test_of_the_stored_frames_those_that_cannot_be_frames_are_counted_and_the_others_are_believed():
+    memory = decode_state(encode_state(State(memory=replace(KEPT, frames={"d1": RIGHT, "d2": KeptFrame.of(1, 0, WRONG)})))).memory
+    one, _ = back(memory, epoch=1)
+    assert one.stage is Stage.SURVEY
+    assert one.counters["kept_frame_implausible"] == 1
+    assert one.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0))
 
 
 @pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND])

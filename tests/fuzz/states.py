@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from random import Random
 
 import msgspec
+import numpy as np
 import structlog
 from one_pilot import MISSION, SECOND, START_NS, state
 
 from agent.config.drone import DroneConfig, VehicleConfig
-from agent.frames.kept import KeptFrame
+from agent.frames.kept import KeptFrame, KeptTransform
 from agent.mission.memory import Memory
 from agent.navigation.identification import FoundResponse
 from agent.pilot import Pilot
-from agent.shell.statestore import State, StateStore
+from agent.shell.statestore import State, StateStore, encode_state
 from agent.vehicle.interface import FlightMode, LaunchPlace
 from agent.vehicle.mavlink.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
 from agent.vehicle.telemetry import Telemetry
@@ -36,6 +38,7 @@ _MONSTERS = (
     b"{" * 1000,
 )
 _ORIGIN = (473977420, 85455940, 488000)
+_ROWS = tuple(np.diag([0.1, 0.1, 0.1, 0.01]).ravel().tolist())
 
 
 class States(Target):
@@ -49,7 +52,7 @@ class States(Target):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self._log = structlog.wrap_logger(structlog.ReturnLogger(), processors=[])
-        self._examples = tuple(map(msgspec.json.encode, _states()))
+        self._examples = tuple(map(encode_state, _states()))
 
     def case(self, rng: Random, probe: Probe) -> None:
         """One file after another, under the same name."""
@@ -69,7 +72,7 @@ class States(Target):
                 document = mutated(
                     rng, document, lambda rng: rng.choice((*HOSTILE_NUMBERS, *HOSTILE_TEXTS, None, [], {}, True, 1e308))
                 )
-            return msgspec.json.encode(document)
+            return _checked(document)
         return broken_text(rng, example)
 
     def _start(self, data: bytes, flown: bool) -> None:
@@ -79,6 +82,14 @@ class States(Target):
         expect(store.problem is None or found == State(), "a state from a file that cannot be read")
         if flown:
             _fly_on(found)
+
+
+def _checked(document: object) -> bytes:
+    """The content of a file with the check that its content has, where it has one: what is wrong has been written so."""
+    if isinstance(document, dict) and "check" in document:
+        written = msgspec.json.encode({key: value for key, value in document.items() if key != "check"})
+        document = document | {"check": hashlib.blake2b(written, digest_size=8).hexdigest()}
+    return msgspec.json.encode(document)
 
 
 def _fly_on(found: State) -> None:
@@ -114,7 +125,18 @@ def _states() -> tuple[State, ...]:
         home_m=(5.0, 5.0, 0.0),
         epoch_offset=1,
         response=FoundResponse(**{field.name: 0.3 for field in msgspec.structs.fields(FoundResponse)}),
-        frames={"d1": KeptFrame(1, 0.3, (1.0, 2.0, 0.0), (0.1,) * 16)},
+        frames={
+            "d1": KeptFrame(
+                epoch=1,
+                stamp_ns=START_NS,
+                yaw_rad=0.3,
+                translation_m=(1.0, 2.0, 0.0),
+                covariance=_ROWS,
+                otherwise=KeptTransform(yaw_rad=0.1, translation_m=(3.0, 2.0, 0.0), covariance=None),
+            ),
+            "d2": KeptFrame(epoch=2, stamp_ns=START_NS, yaw_rad=0.3, translation_m=(1.0, 2.0, 0.0), covariance=None),
+        },
+        copied=("d2",),
     )
     launch = LaunchPlace(
         north_m=1.0,

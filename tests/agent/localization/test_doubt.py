@@ -2,10 +2,15 @@
 
 import math
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
+from agent.frames.drift import Drift
 from agent.frames.graph import FrameGraph
+from agent.frames.kept import KeptFrame
+from agent.frames.transform import same
 from agent.navigation.ownfence import OwnFence
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Pose, Stage, Status
@@ -46,13 +51,61 @@ def test_a_jump_back_ends_the_doubt_and_the_frame_is_known_exactly_again(own):
     assert own.vehicle.position_sigma_m == 0.1
 
 
-def test_the_doubt_outlives_a_restart_of_the_agent(own):
+def restarted(own):
+    """The agent anew, with what its state file held."""
+    kept = msgspec.json.decode(msgspec.json.encode(own.kept_frame), type=KeptFrame)
+    again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=own.epoch_offset)
+    again.remember(kept, Drift(MISSION))
+    again.take(replace(own.vehicle, stamp_ns=own.vehicle.stamp_ns + 30 * SECOND, epoch=0, position_sigma_m=0.1))
+    return again
+
+
+def test_the_doubt_outlives_restarts_of_the_agent(own):
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
-    restarted = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=own.epoch_offset)
-    restarted.remember(own.kept_frame)
-    restarted.take(state(START_NS + 7 * TICK_NS, position=JUMPED))
-    assert in_mission(restarted) == pytest.approx(in_mission(own))
-    assert restarted.sigma_m == pytest.approx(22.0 / math.sqrt(2.0), abs=0.1)
+    again = restarted(restarted(own))
+    assert in_mission(again) == pytest.approx(in_mission(own))
+    assert again.otherwise.apply_point(JUMPED) == pytest.approx(own.otherwise.apply_point(JUMPED))
+    assert again.doubt_m == pytest.approx(22.0, abs=0.1)
+    assert again.vehicle.position_sigma_m == pytest.approx(22.0 / math.sqrt(2.0), abs=0.1)
+    assert again.sigma_m == pytest.approx(22.0 / math.sqrt(2.0), abs=0.1)
+    assert "22 m from where it believes to be" in " ".join(again.problems(again.vehicle.stamp_ns))
+
+
+def test_the_frame_is_told_after_a_restart_as_before(own):
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    before, after = own.carried(1), restarted(restarted(own)).carried(1)
+    assert after.translation_m == pytest.approx(before.translation_m)
+    assert after.covariance == pytest.approx(before.covariance)
+
+
+def test_a_jump_back_ends_the_doubt_after_a_restart_too(own):
+    exactly = own.frame.mission_from_local
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    again = restarted(own)
+    again.take(state(again.vehicle.stamp_ns + TICK_NS, position=HERE))
+    assert again.doubt_m == 0.0
+    assert same(again.frame.mission_from_local, exactly)
+
+
+def test_the_frame_of_a_localisation_that_has_jumped_back_is_known_exactly_after_a_restart(own):
+    """Its epoch is a later one, and where all that held the log were restarted, nobody else tells its frame."""
+    exactly = own.frame.mission_from_local
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    own.take(state(START_NS + 7 * TICK_NS, position=HERE))
+    again = restarted(own)
+    assert again.vehicle.epoch == 2
+    assert again.frame.mission_from_local.covariance is None
+    assert in_mission(again) == pytest.approx(exactly.apply_point(HERE))
+    assert again.carried(2).covariance is None
+
+
+def test_a_doubt_about_an_epoch_that_is_over_is_none_about_the_present_one(own):
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=1)
+    again.take(state(START_NS + 30 * SECOND, position=HERE, epoch=1))  # announced, while no agent was there
+    again.remember(own.kept_frame, Drift(MISSION))
+    assert again.frame is None
+    assert again.otherwise is None
 
 
 def test_an_announced_jump_is_no_doubt_and_does_not_end_one(own):

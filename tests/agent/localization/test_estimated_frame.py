@@ -4,10 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, pilot, state
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
 from agent.config.mission import DroneInMission
 from agent.detector.readout import PixelHits, Readout
+from agent.frames.drift import Drift
+from agent.frames.graph import FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.localization.poseproblems import UNSURE_M
 from agent.mission.memory import Memory
@@ -147,7 +150,7 @@ def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_
     other.observe_vehicle(state(back_ns, FlightMode.RETURN, healthy=False))
     other.step(back_ns)
     assert other.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0), abs=1e-6)
-    assert other.whereabouts.sigma_m == pytest.approx(one.whereabouts.sigma_m)
+    assert other.whereabouts.sigma_m > one.whereabouts.sigma_m + 0.1  # it has drifted since
     assert reckoned(other, back_ns + SECOND) == [pytest.approx(place)]
     graph = other.frames.graph
     graph.place("d1", 0, Transform(0.5, (6.0, 5.0, 0.0), covariance))
@@ -156,3 +159,18 @@ def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_
     graph.replace_from("d1", 0, 0, [(0, None)])
     other.observe_vehicle(state(back_ns + 3 * SECOND, FlightMode.OFFBOARD))
     assert other.whereabouts is None  # what the log has told and tells no more is not believed
+
+
+@pytest.mark.parametrize(("away_s", "flown_s"), [(12, 0), (12, 48), (60, 0)])
+def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(away_s, flown_s):
+    """All that held the log were restarted, and no sighting tells the heading: it flies by that frame to the end."""
+    member, before = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0), Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4))
+    drift, own = Drift(mission_of(member)), own_pose("d1", FrameGraph(), member)
+    back_ns = START_NS + away_s * SECOND
+    own.take(state(back_ns))
+    own.remember(KeptFrame.of(0, START_NS, before), drift)
+    for tick in range(flown_s * 20):
+        own.take(state(back_ns + tick * TICK_NS))
+    aged = drift.aged("d1", before, away_s + flown_s, (0.0, 0.0, 3.0))
+    assert own.sigma_m == pytest.approx(aged.sigmas_at((0.0, 0.0, 3.0))[0], rel=0.02)  # anew once a second
+    assert own.place_m == pytest.approx((4.0, 5.0, 3.0))

@@ -6,7 +6,9 @@ from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
 from agent.config.mission import DroneInMission
+from agent.frames.drift import Drift
 from agent.frames.graph import FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform, same
 from agent.motion.reference import PeerState
 from agent.navigation.myself import Self
@@ -219,6 +221,37 @@ def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_
         assert other.plan.sigma_m == WORST_SIGMA_M  # what the log has told and tells no more is in doubt
 
 
+@pytest.mark.parametrize("seconds", [12, 60])
+def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(seconds):
+    one, kept = Neighbourhood(ESTIMATED, FrameGraph(), "a"), KeptFrame.of(0, NOW_NS - seconds * SECOND, WRONG)
+    one.remember({"b": kept})
+    for _ in range(2):
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        aged = Drift(ESTIMATED).aged("b", WRONG, float(seconds), (18.0, 0.0, 3.0))
+        sigma_m = math.hypot(aged.sigmas_at((18.0, 0.0, 3.0))[0], HERE.sigmas_at((0.0, 0.0, 0.0))[0])
+        assert other.plan.sigma_m == pytest.approx(min(sigma_m, WORST_SIGMA_M), abs=1e-3)
+    again = one.kept_frames["b"]
+    assert again.stamp_ns == NOW_NS
+    assert again.mission_from_local.covariance == pytest.approx(aged.covariance)
+
+
+def test_to_read_the_frames_that_are_kept_changes_nothing():
+    """Between two plans the log tells the frame, and tells it no more: what is known of the drone is as if nobody had looked."""
+    found = []
+    for looks in (False, True):
+        graph = FrameGraph()
+        one = Neighbourhood(ESTIMATED, graph, "a")
+        one.remember({"b": KeptFrame.of(0, NOW_NS, WRONG)})
+        around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        graph.place("b", 0, HERE)
+        if looks:
+            assert one.kept_frames["b"].translation_m == HERE.translation
+        graph.replace_from("b", 0, 0, [(0, None)])
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        found.append((other.plan.measured.position, other.plan.sigma_m))
+    assert found[0] == found[1]
+
+
 def test_of_a_frame_that_is_not_believed_any_more_the_doubt_is_kept_and_what_the_mission_tells_is_not():
     graph = FrameGraph()
     graph.place("b", 0, WRONG)
@@ -227,7 +260,12 @@ def test_of_a_frame_that_is_not_believed_any_more_the_doubt_is_kept_and_what_the
     assert same(one.kept_frames["b"].mission_from_local, WRONG)
     graph.replace_from("b", 0, 0, [(0, None)])
     assert one.kept_frames["b"].mission_from_local.sigmas_at((0.0, 0.0, 0.0))[0] == pytest.approx(WORST_SIGMA_M)
-    exact, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    layout, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
+    exact = Neighbourhood(MISSION, layout, "a")
     peers.receive(pose(), 0)
     assert exact.around(peers, Self(0, 0, 0.1, Transform()))
     assert exact.kept_frames == {}
+    layout.place("b", 2, TRUE)  # its localisation has jumped, and back
+    peers.receive(pose(SECOND, epoch=2), SECOND)
+    exact.follow(peers)
+    assert exact.kept_frames["b"].covariance is None

@@ -1,0 +1,39 @@
+"""A drone whose localisation has jumped, unannounced, and whose agent is then killed and started again: it stays in doubt."""
+
+from itertools import combinations
+from math import dist
+
+from msgspec.structs import replace
+
+from agent.mission.stages import STRANDED_NS
+from protocol.messages import Stage
+from sim.faults.kinds import read_faults
+from sim.lockstep.flight import watched
+from sim.scenario import load_scenario
+from sim.scoring.moment import Moment
+
+JUMP_S, KILL_S, BACK_S = 12.0, 13.0, 15.0
+END_S = BACK_S + 1e-9 * STRANDED_NS + 1.0
+FAULTS = (
+    {"kind": "position-jump", "at_s": JUMP_S, "jump_m": 20.0, "target": "d2"},
+    {"kind": "kill", "at_s": KILL_S, "for_s": BACK_S - KILL_S, "target": "d2"},
+)
+
+
+def test_after_a_restart_it_is_kept_clear_of_in_both_places_and_returns() -> None:
+    least_m, places, stages = float("inf"), list[int](), list[Stage]()
+
+    def watch(moment: Moment) -> bool:
+        nonlocal least_m
+        first, second, _ = moment.pilots
+        least_m = min(least_m, *(dist(one, other) for one, other in combinations(moment.position_m.tolist(), 2)))
+        if second is not None:
+            stages.append(second.stage)
+        if first is not None and first.reckoning is not None and moment.time_s > BACK_S + 1.0:
+            places.append(sum(other.id == "d2" for other in first.reckoning.others))
+        return moment.time_s > END_S
+
+    watched(replace(load_scenario("demo"), fault=read_faults(list(FAULTS), "test")), 1, watch)
+    assert min(places) == 2
+    assert stages[-1] is Stage.RETURN
+    assert least_m > 3.0
