@@ -24,8 +24,10 @@ from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, esca
 
 _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
-_FENCE_YIELDS = 1.0  # where the two conflict, the fence yields, by at most the margin between the vehicles
-_LINE_YIELDS = 0.3  # the line between two sides, behind which drones fly that cannot give way, yields less than all else
+# Where the two conflict, the fence yields, by at most the margin between the vehicles; the less, the more doubtful their places.
+_FENCE_YIELDS = 1.0
+# The line between two sides, behind which drones fly that cannot give way, yields less than all else, but for a large doubt.
+_LINE_YIELDS = 0.3
 _FACING = -0.9  # cosine between the normals of two lines that face each other
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
 # them, a drone turned back into the next one on the circle, which could not brake in time.
@@ -70,7 +72,7 @@ class _Neighbour(Struct, frozen=True):
     """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
 
     ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions. ``yields``: metres per metre of
-    slack, as in ``HalfPlanes``, of all steps or of each (H,).
+    slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``: what is held for the sake of its doubtful place.
     """
 
     positions: Array
@@ -79,6 +81,7 @@ class _Neighbour(Struct, frozen=True):
     has_right_of_way: bool
     away: Array | None = None
     yields: float | Array = 1.0
+    doubted_m: float = 0.0
 
 
 class Steering:
@@ -144,8 +147,10 @@ class Steering:
         for peer in peers:
             theirs = self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y)
             distance = keep_away(self._id, peer, self._limits.separation_m, own_m)
+            doubted_m = _doubted_m(peer)
             if peer.away is not None:
-                lines.append(_Neighbour(np.array(theirs), distance, 0.0, has_right_of_way=True, away=peer.away[1:]))
+                line_yields = max(_LINE_YIELDS, doubted_m / LEAST_MARGIN_M - 1.0)
+                lines.append(_Neighbour(np.array(theirs), distance, 0.0, True, peer.away[1:], line_yields, doubted_m))
                 continue
             apart = [
                 (px - qx) ** 2 + (py - qy) ** 2 for plan in mine for (px, py), (qx, qy) in zip(plan, theirs[1:], strict=True)
@@ -154,7 +159,8 @@ class Steering:
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
                 yields = self._yields(peer, distance - hypot(virtual_x - theirs[0][0], virtual_y - theirs[0][1]))
-                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id), yields=yields))
+                has_right_of_way = peer.goes_before(self._id)
+                neighbours.append(_Neighbour(np.array(theirs), distance, bare, has_right_of_way, None, yields, doubted_m))
                 clear = clear and clearance >= 0.0
         for line in _with_room(lines, self._limits.separation_m):
             assert line.away is not None
@@ -169,11 +175,9 @@ class Steering:
         What is lacking because a place is doubtful can be had only after a while, at the end of the plan: until then the others,
         and the fence, must not lose as many metres. One that gives no way may keep it from that for long.
         """
-        if peer.blind and peer.measured is None:
-            return _UNHEARD_YIELDS
         doubted_m = _doubted_m(peer)
         if peer.blind:
-            return 1.0 + doubted_m / LEAST_MARGIN_M
+            return max(_UNHEARD_YIELDS if peer.measured is None else 1.0, 1.0 + doubted_m / LEAST_MARGIN_M)
         lacking_m = min(lacking_m, doubted_m)
         return 1.0 if lacking_m <= 0.0 else 1.0 + (lacking_m / LEAST_MARGIN_M) * self._lasting
 
@@ -204,15 +208,18 @@ class Steering:
         horizon, count = self._horizon, max(_ROWS, len(neighbours) + len(fence[0]))
         here = (float(situation.start[0, 0]), float(situation.start[0, 1]))
         normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
+        doubted_m = max((other.doubted_m for other in neighbours), default=0.0) if len(fence[0]) else 0.0
         for row, other in enumerate(neighbours):
+            # Near the fence there may be no room at the end of the plan, either.
+            yielding[row] = other.yields if len(fence[0]) == 0 else np.max(other.yields)
             if other.away is not None:
-                normals[row], yielding[row] = other.away, _LINE_YIELDS
+                normals[row] = other.away
                 offsets[row] = np.einsum("kx,kx->k", other.away, other.positions[1:]) + other.distance
                 continue
             normals[row], offsets[row] = half_planes(previous, here, other.positions, other.distance, other.has_right_of_way)
-            yielding[row] = other.yields
+        fence_yields = _FENCE_YIELDS / (1.0 + doubted_m / LEAST_MARGIN_M)
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
-            normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
+            normals[row], offsets[row], yielding[row] = normal, offset, fence_yields
         if count > _ROWS:
             by_optimum, by_plan = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, previous))
             slack, steps, first = np.minimum(by_optimum, by_plan), np.arange(horizon), by_plan.argmin(axis=0)

@@ -1,38 +1,39 @@
 """Where else a drone of an exactly known frame may be whose localisation has jumped unannounced (``localization.ownpose``).
 
 It flies on by continuity; if its localisation is right, its poses are of the launch's frame as before. So it is in either of two
-places, and two such drones lie to each other in one of four ways. Each keeps clear of both places of the other, as seen from its
-own by continuity. That leaves out that both localisations are right, as after spoofing that has ended for both: so each keeps
-clear of that, too. Nothing else needs the own other place: one without such a doubt keeps clear of both places itself.
+places, not anywhere around them: separation is kept from each, and not for the sake of the doubt. Kept from the one it flies by
+as far as the doubt reaches, too, four drones in doubt by 8.8 m held each other off their homes for two minutes.
+
+One that is in doubt itself is in either of two places to all others, too, and keeps clear of them as seen from both
+(``myself.Self.elsewhere``). So two drones reckon with the same of each other: with two ways in which they may lie where one of
+them is in doubt, with four where both are.
 """
 
 from __future__ import annotations
 
-from math import hypot, sqrt
+from math import dist, sqrt
 
 from agent.frames.transform import Transform
 from agent.localization.knownframe import SAME_M
-from agent.motion.separation import PeerPlan
-from agent.navigation.myself import Self
-from agent.navigation.placing import WORST_SIGMA_M, bare, blind
+from agent.navigation.placing import WORST_SIGMA_M
 from protocol.messages import Pose
 
-_LEAST_SIGMA_M = SAME_M / sqrt(2.0)  # a drone that states less is in no such doubt
 
-
-def doubted(name: str, pose: Pose, launch: Transform, me: Self) -> list[PeerPlan]:
-    """The places of a drone by its localisation, own local frame, as far as separation does not allow for them anyway.
+def doubt_m(pose: Pose, mission_from_theirs: Transform, launch: Transform) -> float:
+    """Distance between the two places of a drone, as it tells with its frame; 0 without that doubt.
 
     Args:
-        name: its id.
         pose: of an epoch after the first.
+        mission_from_theirs: its frame of that epoch.
         launch: its frame in its first epoch, mission from local.
-        me: this drone.
     """
-    found = []
-    if me.local_from_mission is not None and pose.position_sigma_m >= WORST_SIGMA_M:
-        found.append(blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns))
-    both_m = hypot(me.sigma_m, pose.position_sigma_m)
-    if me.otherwise is not None and pose.position_sigma_m >= _LEAST_SIGMA_M and both_m >= WORST_SIGMA_M:
-        found.append(blind(name, pose, bare(me.otherwise).inverse() @ launch, me.now_ns))
-    return found
+    apart_m = dist(mission_from_theirs.apply_point(pose.position_m)[:2], launch.apply_point(pose.position_m)[:2])
+    told_m = sqrt(2.0) * mission_from_theirs.sigmas_at(pose.position_m)[0]
+    return apart_m if told_m >= SAME_M and abs(apart_m - told_m) < SAME_M else 0.0
+
+
+def may_be_elsewhere(pose: Pose, mission_from_theirs: Transform | None, launch: Transform) -> bool:
+    """Whether it may be where its localisation says; until it has told its frame, its pose tells that it may be anywhere."""
+    if pose.position_sigma_m >= WORST_SIGMA_M:
+        return True
+    return mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, launch) > 0.0

@@ -271,6 +271,7 @@ class Navigator:
             revoked=self.revoked,
             excluded=self.excluded,
             otherwise=self._own.otherwise,
+            doubt_m=self._own.doubt_m,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -17,8 +17,9 @@ publishes plans no more, and never gives way.
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
 revoked before, or is out of reach. It counts as missing, like one that is not heard any more.
 
-One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both; so
-it is from one whose poses and plans contradict each other, although its agent steers it: one of them is false.
+One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
+as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
+although its agent steers it: one of them is false.
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
@@ -45,7 +46,8 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
 from agent.navigation.contact import SILENT_NS, Circle
-from agent.navigation.doubted import doubted
+from agent.navigation.doubted import doubt_m as doubt_between_m
+from agent.navigation.doubted import may_be_elsewhere
 from agent.navigation.following import Following
 from agent.navigation.myself import Self
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
@@ -61,6 +63,7 @@ from agent.navigation.placing import (
     placed_by_sightings,
     planned,
     sigma_of_m,
+    unexplained_m,
 )
 from agent.navigation.relative import offset, places
 from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
@@ -117,8 +120,18 @@ class Neighbourhood:
         self._remembered = frames
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
-        """All drones that are not on the ground and can be located, by id."""
+        """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""
         self._silent.keep_time(peers.set_ns)
+        found, missing = self._seen_from(peers, me)
+        partners = [one.id for one in found if one.takes_part]
+        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
+        if (elsewhere := me.elsewhere()) is not None:
+            others, _ = self._seen_from(peers, elsewhere)
+            found += [replace(one, takes_part=False) for one in others]
+        return found
+
+    def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
+        """All drones as they lie to this one if its frame is right; and who is missing."""
         found: list[Neighbour] = []
         missing = []
         for name in peers.names:
@@ -158,11 +171,10 @@ class Neighbourhood:
                 found.append(Neighbour(name, followed, takes_part))
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
             as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
-            elsewhere = (*self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), as_planned, stop)
+            second = self._second_place(name, peer, me)
+            elsewhere = (self._elsewhere(name, peer.pose, mission_from_theirs, me), second, as_planned, stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
-        partners = [one.id for one in found if one.takes_part]
-        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
-        return found
+        return found, missing
 
     def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
@@ -254,10 +266,17 @@ class Neighbourhood:
             return Transform(frame.yaw_rad, frame.translation, _DOUBTED)
         return known or frame
 
-    def _elsewhere(self, name: str, pose: Pose, me: Self) -> list[PeerPlan]:
-        """Where a drone of an exactly known frame is if its localisation that has jumped is right."""
-        launch = self._frames.mission_from_local(name, LAUNCH_EPOCH) if self._members[name].is_exact else None
-        return [] if launch is None or pose.epoch == LAUNCH_EPOCH else doubted(name, pose, launch, me)
+    def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
+        """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
+        launch = self._launch_of(name, pose)
+        if launch is None or me.local_from_mission is None or not may_be_elsewhere(pose, mission_from_theirs, launch):
+            return None
+        return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
+
+    def _launch_of(self, name: str, pose: Pose) -> Transform | None:
+        """The frame of the first epoch of a drone that is in a later one, where the mission knows it exactly."""
+        is_known = self._members[name].is_exact and pose.epoch != LAUNCH_EPOCH
+        return self._frames.mission_from_local(name, LAUNCH_EPOCH) if is_known else None
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
@@ -287,7 +306,7 @@ class Neighbourhood:
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
     ) -> PeerPlan:
         if mission_from_theirs.covariance is None and local_from_mission.covariance is None:
-            sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
+            sigma_m = min(hypot(me.place_sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
             return self._plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
         local_from_theirs = bare(local_from_mission) @ bare(mission_from_theirs)
         sigma_m = hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs))
@@ -297,6 +316,9 @@ class Neighbourhood:
             alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
+            launch = self._launch_of(name, pose)
+            doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
+            sigma_m = hypot(me.place_sigma_m, unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
@@ -339,4 +361,4 @@ class Neighbourhood:
 
 def _between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
     """1 sigma of the distance between a drone and this one, as far as separation grows with it."""
-    return min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+    return min(hypot(me.place_sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)

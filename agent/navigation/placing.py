@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import hypot, inf
+from math import hypot, inf, sqrt
 
 import numpy as np
 
@@ -68,6 +68,11 @@ def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
     """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
     value, which is larger where it has lost its satellites."""
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
+
+
+def unexplained_m(sigma_m: float, doubt_m: float) -> float:
+    """What is left of a stated error (1 sigma) of which a part is a doubt between two places, so far apart, that count both."""
+    return sqrt(max(0.0, sigma_m**2 - 0.5 * doubt_m**2))
 
 
 def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:

@@ -123,43 +123,6 @@ def test_a_drone_that_publishes_plans_no_more_gives_no_way():
     assert seen(pose(3 * SECOND // 2), plan(), status(Stage.HOLD), now_ns=3 * SECOND // 2)[0].plan.blind is True
 
 
-@pytest.mark.parametrize(("sigma_m", "places"), [(0.1, 1), (16.0, 2)])
-def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, places):
-    """Its pose jumps by 20 m along its x axis, which is the mission's y axis."""
-    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    peers.receive(pose(), 0)
-    around.around(peers, Self(0, 0, 0.0, Transform()))
-    now_ns = SECOND // 10
-    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(21.0, 0.0, 3.0)), now_ns)
-    found = around.around(peers, Self(now_ns, 0, 0.0, Transform()))
-    assert len(found) == places
-    assert found[0].plan.state(now_ns).position == pytest.approx((10.0, 1.2, 3.0))
-    if places == 2:
-        assert found[1].plan.state(now_ns).position == pytest.approx((10.0, 21.0, 3.0))
-        assert found[1].plan.blind
-        assert not found[1].takes_part
-
-
-@pytest.mark.parametrize(("sigma_m", "own_sigma_m", "places"), [(4.0, 7.0, 2), (2.0, 4.0, 1), (0.1, 7.0, 1), (16.0, 7.0, 3)])
-def test_two_drones_in_doubt_keep_clear_of_each_other_as_they_lie_if_both_localisations_are_right(sigma_m, own_sigma_m, places):
-    """b's pose jumps by 8 m along the mission's y axis, that of this drone by -10 m along x: it takes itself to be 10 m further
-    along x than its localisation says. Separation allows for up to 5 m (1 sigma) between them anyway.
-    """
-    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    peers.receive(pose(), 0)
-    around.around(peers, Self(0, 0, 0.0, Transform()))
-    now_ns = SECOND // 10
-    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(9.0, 0.0, 3.0)), now_ns)
-    own = Transform(translation=(10.0, 0.0, 0.0))
-    found = around.around(peers, Self(now_ns, 1, own_sigma_m, own.inverse(), otherwise=Transform()))
-    assert len(found) == places
-    if places > 1:
-        both = found[-1]
-        assert both.plan.state(now_ns).position == pytest.approx((10.0, 9.0, 3.0))
-        assert both.plan.blind
-        assert not both.takes_part
-
-
 def test_a_drone_whose_poses_say_that_it_is_not_steered_is_placed_by_them_at_once():
     """However new its last plan is: a pilot who takes over needs no second to leave it."""
     taken = replace(pose(SECOND // 10), velocity_mps=(0.0, 0.0, 0.0), steered=False)

@@ -1,0 +1,110 @@
+"""Drones that may be in either of two places, as their localisation has jumped unannounced: to others, and to themselves."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from two_drones import MISSION, SECOND, plan, pose, status
+
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.navigation.myself import PATIENT_S, Self
+from agent.navigation.neighbours import Neighbourhood
+from agent.navigation.peers import Peers
+from protocol.messages import Stage
+
+NOW_NS = SECOND // 10
+
+
+@pytest.mark.parametrize(("sigma_m", "places"), [(0.1, 1), (16.0, 2)])
+def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, places):
+    """Its pose jumps by 20 m along its x axis, which is the mission's y axis."""
+    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers.receive(pose(), 0)
+    around.around(peers, Self(0, 0, 0.0, Transform()))
+    now_ns = SECOND // 10
+    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(21.0, 0.0, 3.0)), now_ns)
+    found = around.around(peers, Self(now_ns, 0, 0.0, Transform()))
+    assert len(found) == places
+    assert found[0].plan.state(now_ns).position == pytest.approx((10.0, 1.2, 3.0))
+    if places == 2:
+        assert found[1].plan.state(now_ns).position == pytest.approx((10.0, 21.0, 3.0))
+        assert found[1].plan.blind
+        assert not found[1].takes_part
+
+
+def jumped_m(along_m: float, told: bool) -> tuple[Neighbourhood, Peers]:
+    """b, at (10, 1) m and flying on at 2 m/s along the mission's y axis, whose localisation jumps by so much along that axis.
+
+    ``told``: as it has said with its frame, both places are equally likely.
+    """
+    frames, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
+    around = Neighbourhood(MISSION, frames, "a")
+    peers.receive(pose(), 0)
+    around.around(peers, Self(0, 0, 0.0, Transform()))
+    if told:
+        launch, axis_m2 = frames.mission_from_local("b", 0), 0.25 * along_m**2
+        assert launch is not None
+        back = Transform(translation=(-along_m, 0.0, 0.0), covariance=np.diag([axis_m2, axis_m2, 0.0, 0.0]))
+        frames.place("b", 1, launch @ back)
+    sigma_m = abs(along_m) / 2**0.5 if told else 0.3
+    now = replace(pose(NOW_NS, sigma_m, epoch=1), position_m=(1.2 + along_m, 0.0, 3.0))
+    assert peers.receive(now, NOW_NS) is None
+    return around, peers
+
+
+def places(found) -> list[tuple[float, float]]:
+    return [one.plan.state(NOW_NS).position[:2] for one in found]
+
+
+@pytest.mark.parametrize("along_m", [3.0, 8.0, 30.0])
+def test_one_that_tells_of_its_doubt_is_in_either_of_two_places_and_not_around_them(along_m):
+    around, peers = jumped_m(along_m, told=True)
+    found = around.around(peers, Self(NOW_NS, 0, 0.3, Transform()))
+    assert places(found) == [pytest.approx((10.0, 1.2)), pytest.approx((10.0, 1.2 + along_m))]
+    assert [one.plan.sigma_m for one in found] == pytest.approx([0.3, 0.0], abs=0.01)
+
+
+def test_what_is_in_doubt_of_a_frame_but_not_between_its_two_places_counts_as_before():
+    """Its frame may lie 8 m elsewhere, but its localisation says 30 m: that is no place of which it has told."""
+    around, peers = jumped_m(8.0, told=True)
+    peers.receive(replace(pose(2 * NOW_NS, 5.7, epoch=1), position_m=(30.0, 0.0, 3.0)), 2 * NOW_NS)
+    around._frames.place("b", 1, Transform(np.pi / 2, (10.0, -29.0, 0.0), np.diag([16.0, 16.0, 0.0, 0.0])))
+    found = around.around(peers, Self(2 * NOW_NS, 0, 0.3, Transform()))
+    assert found[0].plan.sigma_m == 5.0
+
+
+OWN = Transform(translation=(10.0, 0.0, 0.0))  # the own frame by continuity; by its localisation, that of the mission
+
+
+def test_one_in_doubt_itself_keeps_clear_of_others_as_seen_from_both_of_its_places():
+    """It takes itself to be 10 m further along x than its localisation says: so b may be 10 m further along x for it."""
+    around, peers = jumped_m(0.0, told=False)
+    peers.receive(status(Stage.TRACK), NOW_NS)
+    me = Self(NOW_NS, 1, 10.0 / 2**0.5, OWN.inverse(), otherwise=Transform(), doubt_m=10.0)
+    found = around.around(peers, me)
+    assert places(found) == [pytest.approx((0.0, 1.2)), pytest.approx((10.0, 1.2))]
+    assert [one.plan.sigma_m for one in found] == pytest.approx([0.4, 0.4], abs=0.05)
+    assert [one.takes_part for one in found] == [True, False]
+    assert not found[1].plan.blind  # it keeps clear of both places, too
+
+
+def test_two_in_doubt_reckon_with_all_four_ways_in_which_they_may_lie():
+    around, peers = jumped_m(8.0, told=True)
+    me = Self(NOW_NS, 1, 10.0 / 2**0.5, OWN.inverse(), otherwise=Transform(), doubt_m=10.0)
+    expected = {(0.0, 1.2), (0.0, 9.2), (10.0, 1.2), (10.0, 9.2)}
+    assert {(round(x, 3), round(y, 3)) for x, y in places(around.around(peers, me))} == expected
+
+
+@pytest.mark.parametrize(("returning_s", "revoked", "both"), [(5.0, True, True), (PATIENT_S, True, False), (90.0, False, True)])
+def test_one_that_is_not_heard_keeps_clear_of_silent_ones_from_its_other_place_for_a_while_only(returning_s, revoked, both):
+    """Those that do not hear it expect it to come down."""
+    now_ns = 2 * SECOND
+    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for message in (pose(), plan(), status(Stage.TRACK)):
+        peers.receive(message, 0)
+    around.around(peers, Self(0, 0, 0.0, Transform()))
+    doubt = {"otherwise": Transform(), "doubt_m": 10.0, "returning_s": returning_s, "revoked": revoked}
+    found = around.around(peers, Self(now_ns, 1, 10.0 / 2**0.5, OWN.inverse(), **doubt))
+    without = around.around(peers, Self(now_ns, 1, 0.0, OWN.inverse(), returning_s=returning_s, revoked=revoked))
+    assert len(found) == (2 if both else 1) * len(without)
+    assert max(one.plan.sigma_m for one in found) < 1.0
