@@ -169,13 +169,14 @@ class Navigator:
     def frames(self) -> dict[str, KeptFrame]:
         """The frames of all drones, for an agent that is restarted in flight."""
         own = self._own.kept_frame
-        return self._neighbourhood.kept_frames if own is None else {self._id: own, **self._neighbourhood.kept_frames}
+        others = self._neighbourhood.frames.kept
+        return others if own is None else {self._id: own, **others}
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the plausible frames stored before the agent was restarted."""
         if self._id in frames:
             self._own.remember(frames[self._id], self._drift)
-        self._neighbourhood.remember(frames)
+        self._neighbourhood.frames.remember(frames)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""

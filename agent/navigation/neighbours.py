@@ -28,20 +28,16 @@ it leaves. One that is heard, but whose plans tell that it does not hear this dr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from math import hypot
 
-import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
-from agent.frames.drift import Drift
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
-from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
-from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
@@ -67,9 +63,9 @@ from agent.navigation.placing import (
 )
 from agent.navigation.relative import offset, places
 from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
+from agent.navigation.theirframes import TheirFrames
 from protocol.messages import Pose, Stage
 
-_DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
 _STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
 
@@ -90,11 +86,8 @@ class Neighbourhood:
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
         """``drone``: the own id."""
-        self._frames, self._drift = frames, Drift(mission)
+        self.frames = TheirFrames(mission, frames)
         self._members = {member.id: member for member in mission.drones}
-        self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
-        self._remembered: Mapping[str, KeptFrame] = {}
         self._following = Following()
         self._silent = Silent(mission, drone)
         self._id = drone
@@ -102,22 +95,6 @@ class Neighbourhood:
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
-
-    @property
-    def kept_frames(self) -> dict[str, KeptFrame]:
-        """The frames of the others, for an agent that is restarted in flight; while one is not heard again, that of before."""
-        found = {
-            name: KeptFrame.of(pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame))
-            for name, (pose, frame) in self._placed.items()
-        }
-        known = {name: kept for name, kept in found.items() if kept is not None}
-        return {name: kept for name, kept in self._remembered.items() if name not in found} | known
-
-    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
-        """Take the plausible frames stored before the agent was restarted: each holds for its epoch until the log tells it, and
-        drifts.
-        """
-        self._remembered = frames
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""
@@ -147,7 +124,7 @@ class Neighbourhood:
                         found += [Neighbour(name, plan, False) for plan in unknown]
                 continue
             self._following.compare(name, peer, peer.pose)
-            mission_from_theirs = self._frame_of(name, peer.pose)
+            mission_from_theirs = self.frames.of(name, peer.pose)
             took_part = peer.status is not None and peer.status.stage in TAKING_PART
             if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
@@ -211,7 +188,7 @@ class Neighbourhood:
         for name in peers.names:
             peer = peers[name]
             if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
-                self._frame_of(name, peer.pose)
+                self.frames.of(name, peer.pose)
 
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
@@ -233,50 +210,12 @@ class Neighbourhood:
                 theirs = viewer.local_from_mission @ bare(mission_from_theirs)
                 yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
 
-    def _frame_of(self, name: str, pose: Pose) -> Transform | None:
-        """Its frame; after a jump one by the continuity of its motion, after a restart the one of before, until the log tells
-        it; one that has become unknown with a large covariance.
-        """
-        known = self._frames.mission_from_local(name, pose.epoch)
-        if known is not None:
-            self._placed[name] = pose, known
-            self._carried.pop(name, None)
-            return known
-        last, kept = self._placed.get(name), self._remembered.get(name)
-        frame = kept.mission_from_local if last is None and kept is not None and kept.epoch == pose.epoch else None
-        if kept is not None and frame is not None:
-            last, self._carried[name] = (replace(pose, stamp_ns=kept.stamp_ns), frame), pose.epoch
-        if last is None:
-            return None
-        before, transform = last
-        if before.epoch != pose.epoch:
-            transform = carried_on(transform, before, pose)
-            self._carried[name] = pose.epoch
-        elif self._carried.get(name) == pose.epoch:
-            transform = self._drift.aged(name, transform, (pose.stamp_ns - before.stamp_ns) * 1e-9, pose.position_m)
-        else:
-            return self._as_told(name, pose.epoch, transform)
-        self._placed[name] = pose, transform
-        return transform
-
-    def _as_told(self, name: str, epoch: int, frame: Transform) -> Transform:
-        """The frame in which one was placed last, as the log tells it now; where the log tells it no more, with great doubt."""
-        known = self._frames.mission_from_local(name, epoch)
-        if known is None and self._carried.get(name) != epoch:
-            return Transform(frame.yaw_rad, frame.translation, _DOUBTED)
-        return known or frame
-
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
-        launch = self._launch_of(name, pose)
+        launch = self.frames.before_jump(name, pose)
         if launch is None or me.local_from_mission is None or not may_be_elsewhere(pose, mission_from_theirs, launch):
             return None
         return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
-
-    def _launch_of(self, name: str, pose: Pose) -> Transform | None:
-        """The frame of the first epoch of a drone that is in a later one, where the mission knows it exactly."""
-        is_known = self._members[name].is_exact and pose.epoch != LAUNCH_EPOCH
-        return self._frames.mission_from_local(name, LAUNCH_EPOCH) if is_known else None
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
@@ -291,7 +230,7 @@ class Neighbourhood:
         pose = peer.sources.second_place(me.now_ns)
         if pose is None or me.local_from_mission is None:
             return None
-        frame = self._frames.mission_from_local(name, pose.epoch) or self._frames.mission_from_local(name, LAUNCH_EPOCH)
+        frame = self.frames.told(name, pose.epoch) or self.frames.told(name, LAUNCH_EPOCH)
         return None if frame is None else blind(name, pose, bare(me.local_from_mission) @ bare(frame), me.now_ns)
 
     def _as_planned(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
@@ -316,7 +255,7 @@ class Neighbourhood:
             alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
-            launch = self._launch_of(name, pose)
+            launch = self.frames.before_jump(name, pose)
             doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
             sigma_m = hypot(me.place_sigma_m, unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m))
         else:

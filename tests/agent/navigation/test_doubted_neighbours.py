@@ -68,7 +68,7 @@ def test_what_is_in_doubt_of_a_frame_but_not_between_its_two_places_counts_as_be
     """Its frame may lie 8 m elsewhere, but its localisation says 30 m: that is no place of which it has told."""
     around, peers = jumped_m(8.0, told=True)
     peers.receive(replace(pose(2 * NOW_NS, 5.7, epoch=1), position_m=(30.0, 0.0, 3.0)), 2 * NOW_NS)
-    around._frames.place("b", 1, Transform(np.pi / 2, (10.0, -29.0, 0.0), np.diag([16.0, 16.0, 0.0, 0.0])))
+    around.frames._graph.place("b", 1, Transform(np.pi / 2, (10.0, -29.0, 0.0), np.diag([16.0, 16.0, 0.0, 0.0])))
     found = around.around(peers, Self(2 * NOW_NS, 0, 0.3, Transform()))
     assert found[0].plan.sigma_m == 5.0
 

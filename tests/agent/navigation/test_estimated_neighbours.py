@@ -205,8 +205,8 @@ def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_
     around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=former)
     one = Neighbourhood(ESTIMATED, graph, "a")
     assert around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one) == []
-    one.remember(former.kept_frames)
-    assert one.kept_frames.keys() == {"b"}  # for a restart before it is heard
+    one.frames.remember(former.frames.kept)
+    assert one.frames.kept.keys() == {"b"}  # for a restart before it is heard
     for _ in range(2):
         others = around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one)
         assert [other.takes_part for other in others] == ([True] if found else [])
@@ -224,13 +224,13 @@ def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_
 @pytest.mark.parametrize("seconds", [12, 60])
 def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(seconds):
     one, kept = Neighbourhood(ESTIMATED, FrameGraph(), "a"), KeptFrame.of(0, NOW_NS - seconds * SECOND, WRONG)
-    one.remember({"b": kept})
+    one.frames.remember({"b": kept})
     for _ in range(2):
         (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
         aged = Drift(ESTIMATED).aged("b", WRONG, float(seconds), (18.0, 0.0, 3.0))
         sigma_m = math.hypot(aged.sigmas_at((18.0, 0.0, 3.0))[0], HERE.sigmas_at((0.0, 0.0, 0.0))[0])
         assert other.plan.sigma_m == pytest.approx(min(sigma_m, WORST_SIGMA_M), abs=1e-3)
-    again = one.kept_frames["b"]
+    again = one.frames.kept["b"]
     assert again.stamp_ns == NOW_NS
     assert again.mission_from_local.covariance == pytest.approx(aged.covariance)
 
@@ -241,11 +241,11 @@ def test_to_read_the_frames_that_are_kept_changes_nothing():
     for looks in (False, True):
         graph = FrameGraph()
         one = Neighbourhood(ESTIMATED, graph, "a")
-        one.remember({"b": KeptFrame.of(0, NOW_NS, WRONG)})
+        one.frames.remember({"b": KeptFrame.of(0, NOW_NS, WRONG)})
         around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
         graph.place("b", 0, HERE)
         if looks:
-            assert one.kept_frames["b"].translation_m == HERE.translation
+            assert one.frames.kept["b"].translation_m == HERE.translation
         graph.replace_from("b", 0, 0, [(0, None)])
         (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
         found.append((other.plan.measured.position, other.plan.sigma_m))
@@ -257,15 +257,15 @@ def test_of_a_frame_that_is_not_believed_any_more_the_doubt_is_kept_and_what_the
     graph.place("b", 0, WRONG)
     one = Neighbourhood(ESTIMATED, graph, "a")
     around_a(flying_b(), neighbourhood=one)
-    assert same(one.kept_frames["b"].mission_from_local, WRONG)
+    assert same(one.frames.kept["b"].mission_from_local, WRONG)
     graph.replace_from("b", 0, 0, [(0, None)])
-    assert one.kept_frames["b"].mission_from_local.sigmas_at((0.0, 0.0, 0.0))[0] == pytest.approx(WORST_SIGMA_M)
+    assert one.frames.kept["b"].mission_from_local.sigmas_at((0.0, 0.0, 0.0))[0] == pytest.approx(WORST_SIGMA_M)
     layout, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
     exact = Neighbourhood(MISSION, layout, "a")
     peers.receive(pose(), 0)
     assert exact.around(peers, Self(0, 0, 0.1, Transform()))
-    assert exact.kept_frames == {}
+    assert exact.frames.kept == {}
     layout.place("b", 2, TRUE)  # its localisation has jumped, and back
     peers.receive(pose(SECOND, epoch=2), SECOND)
     exact.follow(peers)
-    assert exact.kept_frames["b"].covariance is None
+    assert exact.frames.kept["b"].covariance is None
