@@ -107,9 +107,8 @@ class Transform:
         """1 sigma of the horizontal position in a of a point of b (m), and of the yaw (rad); zeros if exact."""
         if self.covariance is None:
             return 0.0, 0.0
-        turned = np.zeros((2, 4))
-        turned[0, 0] = turned[1, 1] = 1.0
-        turned[:, 3] = self._turned_per_yaw(point)[:2]
+        x, y, _ = self._turned_per_yaw(point)
+        turned = np.array(((1.0, 0.0, 0.0, x), (0.0, 1.0, 0.0, y)))
         (xx, _), (_, yy) = (turned @ self.covariance @ turned.T).tolist()
         return math.sqrt(max(xx + yy, 0.0)), self.yaw_sigma_rad
 

@@ -9,7 +9,7 @@ from itertools import cycle, islice
 from protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
 
 Publisher = tuple[str, str]  # drone, boot
-Payloads = Callable[[range], Iterable[tuple[int, bytes]]]  # of the entries held with these numbers, in order, with them
+Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # of the entries with these numbers, in order, with them
 
 
 class Blocks:
@@ -19,7 +19,8 @@ class Blocks:
     A hash over the bytes in their order, and no sum as the log's digest: of sums a publisher could find two that are equal.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, payloads: Payloads) -> None:
+        self._payloads = payloads
         self._hashes: dict[Publisher, dict[int, _Hash]] = {}
 
     def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
@@ -45,9 +46,12 @@ class Blocks:
         start = turn * (MOST_BLOCKS - 1) % len(every)  # no multiple of the peers: each of them gets all blocks in time
         return list(islice(cycle(every), start, start + MOST_BLOCKS))
 
-    def hash(self, publisher: Publisher, block: int, payloads: Payloads) -> bytes:
+    def hash(self, publisher: Publisher, block: int) -> bytes:
         """The hash of a block held."""
-        return self._hashes[publisher][block].extended(payloads)
+        found = self._hashes[publisher][block]
+        if found.digest is not None:
+            return found.digest
+        return found.extended(self._payloads(publisher, found.missing))
 
 
 class _Hash:
@@ -61,13 +65,17 @@ class _Hash:
         self.end, self._last = numbers.start, numbers.stop
         self.digest: bytes | None = None
 
-    def extended(self, payloads: Payloads) -> bytes:
-        """The hash of all entries of the block."""
-        if self.digest is None:
-            for number, payload in payloads(range(self.end, self._last)):
-                _add(self._whole, payload)
-                self.end = number + 1
-            self.digest = self._whole.digest()
+    @property
+    def missing(self) -> range:
+        """The numbers of the entries that are not in it yet, as far as there are any."""
+        return range(self.end, self._last)
+
+    def extended(self, payloads: Iterable[tuple[int, bytes]]) -> bytes:
+        """The hash of all entries of the block: with those that were ``missing``."""
+        for number, payload in payloads:
+            _add(self._whole, payload)
+            self.end = number + 1
+        self.digest = self._whole.digest()
         return self.digest
 
 

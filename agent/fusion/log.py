@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
-from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import TypeVar, cast
 
@@ -89,12 +88,12 @@ class ObservationLog:
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
         self._payloads: defaultdict[type[Entry], dict[EntryId, bytes]] = defaultdict(dict)
         self._revisions: Counter[type[Entry]] = Counter()
-        self._held: dict[Publisher, SequenceSet] = {}
+        self._held: defaultdict[Publisher, SequenceSet] = defaultdict(SequenceSet)
         self._boots: defaultdict[str, dict[str, None]] = defaultdict(dict)  # by drone, in the order of their first entries
         self._numbered: defaultdict[Publisher, dict[int, EntryId]] = defaultdict(dict)
         self._contradictions: dict[Publisher, Contradiction] = {}  # the first of each publisher
         self._newest_ns: dict[str, int] = {}
-        self._blocks = Blocks()
+        self._blocks = Blocks(self._payloads_of)
         self._retractions = Retractions()
         self._recounted: list[tuple[EntryId, bool]] = []
         self._sum = 0
@@ -106,6 +105,14 @@ class ObservationLog:
     def __iter__(self) -> Iterator[Record]:
         """The records held, in the order of their identities."""
         return (self.record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
+
+    def payloads(self) -> Iterator[bytes]:
+        """The bytes of the entries held, in no order."""
+        return chain.from_iterable(held.values() for held in self._payloads.values())
+
+    def numbers(self, publisher: Publisher) -> Collection[int]:
+        """The sequence numbers of the entries held of a publisher."""
+        return self._numbered.get(publisher, {}).keys()
 
     def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
         """The entries of one kind, of one drone or of all, in the order of their identities: a function of the log's content."""
@@ -196,7 +203,7 @@ class ObservationLog:
     def _put(self, publisher: Publisher, identity: EntryId, kind: type[Entry], payload: bytes) -> None:
         self._boots[identity.drone].setdefault(identity.boot)
         self._newest_ns[identity.drone] = max(identity.stamp_ns, self._newest_ns.get(identity.drone, identity.stamp_ns))
-        self._held.setdefault(publisher, SequenceSet()).add(identity.sequence)
+        self._held[publisher].add(identity.sequence)
         self._numbered[publisher][identity.sequence] = identity
         self._blocks.change(publisher, identity.sequence)
         self._payloads[kind][identity] = payload
@@ -266,7 +273,7 @@ class ObservationLog:
         chosen = list(islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS))
         told: dict[Publisher, list[tuple[int, bytes]]] = {publisher: [] for publisher in chosen}
         for publisher, block in self._blocks.chosen(chosen, turn):
-            told[publisher].append((block, self._hash_of_block(publisher, block)))
+            told[publisher].append((block, self._blocks.hash(publisher, block)))
         return {publisher: self._told(publisher, tuple(blocks)) for publisher, blocks in told.items()}
 
     def _told(self, publisher: Publisher, blocks: tuple[tuple[int, bytes], ...]) -> Held:
@@ -309,17 +316,13 @@ class ObservationLog:
                 yield from ((record.entry.entry_id, record) for record in found.proof)
             held = SequenceSet(told.ranges)
             for block, hashed in told.blocks:
-                if not self._blocks.held(publisher, block) or hashed == self._hash_of_block(publisher, block):
+                if not self._blocks.held(publisher, block) or hashed == self._blocks.hash(publisher, block):
                     continue
                 numbered, numbers = self._numbered[publisher], [number for number in numbers_of(block) if number in held]
                 if all(number in numbered for number in numbers) and hashed != hash_of(
                     self._payload(numbered[number]) for number in numbers
                 ):
                     yield from ((numbered[number], self.record(numbered[number])) for number in numbers)
-
-    def _hash_of_block(self, publisher: Publisher, block: int) -> bytes:
-        """The hash of what is held of a block."""
-        return self._blocks.hash(publisher, block, partial(self._payloads_of, publisher))
 
     def _payloads_of(self, publisher: Publisher, numbers: range) -> Iterator[tuple[int, bytes]]:
         """The numbers of the entries held among these, with their bytes."""

@@ -42,6 +42,8 @@ class Retractions:
 
     def settled(self) -> list[tuple[Publisher, list[Range]]]:
         """The numbers that count again, as their retractions have been removed since the last call."""
+        if not self._stale:
+            return []
         changed = []
         for publisher in sorted(self._stale):
             before, now = self._numbers[publisher], SequenceSet(self._held[publisher].values())

@@ -197,7 +197,8 @@ class OwnPose:
     @property
     def frame(self) -> LocalFrame | None:
         """The local frame of the present epoch in the mission frame; None while it is not known."""
-        newest = self._mission_from_local(self.vehicle.epoch) if self.vehicle is not None else None
+        vehicle = self.vehicle
+        newest = self._mission_from_local(vehicle.epoch) if vehicle is not None else None
         if newest is None:
             return None
         if self._known is None or newest is not self._known.mission_from_local:
@@ -219,9 +220,12 @@ class OwnPose:
         vehicle, frame = self.vehicle, self.frame or self._known
         if vehicle is None:
             return 0.0
-        if frame is None or frame.mission_from_local.covariance is None:
+        return vehicle.position_sigma_m if frame is None else self._sigma_m(vehicle, frame.mission_from_local)
+
+    def _sigma_m(self, vehicle: VehicleState, mission_from_local: Transform) -> float:
+        if mission_from_local.covariance is None:
             return vehicle.position_sigma_m
-        by_frame_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
+        by_frame_m = mission_from_local.sigmas_at(vehicle.position_m)[0]
         doubted = self.otherwise is not None or not vehicle.position_trusted
         return max(by_frame_m, vehicle.position_sigma_m) if doubted else by_frame_m
 
@@ -232,9 +236,9 @@ class OwnPose:
         if vehicle is None or frame is None:
             return None
         transform = frame.mission_from_local
-        place_m = transform.apply_point(vehicle.position_m)
-        yaw_sigma_rad = max(transform.yaw_sigma_rad, vehicle.yaw_sigma_rad)
-        return Whereabouts(place_m, self.sigma_m, yaw_of(vehicle.quaternion) + transform.yaw_rad, yaw_sigma_rad)
+        place_m, sigma_m = transform.apply_point(vehicle.position_m), self._sigma_m(vehicle, transform)
+        yaw_rad = yaw_of(vehicle.quaternion) + transform.yaw_rad
+        return Whereabouts(place_m, sigma_m, yaw_rad, max(transform.yaw_sigma_rad, vehicle.yaw_sigma_rad))
 
     @property
     def otherwise(self) -> Transform | None:

@@ -6,10 +6,8 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from math import hypot, inf, sqrt
 
-import numpy as np
-
 from agent.frames.transform import Transform
-from agent.geometry import Array
+from agent.geometry import Array, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers import OLDEST_NS, Peer
@@ -40,8 +38,8 @@ def contradicts(seen: PeerPlan, told: PeerPlan, sigma_m: float) -> bool:
     return hypot(x - told_x, y - told_y) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
 
 
-def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:
-    """Position (3,) of a drone at a stamp by its poses; own local frame."""
+def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Vector3 | None:
+    """Position of a drone at a stamp by its poses; own local frame."""
     poses = peer.poses
     place = bisect_right(poses, stamp_ns, key=_stamp)
     before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
@@ -50,13 +48,13 @@ def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int
     if abs(stamp_ns - before.stamp_ns) > _POSE_GAP_NS:
         return None
     span_ns = after.stamp_ns - before.stamp_ns
+    x, y, z = before.position_m
     if span_ns <= 0 or place == 0:
-        elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
-        position = np.array(before.position_m) + elapsed_s * np.array(before.velocity_mps)
-    else:
-        share = (stamp_ns - before.stamp_ns) / span_ns
-        position = (1.0 - share) * np.array(before.position_m) + share * np.array(after.position_m)
-    return local_from_theirs.apply(position)
+        elapsed_s, (u, v, w) = (stamp_ns - before.stamp_ns) * 1e-9, before.velocity_mps
+        return local_from_theirs.apply_point((x + elapsed_s * u, y + elapsed_s * v, z + elapsed_s * w))
+    share, (u, v, w) = (stamp_ns - before.stamp_ns) / span_ns, after.position_m
+    rest = 1.0 - share
+    return local_from_theirs.apply_point((rest * x + share * u, rest * y + share * v, rest * z + share * w))
 
 
 def bare(transform: Transform) -> Transform:

@@ -21,10 +21,10 @@ _SPAN_S = 0.8  # sightings must span this time to give a velocity
 
 
 class Placed(Struct, frozen=True):
-    """A position of the other drone, (3,) m in the own local frame, with the 1-sigma horizontal error, m."""
+    """A position of the other drone, m in the own local frame, with the 1-sigma horizontal error, m."""
 
     stamp_ns: int
-    position: Array
+    position: Vector3
     sigma_m: float
 
 
@@ -35,7 +35,7 @@ class Offset(Struct, frozen=True):
     sigma_m: float
 
 
-def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Callable[[int], Array | None]) -> list[Placed]:
+def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Callable[[int], Vector3 | None]) -> list[Placed]:
     """Positions of the other drone by the sightings of the last seconds.
 
     A range without a direction is applied along the expected one, which matters little for the distance between the two. A
@@ -45,31 +45,38 @@ def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Cal
         sightings: of one drone by this one.
         epoch: of the own frame; sightings of another epoch are not used.
         now_ns: UTC.
-        expected: expected position (3,) at a stamp, own local frame; None where it is not known.
+        expected: expected position at a stamp, own local frame; None where it is not known.
     """
     found = []
     for sighting in sightings:
         if sighting.epoch != epoch or not 0 <= now_ns - sighting.stamp_ns <= WINDOW_NS or sighting.range_m is None:
             continue
-        own, sigma_m = np.array(sighting.position_m), sighting.range_sigma_m or 0.0
+        (x, y, z), range_m, sigma_m = sighting.position_m, sighting.range_m, sighting.range_sigma_m or 0.0
         if sighting.direction is not None:
-            direction = np.array(sighting.direction)
-            sigma_m = hypot(sigma_m, sighting.range_m * (sighting.direction_sigma_rad or 0.0))
+            direction = sighting.direction
+            sigma_m = hypot(sigma_m, range_m * (sighting.direction_sigma_rad or 0.0))
         else:
             there = expected(sighting.stamp_ns)
             if there is None:
                 continue
-            direction = (there - own) / max(float(np.linalg.norm(there - own)), 1e-6)
-        found.append(Placed(sighting.stamp_ns, own + sighting.range_m * direction, sigma_m))
+            direction = _towards(there, sighting.position_m)
+        u, v, w = direction
+        found.append(Placed(sighting.stamp_ns, (x + range_m * u, y + range_m * v, z + range_m * w), sigma_m))
     return found
 
 
-def offset(seen: Sequence[Placed], expected: Callable[[int], Array | None]) -> Offset | None:
+def _towards(there: Vector3, here: Vector3) -> Vector3:
+    way = np.subtract(there, here)
+    x, y, z = (way / max(float(np.linalg.norm(way)), 1e-6)).tolist()
+    return x, y, z
+
+
+def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) -> Offset | None:
     """The offset that most sightings agree on; None where too few do."""
     known = [(place, there) for place in seen if (there := expected(place.stamp_ns)) is not None]
     if len(known) < FEWEST:
         return None
-    apart = np.array([place.position - there for place, there in known])
+    apart: Array = np.array([place.position for place, _ in known]) - np.array([there for _, there in known])
     sigmas = np.array([place.sigma_m for place, _ in known])
     agree = np.hypot(*(apart - np.median(apart, axis=0))[:, :2].T) <= _SIGMAS * sigmas + _FLOOR_M
     count = int(agree.sum())
@@ -93,16 +100,15 @@ def placed_alone(seen: Sequence[Placed], now_ns: int, speed_mps: float) -> tuple
         return None
     age_s = (now_ns - place.stamp_ns) * 1e-9
     velocity = _velocity(agreeing) if speed_mps > 0.5 else None  # a drone that hovers
-    x, y, z = place.position.tolist()
     unknown_mps = 0.5 if velocity is not None else speed_mps
-    state = PeerState((x, y, z), velocity or (0.0, 0.0, 0.0), age_s)
+    state = PeerState(place.position, velocity or (0.0, 0.0, 0.0), age_s)
     return state, place.sigma_m + unknown_mps * age_s
 
 
 def _agree(one: Placed, other: Placed, speed_mps: float) -> bool:
     way_m = speed_mps * abs(one.stamp_ns - other.stamp_ns) * 1e-9
-    apart_m = float(np.hypot(*(one.position - other.position)[:2]))
-    return apart_m <= way_m + _SIGMAS * hypot(one.sigma_m, other.sigma_m)
+    (x, y, _), (u, v, _) = one.position, other.position
+    return hypot(x - u, y - v) <= way_m + _SIGMAS * hypot(one.sigma_m, other.sigma_m)
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:

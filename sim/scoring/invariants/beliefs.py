@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from math import inf, sqrt
 from typing import NamedTuple
 
@@ -220,10 +221,10 @@ class Refused(Invariant[Moment]):
 def _unheld(pilot: Pilot) -> str:
     """Of which publisher the summary of a log names other numbers than it holds; empty where of none."""
     log = pilot.fusion.log
-    for (drone, boot), told in log.summary().items():
-        held = {one.sequence for one in log.beyond(drone, lambda _: -1) if one.boot == boot}
-        if held != {number for first, last in told.ranges for number in range(first, last + 1)}:
-            return f"its summary tells other entries of {drone} than the {len(held)} that it holds"
+    for publisher, told in log.summary().items():
+        held = set(log.numbers(publisher))
+        if held != set(chain.from_iterable(range(first, last + 1) for first, last in told.ranges)):
+            return f"its summary tells other entries of {publisher[0]} than the {len(held)} that it holds"
     return ""
 
 

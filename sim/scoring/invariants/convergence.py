@@ -67,7 +67,7 @@ class Converged(Invariant[Moment]):
 
     def _look_at_logs(self, time_s: float, pilots: Sequence[Pilot | None]) -> None:
         """Note which entries are held by some of them only. A dead agent holds nothing."""
-        held: list[set[bytes]] = [set() if pilot is None else {record.payload for record in pilot.fusion.log} for pilot in pilots]
+        held: list[set[bytes]] = [set() if pilot is None else set(pilot.fusion.log.payloads()) for pilot in pilots]
         common = set[bytes].intersection(*held) if held else set()
         disputed = set[bytes]().union(*held) - common
         self._disputed_s = {payload: self._disputed_s.get(payload, time_s) for payload in disputed}

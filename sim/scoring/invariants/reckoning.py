@@ -69,25 +69,33 @@ class Reckoned(Invariant[Moment]):
             else:
                 self._lost_s.pop(drone, None)
         places = [(x, y, z) for x, y, z in moment.position_m.tolist()]
-        new = [self._is_new(drone, pilot) for drone, pilot in enumerate(moment.pilots)]
-        for drone, pilot in enumerate(moment.pilots):
-            flies = pilot is not None and moment.autopilots[drone].setpoint_age_s is not None
+        for drone in range(len(moment.pilots)):
+            judged = list(self._judged(moment, places, drone))
             for other in range(len(moment.pilots)):
                 if other != drone:
-                    is_judged = flies and not new[drone] and not new[other] and not self._was_lost_unheard(drone, other)
-                    is_judged = is_judged and self._is_near(moment.time_s, places, drone, other)
-                    farther_m = self._farther_m(places, drone, other, moment.pilots) if is_judged else 0.0
+                    farther_m = self._farther_m(places, drone, other, moment.pilots) if other in judged else 0.0
                     self._note(moment.time_s, places, drone, other, farther_m)
         for pair, since_s in self._since_s.items():
             if moment.time_s - since_s > UNRECKONED_S:
                 yield Breach(pair, self._found[pair])
 
-    def _is_near(self, time_s: float, places: Sequence[Vector3], drone: int, other: int) -> bool:
-        """Whether another vehicle is in the air near a drone, and both are where they tell that they are."""
-        mine_m, theirs_m = places[drone][2], places[other][2]
-        if _apart_m(places, drone, other) > NEAR_M or abs(mine_m - theirs_m) > LAYER_M or theirs_m < _LOW_M:
-            return False
-        return not any(self.setting.struck(_ELSEWHERE, one, time_s, 15.0) for one in (drone, other))
+    def _judged(self, moment: Moment, places: Sequence[Vector3], drone: int) -> Iterator[int]:
+        """The others that a drone has to reckon with."""
+        pilot = moment.pilots[drone]
+        if pilot is None or moment.autopilots[drone].setpoint_age_s is None:
+            return
+        near = [other for other in range(len(places)) if other != drone and _is_near(places, drone, other)]
+        if not near or self._is_exempt(moment, drone) or pilot.reckoning is None or pilot.whereabouts is None:
+            return
+        for other in near:
+            if not self._is_exempt(moment, other) and not self._was_lost_unheard(drone, other):
+                yield other
+
+    def _is_exempt(self, moment: Moment, drone: int) -> bool:
+        """Whether it is not where it tells that it is, or may not know of the others, nor they of it."""
+        pilot = moment.pilots[drone]
+        is_new = drone in self._late or (pilot is not None and pilot is not self._first[drone])
+        return is_new or self.setting.struck(_ELSEWHERE, drone, moment.time_s, 15.0)
 
     def _note(self, time_s: float, places: Sequence[Vector3], drone: int, other: int, farther_m: float) -> None:
         """``farther_m``: as ``_farther_m`` says; 0 where nothing is to be judged."""
@@ -101,7 +109,7 @@ class Reckoned(Invariant[Moment]):
     def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None]) -> float:
         """How much farther away a drone takes another to be than allowed."""
         pilot = pilots[drone]
-        if pilot is None or (reckoning := pilot.reckoning) is None or pilot.whereabouts is None:
+        if pilot is None or (reckoning := pilot.reckoning) is None:
             return 0.0
         near = self._knowable(drone, other, places[other], pilots[other])
         judged, believed_m = self._believed.get((drone, other), (None, []))
@@ -124,20 +132,17 @@ class Reckoned(Invariant[Moment]):
         """Where another one, which is at ``place``, may be reckoned with: there; or where it takes itself to be, if its own
         position was wrong after the two had heard each other last.
         """
-        told = None if other_pilot is None else other_pilot.whereabouts
-        is_misled = self._misled_s.get(other, -inf) > self._unheard_s(drone, other)
-        return [place, told.place_m] if told is not None and is_misled else [place]
+        is_misled = other in self._misled_s and self._misled_s[other] > self._unheard_s(drone, other)
+        told = other_pilot.whereabouts if is_misled and other_pilot is not None else None
+        return [place] if told is None else [place, told.place_m]
 
     def _was_lost_unheard(self, drone: int, other: int) -> bool:
         """Whether the other one's agent was lost after they had heard each other last, as one of the two is revoked."""
-        return self._lost_s.get(other, -inf) > self._unheard_s(drone, other)
+        return other in self._lost_s and self._lost_s[other] > self._unheard_s(drone, other)
 
     def _unheard_s(self, drone: int, other: int) -> float:
         """From when on two drones do not hear each other for good, as one of them is revoked; infinite if none is."""
         return min(self._revoked_s.get(one, inf) for one in (drone, other)) + _LINKED_S
-
-    def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
-        return drone in self._late or (pilot is not None and pilot is not self._first[drone])
 
 
 class Confined(Invariant[Moment]):
@@ -200,6 +205,12 @@ def _around_source_of(pilot: Pilot, other: Pilot | None, place: Vector3) -> Vect
         return None
     dx, dy, _ = (pilot.hypothesis.position - other.hypothesis.position).tolist()
     return place[0] + dx, place[1] + dy, place[2]
+
+
+def _is_near(places: Sequence[Vector3], drone: int, other: int) -> bool:
+    """Whether another vehicle is in the air near a drone."""
+    mine_m, theirs_m = places[drone][2], places[other][2]
+    return theirs_m >= _LOW_M and abs(mine_m - theirs_m) <= LAYER_M and _apart_m(places, drone, other) <= NEAR_M
 
 
 def _apart_m(places: Sequence[Vector3], drone: int, other: int) -> float:

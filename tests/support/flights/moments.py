@@ -58,8 +58,11 @@ class Log:
     def summary(self):
         return {("d2", "boot"): SimpleNamespace(ranges=self.told)} if self.told else {}
 
-    def beyond(self, drone, last):
-        return [SimpleNamespace(boot="boot", sequence=number) for number in self.entries if number > last("boot")]
+    def payloads(self):
+        return map(str, self.entries)
+
+    def numbers(self, publisher):
+        return self.entries
 
 
 def whereabouts(x=10.0, sigma_m=0.1, yaw_rad=0.0, yaw_sigma_rad=0.02):
