@@ -128,7 +128,7 @@ def test_nobody_reads_cameras_where_the_hypothesis_is_given():
 
 
 def test_the_log_is_worked_on_after_each_burst_of_messages_and_in_each_step():
-    """As by the process around the pilot, also where the steps come late: else a slow agent had half of the work done each second."""
+    """As by the process around the pilot, also where steps come late: else a slow agent had half of the work done."""
     slow = {"kind": "slow-cpu", "at_s": 0.0, "late_s": 0.6, "target": "d2"}
     calls = {}
 
