@@ -10,7 +10,7 @@ from agent.config.mission import MissionConfig
 from agent.frames.batches import LATE_NS, Batches
 from agent.frames.graph import FrameGraph
 from agent.frames.swarm import BEFORE_START_NS
-from agent.fusion.checkpoints import thin, undo
+from agent.fusion.chains import NEVER, Chains
 from agent.fusion.deferred import Deferred, Told
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.lateness import Latecomers
@@ -24,7 +24,8 @@ from protocol.entries import AnyEntry, Entry, EntryId
 
 RECOUNTED = 250  # entries that cease to count, or begin again, in a call of ``advance``: some milliseconds
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
-_NEVER, _AFTER = -1, 2**63  # before and after every step
+UNTOLD_NS = 500_000_000  # what is computed is told after so long, even if it is not all
+_AFTER = 2**63  # after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
 
@@ -44,7 +45,9 @@ class Fusion:
 
     The estimator's state after every step that has observations is a checkpoint. A new entry discards the checkpoints from its
     step on, and the steps from there on are computed again (replay). That holds for the newest step too, so without a hold a
-    cone shows in the hypothesis at the next ``advance``. Only while a replay is unfinished is the hypothesis an older one.
+    cone shows in the hypothesis at the next ``advance``. Only while steps are left to be computed is the hypothesis an older one.
+    After ``UNTOLD_NS`` it is that of the newest state so far, if that is a later one and not older than ``LATE_NS``: who works
+    slowly and always has something left to compute does not stand still.
 
     Entries that come after their step has been computed are folded in batches (``lateness``), so that an entry that is late by a
     second is in the hypothesis a second later at most.
@@ -68,19 +71,17 @@ class Fusion:
         self._latecomers = Latecomers()
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._recounted = 0  # how many of ``log.recounted`` have been seen to
-        self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
-        self._replayed = 0  # calls of the present replay
         self._batches = Batches()
         self._timeline = Timeline()
         self._observations = Observations(self.log, frames)
-        self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
-        self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
-        self._first_step = _NEVER  # once started; earlier observations are ignored
+        self._chains = Chains(self._timeline, self._step, self._batches)
+        self._chains.begin(self.estimator.initial(None))
+        self._first_step = NEVER  # once started; earlier observations are ignored
         self._hold_ns = round(self.estimator.hold_s * 1e9)
-        self._due_step = _NEVER  # the newest one that is to be computed
+        self._due_step = NEVER  # the newest one that is to be computed
         self._stale = True
-        self._current: tuple[Any, int] = (None, _NEVER)  # state and due step of the present hypothesis
-        self._put_ns: int | None = None  # when last nothing waited, but to be computed
+        self._told: tuple[int, Any, int] = (NEVER, None, NEVER)  # of the present hypothesis: newest step, its state, due step
+        self._put_at: tuple[int, int] | None = None  # time and due step when last nothing waited, but to be computed
         self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the hypothesis
 
     @property
@@ -111,7 +112,7 @@ class Fusion:
     @property
     def is_busy(self) -> bool:
         """Whether much is being computed again, or was a moment ago: what reaches far back is to wait."""
-        return self._replay is not None or self._batches.is_resting
+        return self._chains.is_replaying or self._batches.is_resting
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -121,7 +122,7 @@ class Fusion:
     def outlook(self) -> Outlook | None:
         """The posterior of a search; None while there is a hypothesis of one source, or if the estimator has none."""
         found = self.hypothesis is not None and self.hypothesis.watched_s is None
-        if found or self._due_step == _NEVER:
+        if found or self._due_step == NEVER:
             return None
         return self.estimator.outlook(self.state, self._now_step)
 
@@ -139,7 +140,7 @@ class Fusion:
     @property
     def state(self) -> Any:
         """The estimator's newest state."""
-        return next(reversed(self._states.values()), self._base)
+        return self._chains.newest[1]
 
     def start(self, stamp_ns: int) -> None:
         """Set the mission's start (the origin of a ``given`` schedule). A later start begins anew, an earlier one is ignored."""
@@ -147,9 +148,8 @@ class Fusion:
         if first_step > self._first_step:
             self._first_step = first_step
             self._timeline.drop_before(self._first_step)
-            self._base = self.estimator.initial(stamp_ns)
-            self._replay = None
-            self._rewind(_NEVER)
+            self._chains.begin(self.estimator.initial(stamp_ns))
+            self._stale = True
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
@@ -162,7 +162,7 @@ class Fusion:
 
     def _take(self, identity: EntryId, read: AnyEntry | None, step: int) -> None:
         """Put an entry that changes a step, or nothing, in the place of what is held; now, or with a batch if it is late."""
-        if not self._first_step <= step <= next(reversed(self._states), _NEVER):  # no step that was computed changes
+        if not self._first_step <= step <= self._chains.newest[0]:  # no step that was computed changes
             self._rewind(self._put(identity, read))
         elif step < self._oldest_step:
             self._late[identity] = read
@@ -205,7 +205,7 @@ class Fusion:
         """Take the answer to a question of an estimator that is computed elsewhere; the next ``advance`` tells it."""
         if isinstance(self.estimator, Deferred):
             self.estimator.take(question, told)
-            self._current, self._stale = (None, _NEVER), True
+            self._told, self._stale = (NEVER, None, NEVER), True
 
     def advance(self, now_ns: int, budget: int = SLICE_UNITS, *, takes_late: bool = True) -> None:
         """Bring the hypothesis up to the grid step of ``now_ns``, or back to it.
@@ -218,18 +218,18 @@ class Fusion:
             self._rewind(self._due_step + 1)
         self._stale = self._stale or self._due_step != before
         self._recount()
-        was_replaying = self._replay is not None
+        was_replaying = self._chains.is_replaying
         are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=takes_late and not was_replaying)
         if self._revision != self._frames.revision:
             self._apply_frame_changes(begins=takes_late or was_replaying)
-        begins = self._replay is not None and not was_replaying
+        begins = self._chains.is_replaying and not was_replaying
         self._take_waiting(before, are_due or begins)
-        if self._put_ns is None and not self._waits and self._revision == self._frames.revision:
-            self._put_ns = now_ns
+        if self._put_at is None and not self._waits and self._revision == self._frames.revision:
+            self._put_at = now_ns, self._due_step
         if self._stale:
             self._fold(budget)
-        if not self._stale and self._put_ns is not None:
-            self.complete_ns, self._put_ns = self._put_ns, None
+        if self._put_at is not None and self._holds(self._put_at[1]):
+            self.complete_ns, self._put_at = self._put_at[0], None
 
     def _take_waiting(self, before: int, takes_late: bool) -> None:
         """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
@@ -245,12 +245,9 @@ class Fusion:
 
     def _begin_replay(self, step: int) -> None:
         """Compute the states from the step on again, beside the present ones."""
-        if step > self._due_step:
-            return
-        if self._replay is None:
-            self._replay, self._replayed = dict(self._states), 0
-        self._stale = True
-        undo(self._replay, step)
+        if step <= self._due_step:
+            self._stale = True
+            self._chains.replay(step)
 
     def _put(self, identity: EntryId, entry: AnyEntry | None) -> int:
         """Put an entry's observation, if it has one, into the timeline, in the place of what is held of that identity.
@@ -284,46 +281,42 @@ class Fusion:
 
     def _rewind(self, step: int) -> None:
         """Discard the states from the step on."""
-        undo(self._states, step)
-        if self._replay is not None:
-            undo(self._replay, step)
+        self._chains.rewind(step)
         if step <= self._due_step:
             self._stale = True
 
     def _fold(self, budget: int) -> None:
-        complete, left = self._extend(self._states, budget)
-        if complete and left > 0 and self._replay is not None:
-            self._replayed += 1
-            if self._extend(self._replay, left)[0]:
-                self._states, self._replay = self._replay, None
-                self._batches.took(self._replayed)
-        self._stale = not complete or self._replay is not None
-        state = self.state
-        if complete and (state is not self._current[0] or self._due_step != self._current[1]):
-            self._current = state, self._due_step
+        """Compute what is missing, and tell the hypothesis of the newest state."""
+        complete = self._chains.extend(self._due_step, self._oldest_step, budget)
+        self._stale = not complete or self._chains.is_replaying
+        (newest, state), (told, told_state, told_at) = self._chains.newest, self._told
+        waited = (self._due_step - told_at) * self._grid_ns > UNTOLD_NS
+        tells = complete or (waited and newest > told and not self._chains.lags)
+        if tells and (state is not told_state or self._due_step != told_at):
+            self._told = newest, state, self._due_step
             if isinstance(self.estimator, Deferred):
                 self.estimator.digest = self.digest
             self.hypothesis = self.estimator.hypothesis(state, self._now_step)
 
-    def _extend(self, states: dict[int, Any], budget: int) -> tuple[bool, int]:
-        """Compute the states of a chain up to the due step; whether it is complete, and what is left of the budget."""
-        end, state = next(reversed(states.items()), (_NEVER, self._base))
-        for index in self._timeline.between(end, self._due_step):
-            if budget <= 0:
-                return False, budget
-            identities = self._timeline.of(index)
-            budget -= self._observations.missing(identities)
-            observations = [self._observations.of(identity) for identity in identities]
-            budget -= self.estimator.work(state, len(observations))
-            state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
-            thin(states)
-        return True, budget
+    def _holds(self, step: int) -> bool:
+        """Whether the hypothesis follows from all steps up to this one, but for what waits."""
+        newest, state = self._chains.newest
+        missing = self._timeline.between(newest, min(step, self._due_step))
+        return not missing and not self._chains.is_replaying and state is self._told[1]
+
+    def _step(self, state: Any, index: int) -> tuple[Any, int]:
+        """The state after a step, and the work that it takes."""
+        identities = self._timeline.of(index)
+        work = self._observations.missing(identities)
+        observations = [self._observations.of(identity) for identity in identities]
+        work += self.estimator.work(state, len(observations))
+        return self.estimator.step(state, self._grid_step(index), observations), work
 
     def _apply_frame_changes(self, *, begins: bool) -> None:
         """Convert the entries again that were measured in frames whose estimate has changed. ``begins``: even if much follows."""
         changes = self._frames.changes(self._revision)
         first = min(changes.values(), default=0) // self._grid_ns
-        if not begins and self._states and first < self._oldest_step:
+        if not begins and self._chains.newest[0] != NEVER and first < self._oldest_step:
             return
         self._revision = self._frames.revision
         again = [identity for key in changes for identity in self._waiting.get(key, ())]
@@ -336,7 +329,7 @@ class Fusion:
 
     def _change_from(self, step: int) -> None:
         """Compute the states from the step on again."""
-        if step < self._oldest_step and self._states:
+        if step < self._oldest_step and self._chains.newest[0] != NEVER:
             self._begin_replay(step)
         else:
             self._rewind(step)

@@ -172,9 +172,12 @@ class World:
         """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
         pilot, recovery, own_ns = agent.pilot, self._recovery, self._onboard.clocks.own_ns(drone, now_ns)
         self._publish(drone, agent.readings, now_ns)  # before a peer can ask for them: it gets what all others have been told
-        for key, payload in self._radio.receive(drone, now_ns):
+        burst = self._radio.receive(drone, now_ns)
+        for key, payload in burst:
             if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
                 pilot.receive(key, payload, own_ns)
+        if burst:
+            pilot.advance(own_ns)  # as its shell does after each burst, so the step does not have all of the work
         step = pilot.step(own_ns)
         self._publish(drone, step.publications, now_ns)
         agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)

@@ -48,7 +48,7 @@ def test_every_drones_flight_comes_out_identical(flights):
         assert report.compared["out/hypothesis"] > 30
         assert report.compared["out/command"] == report.calls["call/step"] > 400
         assert report.compared["out/publication"] > 400
-        assert report.calls["call/advance"] == report.calls["in/message"] > 400
+        assert report.calls["in/message"] > report.calls["call/advance"] > 200  # one for each burst
 
 
 @pytest.mark.slow

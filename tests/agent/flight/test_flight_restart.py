@@ -58,6 +58,9 @@ class Mortal:
     def receive(self, key, payload, now_ns):
         if not self.is_dead(now_ns):
             self.pilot.receive(key, payload, now_ns)
+
+    def advance(self, now_ns):
+        if not self.is_dead(now_ns):
             self.pilot.advance(now_ns)
 
     def step(self, now_ns):

@@ -191,7 +191,7 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
         kit.feed(fusion, [cone])
         fusion.advance(cone.stamp_ns)
     assert len(fusion._timeline) > 200
-    held = list(fusion._states)
+    held = list(fusion._chains._states)
     assert len(held) <= 12
     ages = [held[-1] + 1 - step for step in held]
     assert ages[0] > 600  # of the 800 steps since the first one

@@ -127,6 +127,30 @@ def test_nobody_reads_cameras_where_the_hypothesis_is_given():
     assert fly(override(load_scenario("stabilization"), {"end.track_s": 2.0}), seed=1).result.hits == 0
 
 
+def test_the_log_is_worked_on_after_each_burst_of_messages_and_in_each_step():
+    """As by the process around the pilot, also where steps come late: else a slow agent had half of the work done."""
+    slow = {"kind": "slow-cpu", "at_s": 0.0, "late_s": 0.6, "target": "d2"}
+    calls = {}
+
+    class Counted(Pilot):
+        def advance(self, now_ns):
+            super().advance(now_ns)
+            calls.setdefault(id(self), []).append(now_ns)
+
+    made = []
+
+    def make(*args, **kwargs):
+        made.append(Counted(*args, **kwargs))
+        return made[-1]
+
+    watched(override(load_scenario("stabilization"), {"fault": [slow]}), 1, lambda moment: moment.time_s > 5.0, make)
+    prompt, late = (calls[id(pilot)] for pilot in made[:2])
+    assert len(prompt) > 4 * len(late)
+    for called in (prompt, late):
+        steps = len(set(called))
+        assert 1.4 * steps < len(called) <= 2 * steps  # nothing has come before the first step
+
+
 def test_vehicles_land_on_the_ground_however_wrong_their_heights_are():
     """A barometer that is 2 m wrong made them disarm in the air, or never."""
     flight = override(

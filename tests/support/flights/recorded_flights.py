@@ -43,10 +43,6 @@ class LockstepPilot(RecordedPilot):
         super().__init__(pilot, self.recorder)
         self._steps = itertools.count()
 
-    def receive(self, key, payload, now_ns):
-        super().receive(key, payload, now_ns)
-        self.advance(now_ns)
-
     def step(self, now_ns):
         count = next(self._steps)
         if count % 50 == 0:

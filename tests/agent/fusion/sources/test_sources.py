@@ -152,7 +152,7 @@ def test_an_agent_that_catches_up_refines_once_and_tells_the_same(kit, flight):
         kit.feed(always, [entry for entry in in_time if now_ns - 500_000_000 < entry.stamp_ns <= now_ns])
         told = kit.settle(always, now_ns)
     kit.feed(once, [entry for entry in in_time if entry.stamp_ns <= now_ns])
-    assert all(kit.same_bits(*both) for both in zip(sources_of(told), sources_of(kit.settle(once, now_ns)), strict=True))
+    assert all(kit.same_bits(*both) for both in zip(sources_of(told), sources_of(kit.settle(once, now_ns, 10**6)), strict=True))
     assert (asked.refinements > 5, late.refinements) == (True, 1)
 
 
