@@ -27,8 +27,8 @@ from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
-_TRUTHS = 60  # 3 s of them
-_DELAYED_NS = 700_000_000
+_TRUTHS = 200  # 10 s of them
+_DELAYED_NS = 700_000_000  # by so much a busy machine delays stamps and world
 _PAUSE_NS = 1_000_000_000  # between two poses: what was before does not count
 _TRACEBACK = "Traceback (most recent call last)"
 
@@ -59,6 +59,7 @@ class LiveJudge:
         self.violations: list[Violation] = []
         self._agents = agents
         self._poses = [OwnPose() for _ in agents]
+        self._told: deque[tuple[int, Pose]] = deque()  # drones and their poses, until the truth around their stamps is known
         self._disarmed = [Disarmed(fault) for fault in setting.scenario.fault if isinstance(fault, Disarm)]
         self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
         self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
@@ -74,6 +75,7 @@ class LiveJudge:
         self.time_s = time_s
         for invariant in self.invariants:
             self.violations += invariant.look(scene)
+        self._check_poses(truth.stamp_ns)
         for disarmed in self._disarmed:
             for name in disarmed.broken(time_s, scene, self.setting.names):
                 self._tell("disarmed", (name,), "somebody has disarmed it on the ground, and it is armed again")
@@ -81,11 +83,8 @@ class LiveJudge:
 
     def hear(self, drone: int, message: AnyDroneMessage) -> None:
         """Take what an agent publishes: the pose that it tells of itself must be possible."""
-        if not isinstance(message, Pose) or not self._truths:
-            return
-        told = self._poses[drone].check(message, self._around(message.stamp_ns), drone, self.setting)
-        if told is not None:
-            self._tell("own-pose", (self.setting.names[drone],), told)
+        if isinstance(message, Pose):
+            self._told.append((drone, message))
 
     def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
         """Judge how the flight has ended. ``logs``: of the agents; ``exits``: exit codes of their processes."""
@@ -123,9 +122,14 @@ class LiveJudge:
             ],
         )
 
-    def _around(self, stamp_ns: int) -> list[Truth]:
-        """The truths around a time, within what a busy machine delays stamps and world."""
-        return [truth for truth in self._truths if abs(truth.stamp_ns - stamp_ns) < _DELAYED_NS] or [self._truths[-1]]
+    def _check_poses(self, now_ns: int) -> None:
+        """Judge the poses that are so old that all truths around their stamps are known: truths may arrive later than poses."""
+        while self._told and self._told[0][1].stamp_ns <= now_ns - _DELAYED_NS:
+            drone, pose = self._told.popleft()
+            truths = [truth for truth in self._truths if abs(truth.stamp_ns - pose.stamp_ns) < _DELAYED_NS]
+            told = self._poses[drone].check(pose, truths, drone, self.setting) if truths else None
+            if told is not None:
+                self._tell("own-pose", (self.setting.names[drone],), told)
 
     def _tell(self, name: str, drones: tuple[str, ...], text: str) -> None:
         self.violations.append(Violation(invariant=name, time_s=round(self.time_s, 3), drones=drones, text=text))
@@ -133,7 +137,8 @@ class LiveJudge:
 
 class OwnPose:
     """No drone tells a pose of itself that excludes its true position or heading at 6 sigma for 2 s: the others' separation and
-    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged.
+    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged, and only where the
+    mission lays that out exactly.
     """
 
     def __init__(self) -> None:
@@ -144,9 +149,9 @@ class OwnPose:
     def check(self, pose: Pose, truths: Sequence[Truth], drone: int, setting: Setting) -> str | None:
         """What is wrong with it, once it has been for long enough; else None. ``truths``: one of which it must be."""
         self._epoch = pose.epoch if self._epoch is None else self._epoch
-        if pose.epoch != self._epoch:
-            return None
         layout = setting.mission.drones[drone]
+        if pose.epoch != self._epoch or not layout.is_exact:
+            return None
         yaw_rad = np.radians(layout.yaw_deg)
         x, y, _ = pose.position_m
         east, north = x * cos(yaw_rad) - y * sin(yaw_rad), x * sin(yaw_rad) + y * cos(yaw_rad)

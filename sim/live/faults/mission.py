@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import resource
+import shutil
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import msgspec
 import numpy as np
 
 from agent.errors import RadronError
@@ -19,27 +21,37 @@ from sim.live.faults.playable import needs_relays
 from sim.live.places import Places
 from sim.live.swarm import live_swarm
 from sim.live.view import View
+from sim.live.worldlink import Truth
 from sim.live.worldprocess import LiveError
+from sim.runfile import write_text
 from sim.scenario import Scenario, parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 
 START = "start"  # the swarm did not get ready, or nobody took off
+TRUTH = "truth.jsonl"  # in the folder of a flight: time since the start command, and the truth then
+REPORT = "agents.json"
 READY_S = 90.0
 BUSY_S = 0.3  # a world that is further behind slips, and the agents' watchdogs kill what has stood still for longer
 TOO_BUSY = "this machine is too busy for live missions"
 
 
-def fly_live_mission(mission: Mission) -> Verdict:
+def fly_live_mission(mission: Mission, keep: Path | None = None) -> Verdict:
     """Fly and judge a mission in real time; its processes have ended when it returns.
 
+    A live flight cannot be repeated bit for bit: where anything is violated, or it cannot be judged, its files (``RunFolder``, the
+    truth, a line for each, and the report) stay in ``keep/seed-N``; None: they do not.
+
     Raises:
-        RadronError: the machine was too busy for it to mean anything.
+        RadronError: the machine was too busy for it to mean anything, or a fault was not played.
     """
     document = mission.drawn
     scenario = parse_scenario(document, mission.label)
     began = _core_s()
-    with TemporaryDirectory(prefix="radron-live-") as folder:
-        judged = asyncio.run(_flown(scenario, mission.seed, Path(folder)))
+    with TemporaryDirectory(prefix="radron-live-") as scratch:
+        folder = Path(scratch) if keep is None else keep / f"seed-{mission.seed}"
+        judged = asyncio.run(_flown(scenario, mission.seed, folder))
+    if not judged.judge.violations:
+        shutil.rmtree(folder, ignore_errors=True)
     judge, errors = judged.judge, judged.errors_m
     known = [error for error in errors if error is not None]
     error_m = max(known) if known and len(known) == len(errors) else None
@@ -80,12 +92,21 @@ async def _flown(scenario: Scenario, seed: int, folder: Path) -> _Judged:
             judged = _Judged(LiveJudge(Setting(swarm.scenario, LIVE.heal_s, LIVE.end_s), observer.agents))
             judge = judged.judge
             observer.listeners.append(judge.hear)
-            _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, judge.see).fly(READY_S)
+            with (folder / TRUTH).open("wb") as record:
+
+                def see(time_s: float, truth: Truth) -> bool:
+                    record.write(msgspec.json.encode((time_s, truth)) + b"\n")
+                    return judge.see(time_s, truth)
+
+                _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, see).fly(READY_S)
+            write_text(folder / REPORT, msgspec.json.encode(report).decode())
             exits = {name: swarm.agents.exit_code(name) for name in names}
             judge.finish([folder / "agents" / name / "agent.log" for name in names], report, exits)
             judged.errors_m = judge.errors_m(report.agents)
             if judge.late_s > BUSY_S:
                 raise RadronError(f"the world was up to {judge.late_s:.1f} s behind the clock: {TOO_BUSY}")
+            if swarm.faults is not None and swarm.faults.failed:
+                raise RadronError("; ".join(swarm.faults.failed))
     except LiveError as error:
         if judged is None:
             raise

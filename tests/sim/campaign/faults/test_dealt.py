@@ -32,6 +32,12 @@ def test_a_worker_process_flies_the_same_mission(course) -> None:
     assert pickle.loads(pickle.dumps(mission)).drawn == mission.drawn
 
 
+@pytest.mark.parametrize("course", [FULL, SHORT, DEALT, LIVE])
+def test_a_mission_has_time_to_take_off_and_to_come_home_beside_its_search_and_its_tracking(course) -> None:
+    """An emulated PX4 takes off within 8 s, and lands, and disarms itself, within 15 s of arriving over its home."""
+    assert course.end_s > course.search_s + course.track_s[1] + 45.0
+
+
 def test_a_seed_is_dealt_the_same_each_time_and_others_otherwise() -> None:
     dealt = [deal(seed, DEALT) for seed in range(40)]
     assert dealt == [deal(seed, DEALT) for seed in range(40)]

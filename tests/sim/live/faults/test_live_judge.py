@@ -6,12 +6,16 @@ from pathlib import Path
 
 import moments
 import numpy as np
+from msgspec.structs import replace
 
 from protocol.messages import Pose
 from sim.faults.machines import Disarm
-from sim.live.faults.judge import Disarmed, OwnPose, exceptions, heading_rad
+from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, exceptions, heading_rad
+from sim.live.monitor import ObservedAgent
 from sim.live.worldlink import Truth
+from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Scene
+from sim.vehicle.px4.fleet import VehicleReport
 
 SECOND = 1_000_000_000
 
@@ -21,8 +25,11 @@ def turned(yaw_rad: float) -> tuple[float, float, float, float]:
 
 
 def truth(time_s: float, x: float = 10.0, z: float = 3.0) -> Truth:
-    place = (x, 10.0, z)
-    return Truth(time_s, (place,) * 3, ((0.0, 0.0, 0.0),) * 3, None, (), 0.0, 0, int(time_s * SECOND), (turned(0.0),) * 3)
+    vehicle = VehicleReport("offboard", True, True, False, 0, 0, 0.0)
+    return Truth(
+        time_s=time_s, position_m=((x, 10.0, z), (x, 20.0, z), (x, 30.0, z)), velocity_mps=((0.0, 0.0, 0.0),) * 3, sources=(),
+        vehicles=(vehicle,) * 3, late_s=0.0, dropped=0, stamp_ns=int(time_s * SECOND), attitude=(turned(0.0),) * 3,
+    )  # fmt: skip
 
 
 def wrong(
@@ -56,6 +63,38 @@ def test_a_pose_that_cannot_be_is_told_once_it_lasts() -> None:
     assert wrong(13.0, epoch=1) == []  # another frame, which the judge does not know
     assert len(wrong(10.0, yaw_rad=0.5)) == 1
     assert wrong(10.0, yaw_rad=0.2) == []
+
+
+def test_a_frame_that_the_mission_does_not_lay_out_exactly_is_not_judged() -> None:
+    set_ = moments.setting()
+    estimated = tuple(replace(drone, localization="slam") for drone in set_.scenario.mission.drones)
+    mission = replace(set_.scenario.mission, drones=estimated)
+    set_ = Setting(replace(set_.scenario, mission=mission), moments.HEAL_S, moments.END_S)
+    judged = OwnPose()
+    times_s = [0.1 * k for k in range(40)]
+    told = [judged.check(_pose(time_s, 20.0, 0.1, 0.0, 0), [truth(time_s)], 0, set_) for time_s in times_s]
+    assert told == [None] * 40
+
+
+def judge() -> LiveJudge:
+    return LiveJudge(moments.setting(), [ObservedAgent(name) for name in ("d1", "d2", "d3")])
+
+
+def test_a_pose_is_held_against_the_truth_of_its_time_however_late_that_comes() -> None:
+    """At 5 m/s; and what is told after the last truth is not judged at all."""
+    one, wrong_ = judge(), judge()
+    times_s = [0.1 * k for k in range(100)]
+    for seconds in (times_s[:20], times_s[20:60]):  # the launcher reads the messages of 4 s before the truths of these
+        for time_s in seconds:
+            one.hear(0, _pose(time_s, 10.0 + 5.0 * time_s, 0.1, 0.0, 0))
+            wrong_.hear(0, _pose(time_s, 20.0 + 5.0 * time_s, 0.1, 0.0, 0))
+        for time_s in seconds:
+            one.see(time_s, truth(time_s, 10.0 + 5.0 * time_s))
+            wrong_.see(time_s, truth(time_s, 10.0 + 5.0 * time_s))
+    for time_s in times_s[60:]:
+        one.hear(0, _pose(time_s, 10.0 + 5.0 * time_s, 0.1, 0.0, 0))
+    assert [each.invariant for each in one.violations] == []
+    assert [(each.invariant, each.drones) for each in wrong_.violations] == [("own-pose", ("d1",))]
 
 
 def test_the_heading_of_an_attitude() -> None:
