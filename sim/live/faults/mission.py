@@ -38,8 +38,8 @@ TOO_BUSY = "this machine is too busy for live missions"
 def fly_live_mission(mission: Mission, keep: Path | None = None) -> Verdict:
     """Fly and judge a mission in real time; its processes have ended when it returns.
 
-    A live flight cannot be repeated bit for bit: where anything is violated, or it cannot be judged, its files (``RunFolder``, the
-    truth, a line for each, and the report) stay in ``keep/seed-N``; None: they do not.
+    A live flight cannot be repeated bit for bit: where anything is violated, or it cannot be judged, its files stay in
+    ``keep/seed-N`` (``RunFolder``, the truth, a line for each, and the report); None: they do not.
 
     Raises:
         RadronError: the machine was too busy for it to mean anything, or a fault was not played.
