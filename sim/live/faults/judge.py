@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.vehicle.interface import FlightMode
-from protocol.messages import AnyDroneMessage, Pose, Stage
+from protocol.messages import AnyDroneMessage, Pose, Stage, Status
 from sim.faults.agents import Freeze, Kill, SlowCpu
 from sim.faults.base import Fault
-from sim.faults.machines import Disarm
+from sim.faults.machines import Disarm, StreamLost
 from sim.geometry import Quaternion
 from sim.live.monitor import Belief, ObservedAgent
 from sim.live.report import AgentEnd, LiveReport
@@ -27,6 +27,14 @@ from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
+TOLD_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second
+_SILENT = {
+    "HEARTBEAT": "link to the autopilot lost",
+    "ATTITUDE_QUATERNION": "no attitude",
+    "LOCAL_POSITION_NED": "no local position",
+    "GPS_RAW_INT": "satellites",
+}  # what an agent says of a message that its autopilot does not send any more
+_INSTEAD = ("link to the autopilot lost", " from the autopilot")  # while that is so, it says nothing of less
 _TRUTHS = 200  # 10 s of them
 _DELAYED_NS = 700_000_000  # by so much a busy machine delays stamps and world
 _PAUSE_NS = 1_000_000_000  # between two poses: what was before does not count
@@ -61,6 +69,8 @@ class LiveJudge:
         self._poses = [OwnPose() for _ in agents]
         self._told: deque[tuple[int, Pose]] = deque()  # drones and their poses, until the truth around their stamps is known
         self._disarmed = [Disarmed(fault) for fault in setting.scenario.fault if isinstance(fault, Disarm)]
+        silent = [fault for fault in setting.scenario.fault if isinstance(fault, StreamLost)]
+        self._silent = [SilentStream(fault, name) for fault in silent for name in fault.strikes(setting.names)]
         self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
         self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
         self.late_s = 0.0  # largest lag of the world behind the clock
@@ -82,9 +92,13 @@ class LiveJudge:
         return time_s >= self.setting.end_s or (time_s > self.setting.heal_s and self.landed.is_over(scene))
 
     def hear(self, drone: int, message: AnyDroneMessage) -> None:
-        """Take what an agent publishes: the pose that it tells of itself must be possible."""
+        """Take what an agent publishes: the pose that it tells of itself must be possible, and it tells what it misses."""
         if isinstance(message, Pose):
             self._told.append((drone, message))
+        elif isinstance(message, Status) and self._truths:
+            time_s = self.time_s + (message.stamp_ns - self._truths[-1].stamp_ns) * 1e-9
+            for text in [text for silent in self._silent if (text := silent.check(time_s, message)) is not None]:
+                self._tell("told", (message.drone,), text)
 
     def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
         """Judge how the flight has ended. ``logs``: of the agents; ``exits``: exit codes of their processes."""
@@ -171,6 +185,28 @@ class OwnPose:
             f"it says that it is {off_m:.1f} m from where it is, sigma {pose.position_sigma_m:.2f} m, and turned by "
             f"{degrees(turned):.0f} degrees, sigma {degrees(pose.yaw_sigma_rad):.1f}, for {WRONG_S:g} s"
         )
+
+
+class SilentStream:
+    """A drone whose autopilot stops sending a message that its agent needs says so within 6 s. An agent that was started since
+    does not know what there was before.
+    """
+
+    def __init__(self, fault: StreamLost, drone: str) -> None:
+        self._fault, self._drone, self._word = fault, drone, _SILENT.get(fault.message)
+        self._boot = ""  # of the agent that has seen it begin
+
+    def check(self, time_s: float, status: Status) -> str | None:
+        """What it fails to say in a status of that time, once; else None."""
+        if self._word is None or status.drone != self._drone:
+            return None
+        if time_s < self._fault.at_s:
+            self._boot = status.boot
+        due = self._fault.at_s + TOLD_S < time_s < self._fault.end_s and status.boot == self._boot
+        if not due or any(word in text for text in status.problems for word in (self._word, *_INSTEAD)):
+            return None
+        self._word = None
+        return f"its autopilot has not sent {self._fault.message} for {TOLD_S:g} s, and it does not say so"
 
 
 class Disarmed:

@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 
 from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
-from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
+from sim.campaign.faults.dealt import DECK, HAND, LIVE_HANDS, MISLEADING, deal
 from sim.campaign.faults.mission import Mission
 from sim.faults.disk import check_playable as check_lockstep
 from sim.faults.machines import Clock
@@ -23,7 +23,7 @@ def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_eac
     for first in (0, 500_000):
         unheard = {"mavlink-loss": sum(kind == "clock" and given["jump_s"] < 0.0 for kind, given in DECK)}
         assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING) + Counter(unheard)
-    assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
+    assert kinds(600_000, LIVE) == Counter(kind for hand in LIVE_HANDS for kind, _ in hand) + Counter(disarm=3)
 
 
 @pytest.mark.parametrize("course", [FULL, SHORT, DEALT, LIVE])

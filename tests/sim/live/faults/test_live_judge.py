@@ -8,9 +8,9 @@ import moments
 import numpy as np
 from msgspec.structs import replace
 
-from protocol.messages import Pose
-from sim.faults.machines import Disarm
-from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, exceptions, heading_rad
+from protocol.messages import Pose, Stage, Status
+from sim.faults.machines import Disarm, StreamLost
+from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
 from sim.live.monitor import ObservedAgent
 from sim.live.worldlink import Truth
 from sim.scoring.invariants.base import Setting
@@ -95,6 +95,26 @@ def test_a_pose_is_held_against_the_truth_of_its_time_however_late_that_comes() 
         one.hear(0, _pose(time_s, 10.0 + 5.0 * time_s, 0.1, 0.0, 0))
     assert [each.invariant for each in one.violations] == []
     assert [(each.invariant, each.drones) for each in wrong_.violations] == [("own-pose", ("d1",))]
+
+
+def test_a_drone_says_what_its_autopilot_does_not_send_any_more() -> None:
+    def told(*problems: str, boot: str = "00000000000000aa", message: str = "GPS_RAW_INT") -> list[str]:
+        judged = SilentStream(StreamLost(target="d1", at_s=10.0, for_s=8.0, message=message), "d1")
+        statuses = [_status(9.5, "00000000000000aa"), *(_status(time_s, boot, *problems) for time_s in (15.9, 17.0, 17.5, 18.5))]
+        return [text for each in statuses if (text := judged.check(each.stamp_ns / SECOND, each)) is not None]
+
+    (text,) = told()
+    assert "GPS_RAW_INT" in text
+    assert len(told("the autopilot is not ready to arm in mode hold: prearm check")) == 1
+    assert told("no satellites: the position is drifting") == []
+    assert told("no local position and no attitude from the autopilot") == []  # more than that
+    assert told(boot="00000000000000bb") == []  # it was started meanwhile
+    assert told(message="BATTERY_STATUS") == []  # nothing that it needs
+
+
+def _status(time_s: float, boot: str, *problems: str) -> Status:
+    stamp_ns = int(time_s * SECOND)
+    return Status(stamp_ns=stamp_ns, drone="d1", mission="0" * 16, boot=boot, stage=Stage.TRACK, problems=problems)
 
 
 def test_the_heading_of_an_attitude() -> None:
