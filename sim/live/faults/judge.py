@@ -105,15 +105,17 @@ class LiveJudge:
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)
-        able = [report.agents[drone] for drone in self.landed.able.drones or ()]
-        told = {(end.digest, end.position_m) for end in able if end.alive}
+        names = self.setting.names
+        parted = {name for fault in self.setting.scenario.fault if self._parts(fault) for name in fault.strikes(names)}
+        heard = [end for end in report.agents if end.alive and end.drone not in parted]
+        told = {(end.digest, end.position_m) for end in heard}
         if len(told) > 1:
             text = f"{len({digest for digest, _ in told})} digests and {len(told)} beliefs at the end, with the cameras off"
-            self._tell("convergence", tuple(end.drone for end in able), text)
+            self._tell("convergence", tuple(end.drone for end in heard), text)
         for drone, code in exits.items():
             if code is not None and not any(_may_end(fault, drone) for fault in self.setting.scenario.fault):
                 self._tell("process", (drone,), f"its agent ended by itself, exit code {code}")
-        for name, log in zip(self.setting.names, logs, strict=True):
+        for name, log in zip(names, logs, strict=True):
             for text in exceptions(log):
                 self._tell("exception", (name,), text)
 
@@ -124,6 +126,10 @@ class LiveJudge:
         return [
             None if place is None or source is None else hypot(place[0] - source[0], place[1] - source[1]) for place in places
         ]
+
+    def _parts(self, fault: Fault) -> bool:
+        """Whether it keeps drones apart for good: all others exchange what they have, also on the ground."""
+        return fault.family == "network" and fault.end_s > self.setting.heal_s
 
     def _scene(self, time_s: float, truth: Truth) -> Scene:
         return Scene(

@@ -12,6 +12,7 @@ from protocol.messages import Pose, Stage, Status
 from sim.faults.machines import Disarm, StreamLost
 from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
 from sim.live.monitor import ObservedAgent
+from sim.live.report import AgentEnd, LiveReport
 from sim.live.worldlink import Truth
 from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Scene
@@ -135,6 +136,29 @@ def test_a_vehicle_that_was_disarmed_on_the_ground_and_is_armed_again() -> None:
     assert broken(scene(False), scene(True), scene(False), scene(False), scene(True), scene(True)) == ["d2"]
     assert broken(scene(False), scene(True), scene(False), scene(False)) == []
     assert broken(scene(False), scene(True), scene(True, 3.0), scene(False, 3.0)) == []
+
+
+def test_at_the_end_all_that_live_and_are_not_cut_off_agree_also_those_that_never_flew() -> None:
+    def told(*faults: dict[str, object], alive: bool = True) -> list[tuple[str, tuple[str, ...]]]:
+        one = LiveJudge(moments.setting(*faults), [])
+        ends = [_end("d1", "a", True), _end("d2", "a", True), _end("d3", "b", alive)]
+        report = LiveReport(agreed=False, ready_s=1.0, world_late_s=0.0, truths_dropped=0, mesh={}, agents=tuple(ends))
+        one.finish([Path("none")] * 3, report, {})
+        return [(each.invariant, each.drones) for each in one.violations]
+
+    assert told() == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "disarm", "target": "d3", "at_s": 0.0}) == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "cut", "target": "d3", "at_s": 10.0, "for_s": 9.0}) == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "cut", "target": "d3", "at_s": 10.0}) == []
+    assert told(alive=False) == []
+
+
+def _end(drone: str, digest: str, alive: bool) -> AgentEnd:
+    counts = {"cones": 0, "setpoints": 0, "computed_setpoints": 0, "largest_gap_s": 0.0, "failsafes": 0}
+    return AgentEnd(
+        drone=drone, alive=alive, stage=Stage.LANDED, digest=digest, position_m=(1.0, 2.0, 0.0), covariance_m2=None,
+        **counts, truth="world", counters={}, problems=(),
+    )  # fmt: skip
 
 
 def test_the_exceptions_in_a_log(tmp_path: Path) -> None:
