@@ -13,12 +13,13 @@ import numpy as np
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import AnyDroneMessage, Pose, Stage, Status
+from sim.campaign.faults.mission import Log
 from sim.faults.agents import Freeze, Kill, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.machines import Disarm, StreamLost
 from sim.geometry import Quaternion
 from sim.live.monitor import Belief, ObservedAgent
-from sim.live.report import AgentEnd, LiveReport
+from sim.live.report import LiveReport
 from sim.live.worldlink import Truth
 from sim.scoring.invariants.base import Invariant, Setting, Violation
 from sim.scoring.invariants.beliefs import TruthPossible
@@ -56,7 +57,7 @@ class _Autopilot(NamedTuple):
 
 
 class LiveJudge:
-    """Of one flight. ``violations``: in order of time."""
+    """Of one flight. ``violations``: in order of time. ``log``: what else its verdict tells; times since the start command."""
 
     def __init__(self, setting: Setting, agents: Sequence[ObservedAgent]) -> None:
         self.setting = setting
@@ -72,7 +73,7 @@ class LiveJudge:
         silent = [fault for fault in setting.scenario.fault if isinstance(fault, StreamLost)]
         self._silent = [SilentStream(fault, name) for fault in silent for name in fault.strikes(setting.names)]
         self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
-        self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
+        self.log = Log(len(setting.names))
         self.late_s = 0.0  # largest lag of the world behind the clock
         self._last: Scene | None = None
 
@@ -81,8 +82,7 @@ class LiveJudge:
         self._truths.append(truth)
         self.late_s = max(self.late_s, truth.late_s)
         scene = self._last = self._scene(time_s, truth)
-        self.drone_s += (time_s - self.time_s) * sum(map(scene.airborne, range(len(self._agents))))
-        self.time_s = time_s
+        self.log.see(scene, self.landed.able.drones)
         for invariant in self.invariants:
             self.violations += invariant.look(scene)
         self._check_poses(truth.stamp_ns)
@@ -96,7 +96,7 @@ class LiveJudge:
         if isinstance(message, Pose):
             self._told.append((drone, message))
         elif isinstance(message, Status) and self._truths:
-            time_s = self.time_s + (message.stamp_ns - self._truths[-1].stamp_ns) * 1e-9
+            time_s = self.log.time_s + (message.stamp_ns - self._truths[-1].stamp_ns) * 1e-9
             for text in [text for silent in self._silent if (text := silent.check(time_s, message)) is not None]:
                 self._tell("told", (message.drone,), text)
 
@@ -119,13 +119,10 @@ class LiveJudge:
             for text in exceptions(log):
                 self._tell("exception", (name,), text)
 
-    def errors_m(self, ends: Sequence[AgentEnd]) -> list[float | None]:
-        """Errors of the able drones' source estimates at the end."""
-        source = self._last.source if self._last is not None else None
-        places = [ends[drone].position_m for drone in self.landed.able.drones or ()]
-        return [
-            None if place is None or source is None else hypot(place[0] - source[0], place[1] - source[1]) for place in places
-        ]
+    @property
+    def errors_m(self) -> list[float | None]:
+        """Errors of the able drones' source estimates when the last of these searched."""
+        return [self.log.error_m[drone] for drone in self.landed.able.drones or ()]
 
     def _parts(self, fault: Fault) -> bool:
         """Whether it keeps drones apart for good: all others exchange what they have, also on the ground."""
@@ -152,7 +149,7 @@ class LiveJudge:
                 self._tell("own-pose", (self.setting.names[drone],), told)
 
     def _tell(self, name: str, drones: tuple[str, ...], text: str) -> None:
-        self.violations.append(Violation(invariant=name, time_s=round(self.time_s, 3), drones=drones, text=text))
+        self.violations.append(Violation(invariant=name, time_s=round(self.log.time_s, 3), drones=drones, text=text))
 
 
 class OwnPose:

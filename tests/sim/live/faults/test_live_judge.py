@@ -11,12 +11,13 @@ from msgspec.structs import replace
 from protocol.messages import Pose, Stage, Status
 from sim.faults.machines import Disarm, StreamLost
 from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
-from sim.live.monitor import ObservedAgent
+from sim.live.monitor import Belief, ObservedAgent
 from sim.live.report import AgentEnd, LiveReport
 from sim.live.worldlink import Truth
 from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Scene
 from sim.vehicle.px4.fleet import VehicleReport
+from sim.world.sources import Source
 
 SECOND = 1_000_000_000
 
@@ -113,9 +114,20 @@ def test_a_drone_says_what_its_autopilot_does_not_send_any_more() -> None:
     assert told(message="BATTERY_STATUS") == []  # nothing that it needs
 
 
-def _status(time_s: float, boot: str, *problems: str) -> Status:
-    stamp_ns = int(time_s * SECOND)
-    return Status(stamp_ns=stamp_ns, drone="d1", mission="0" * 16, boot=boot, stage=Stage.TRACK, problems=problems)
+def _status(time_s: float, boot: str, *problems: str, drone: str = "d1", stage: Stage = Stage.TRACK) -> Status:
+    return Status(stamp_ns=int(time_s * SECOND), drone=drone, mission="0" * 16, boot=boot, stage=stage, problems=problems)
+
+
+def test_the_error_of_a_source_estimate_counts_while_drones_search_and_not_on_their_way_home() -> None:
+    agents = [ObservedAgent(name) for name in ("d1", "d2", "d3")]
+    one = LiveJudge(moments.setting(), agents)
+    for time_s, stage, source_m in ((49.0, Stage.TRACK, 31.0), (51.0, Stage.TRACK, 32.0), (53.0, Stage.RETURN, 45.0)):
+        for agent in agents:
+            agent.alive = True
+            agent.hear(_status(time_s, "00000000000000aa", drone=agent.drone, stage=stage), time_s)
+            agent._belief = Belief(np.array([30.0, 30.0, 0.0]), np.eye(3))
+        one.see(time_s, replace(truth(time_s), sources=(Source("Cs-137", 1e9, (source_m, 30.0, 0.0)),)))
+    assert one.errors_m == [2.0] * 3
 
 
 def test_the_heading_of_an_attitude() -> None:

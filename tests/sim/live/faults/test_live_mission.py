@@ -22,13 +22,13 @@ VIOLATION = Violation(invariant="own-pose", time_s=30.0, drones=("d1",), text="i
 def test_the_files_of_a_flight_are_kept_where_something_is_violated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, violations: Sequence[Violation], kept: Sequence[str]
 ) -> None:
-    async def flown(scenario: Scenario, seed: int, folder: Path) -> mission._Judged:
+    async def flown(scenario: Scenario, seed: int, folder: Path) -> LiveJudge:
         folder.mkdir(exist_ok=True)
         (folder / mission.TRUTH).touch()
         agents = [ObservedAgent(drone.id) for drone in scenario.mission.drones]
-        judged = mission._Judged(LiveJudge(Setting(scenario, LIVE.heal_s, LIVE.end_s), agents))
-        judged.judge.violations += violations
-        return judged
+        judge = LiveJudge(Setting(scenario, LIVE.heal_s, LIVE.end_s), agents)
+        judge.violations += violations
+        return judge
 
     monkeypatch.setattr(mission, "_flown", flown)
     for keep in (tmp_path, None):
