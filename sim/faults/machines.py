@@ -59,8 +59,9 @@ class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
 
 class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
     """A vehicle that flies by satellites has none. Its filter goes on by inertia: its velocity's error begins with 0.1 to 0.8 m/s
-    and grows by ``drift_mps2`` (a real PX4's: 0.08 to 0.35); 2.2 s later it does not know its position any more, and the
-    autopilot lands. When they are back the position is right after some seconds, and the mode is flown that was chosen last.
+    and grows by ``drift_mps2`` (a real PX4's: 0.08 to 0.35, and so that of live flights, whatever is given); 2.2 s later it does
+    not know its position any more, and the autopilot lands. When they are back the position is right after some seconds, and the
+    mode is flown that was chosen last.
     """
 
     family: ClassVar[Family] = "pose"

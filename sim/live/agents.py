@@ -55,6 +55,15 @@ class Agents:
         """Exit code of an agent's last process; None while it runs."""
         return self._children[drone].exit_code
 
+    async def has_ended(self, drone: str) -> bool:
+        """Whether it was started, and its last process has ended; one that was just killed has a moment to end."""
+        child = self._children.get(drone)
+        if child is None:
+            return False
+        with suppress(TimeoutError):
+            await asyncio.wait_for(child.ended(), GONE_S)
+        return child.exit_code is not None
+
     def folder(self, drone: str) -> Path:
         """Its folder, with ``state/`` and ``flight/``."""
         return self._files.agent(drone)

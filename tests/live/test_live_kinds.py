@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from agent.errors import RadronError
@@ -23,10 +25,10 @@ FAULTS = (
 
 
 @pytest.mark.long
-def test_a_mission_with_all_faults_that_are_not_dealt_violates_nothing() -> None:
+def test_a_mission_with_all_faults_that_are_not_dealt_violates_nothing(tmp_path: Path) -> None:
     document = deal(0, LIVE) | {"fault": list(FAULTS)}
     try:
-        verdict = fly_live_mission(Mission(0, LIVE, document))
+        verdict = fly_live_mission(Mission(0, LIVE, document), tmp_path)
     except RadronError as error:
         if TOO_BUSY not in str(error):
             raise

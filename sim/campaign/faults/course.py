@@ -40,5 +40,5 @@ DEALT = Course(
     most_drones=4,
 )  # five faults at a time, and a fence that circles reach
 LIVE = Course(
-    first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=80.0, side_m=(26.0, 36.0), most_drones=3
+    first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=120.0, side_m=(26.0, 36.0), most_drones=3
 )  # in real time

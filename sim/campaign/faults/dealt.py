@@ -5,8 +5,10 @@ swarm, its area and the source, as in the missions of ``draw``. Two of ten have 
 without any: in one the frames have to be estimated, in the other one a strong source goes round as fast as any. Where a
 localisation jumps or a clock is wrong, frames have to be estimated, too, by all kinds of localisation; and where a clock is
 wrong, the source moves, and the autopilot's link is down while it is set back: else hardly anything follows from them. In one of
-ten the drones fly by satellites alone, and do not see each other: there places are as uncertain as they ever are. Live missions,
-which take two minutes of real time each, have a deck of their own, and in each of them somebody disarms a drone.
+ten the drones fly by satellites alone, and do not see each other: there places are as uncertain as they ever are.
+
+Live missions take two minutes of real time each. Three of them have all kinds that are dealt there, in hands that are always the
+same, so that what an agent must notice does not strike one that is dead then; and in each somebody disarms a drone.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ Card = tuple[str, dict[str, Any]]  # a kind, and numbers that are not left to ch
 
 _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
+_CALM = 2  # missions of ten that have none
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
 _WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
@@ -39,22 +42,22 @@ _UNDISTURBED = (OLD_COMMAND, LITTLE_AHEAD)  # these show nothing on a drone whos
 _WANDERING = {"motion": "wander", "speed_mps": PACE_MPS}
 _ROUND = {"motion": "circle", "speed_mps": PACE_MPS, "circle_radius_m": 7.0, "activity_bq": 1e10}
 _ROUND_S = 60.0  # of tracking: the lag behind it is known to a tenth of a second then
-LIVE_DECK: tuple[Card, ...] = (
-    ("kill", {}),
-    ("freeze", {}),
-    ("late", {}),
-    ("slow-cpu", {}),
-    ("partition", {}),
-    ("cut", {}),
-    ("delay", {}),
-    ("mavlink-loss", {"probability": 0.2}),
-    ("stream-lost", {"message": "ATTITUDE_QUATERNION"}),
-    ("stream-lost", {"message": "GPS_RAW_INT"}),
-    ("stream-lost", {}),
-    ("satellites-lost", {}),
-    ("position-jump", {"announced": True, "turn_deg": 0.0}),
-    ("takeover", {}),
-    ("camera-dead", {"for_s": 9.0}),
+LIVE_HANDS: tuple[tuple[Card, ...], ...] = (  # those of a hand strike two drones in turn, so that none hides another one
+    (("late", {"at_s": LIVE.first_s}), ("freeze", {}), ("kill", {}), ("cut", {}), ("partition", {})),
+    (
+        ("takeover", {}),
+        ("stream-lost", {"message": "ATTITUDE_QUATERNION"}),
+        ("stream-lost", {"message": "GPS_RAW_INT"}),
+        ("camera-dead", {"for_s": 9.0}),
+        ("mavlink-loss", {"probability": 0.2}),
+    ),
+    (
+        ("satellites-lost", {}),
+        ("position-jump", {"announced": True, "turn_deg": 0.0}),
+        ("stream-lost", {}),
+        ("delay", {}),
+        ("slow-cpu", {}),
+    ),
 )
 DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who refuse what they must
     ("kill", {}),
@@ -105,11 +108,10 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
 def deal(seed: int, course: Course) -> dict[str, Any]:
     """The scenario document of a seed's mission, with its faults in order of time."""
     live = course == LIVE
-    decks, calm = ((LIVE_DECK,), 0) if live else ((DECK, MISLEADING), 2)
-    missions = calm + sum(map(len, decks)) // HAND
+    missions = len(LIVE_HANDS) if live else _CALM + (len(DECK) + len(MISLEADING)) // HAND
     turn = seed % missions
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    hand = _hand(decks, seed // missions, turn - calm) if turn >= calm else []
+    hand = list(LIVE_HANDS[turn]) if live else _hand(seed // missions, turn - _CALM) if turn >= _CALM else []
     kinds = {kind for kind, _ in hand}
     estimated = False if live else True if turn == 0 or kinds & _SEEN_BY_FRAMES else None
     alone = JUMPED in hand
@@ -132,10 +134,10 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
     return document
 
 
-def _hand(decks: Sequence[Sequence[Card]], shuffled: int, turn: int) -> list[Card]:
-    """The cards of a turn, of decks that are shuffled anew each time."""
+def _hand(shuffled: int, turn: int) -> list[Card]:
+    """The cards of a turn, of the two decks, which are shuffled anew each time."""
     rng = np.random.default_rng(np.random.SeedSequence(shuffled, spawn_key=(_DECK_STREAM,)))
-    cards = [deck[place] for deck in decks for place in rng.permutation(len(deck)).tolist()]
+    cards = [deck[place] for deck in (DECK, MISLEADING) for place in rng.permutation(len(deck)).tolist()]
     return cards[turn * HAND :][:HAND]
 
 
@@ -158,6 +160,8 @@ def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, 
     entry: dict[str, Any] = {"kind": kind, "at_s": at_s} | STRENGTHS[kind](Strike(rng, names, [target])) | given
     if kind == "clock":
         entry.pop("drift_ppm", None)
+    if course == LIVE:  # the emulated PX4 drifts as a real one
+        entry.pop("drift_mps2", None)
     if kind != "partition":
         entry["target"] = target
     if kind not in _WITHOUT_END:

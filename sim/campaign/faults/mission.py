@@ -21,7 +21,7 @@ from sim.campaign.faults.recording import Recording
 from sim.scenario import parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 from sim.scoring.invariants.judge import Judge
-from sim.scoring.moment import Hypothesis, Moment
+from sim.scoring.moment import Hypothesis, Scene
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
@@ -82,7 +82,7 @@ def fly_mission(mission: Mission) -> Verdict:
     document, course = mission.drawn, mission.course
     scenario = parse_scenario(document, mission.label)
     setting = Setting(scenario, course.heal_s, course.end_s)
-    judge, log = Judge(setting, mission.until), _Log(len(setting.names))
+    judge, log = Judge(setting, mission.until), Log(len(setting.names))
     violations: list[Violation] = []
     began = time.process_time()
     recorded = setting.names[mission.seed // _RECORDED_EVERY % len(setting.names)]
@@ -117,14 +117,14 @@ def fly_mission(mission: Mission) -> Verdict:
     )
 
 
-class _Log:
+class Log:
     """What a verdict tells besides the violations."""
 
     def __init__(self, drones: int) -> None:
         self.time_s = self.drone_s = 0.0
         self.error_m: list[float | None] = [None] * drones  # of the source estimate, when last one of the able drones searched
 
-    def see(self, moment: Moment, able: Collection[int] | None) -> bool:
+    def see(self, moment: Scene, able: Collection[int] | None) -> bool:
         """Take a moment; False: the flight goes on. ``able``: the able drones; None before they are known.
 
         One that has returned while it heard nobody holds the log again after the heal, and the estimate that follows from it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,10 @@ def live_faults(
     *,
     runs: Annotated[int, typer.Option(help="Number of missions, with consecutive seeds; three play all kinds of faults.")] = 3,
     seed: Annotated[int, typer.Option(help="The first seed.")] = 0,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for missions, summary, and files of flights with violations; rerun to resume."),
+    ] = None,
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
 ) -> None:
     """Fly random missions with faults live, two minutes each. Exit code 1 where anything was violated."""
@@ -31,4 +35,4 @@ def live_faults(
             raise ConfigError(f"--show {show}: give 0 or more")
         typer.echo(as_toml(deal(show, LIVE)), nl=False)
         return
-    fly_and_tell(FaultCampaign(runs, seed, LIVE), fly_live_mission, out, in_processes(1))
+    fly_and_tell(FaultCampaign(runs, seed, LIVE), partial(fly_live_mission, keep=out), out, in_processes(1))

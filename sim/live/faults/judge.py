@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import asin, atan2, cos, degrees, hypot, remainder, sin, tau
 from pathlib import Path
 from typing import NamedTuple
@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.vehicle.interface import FlightMode
-from protocol.messages import AnyDroneMessage, Pose, Stage
+from protocol.messages import AnyDroneMessage, Pose, Stage, Status
+from sim.campaign.faults.mission import Log
 from sim.faults.agents import Freeze, Kill, SlowCpu
 from sim.faults.base import Fault
-from sim.faults.machines import Disarm
+from sim.faults.machines import Disarm, StreamLost
 from sim.geometry import Quaternion
 from sim.live.monitor import Belief, ObservedAgent
-from sim.live.report import AgentEnd, LiveReport
+from sim.live.report import LiveReport
 from sim.live.worldlink import Truth
 from sim.scoring.invariants.base import Invariant, Setting, Violation
 from sim.scoring.invariants.beliefs import TruthPossible
@@ -27,8 +28,16 @@ from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
-_TRUTHS = 60  # 3 s of them
-_DELAYED_NS = 700_000_000
+TOLD_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second
+_SILENT = {
+    "HEARTBEAT": "link to the autopilot lost",
+    "ATTITUDE_QUATERNION": "no attitude",
+    "LOCAL_POSITION_NED": "no local position",
+    "GPS_RAW_INT": "satellites",
+}  # what an agent says of a message that its autopilot does not send any more
+_INSTEAD = ("link to the autopilot lost", " from the autopilot")  # while that is so, it says nothing of less
+_TRUTHS = 200  # 10 s of them
+_DELAYED_NS = 700_000_000  # by so much a busy machine delays stamps and world
 _PAUSE_NS = 1_000_000_000  # between two poses: what was before does not count
 _TRACEBACK = "Traceback (most recent call last)"
 
@@ -48,7 +57,7 @@ class _Autopilot(NamedTuple):
 
 
 class LiveJudge:
-    """Of one flight. ``violations``: in order of time."""
+    """Of one flight. ``violations``: in order of time. ``log``: what else its verdict tells; times since the start command."""
 
     def __init__(self, setting: Setting, agents: Sequence[ObservedAgent]) -> None:
         self.setting = setting
@@ -59,9 +68,12 @@ class LiveJudge:
         self.violations: list[Violation] = []
         self._agents = agents
         self._poses = [OwnPose() for _ in agents]
+        self._told: deque[tuple[int, Pose]] = deque()  # drones and their poses, until the truth around their stamps is known
         self._disarmed = [Disarmed(fault) for fault in setting.scenario.fault if isinstance(fault, Disarm)]
+        silent = [fault for fault in setting.scenario.fault if isinstance(fault, StreamLost)]
+        self._silent = [SilentStream(fault, name) for fault in silent for name in fault.strikes(setting.names)]
         self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
-        self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
+        self.log = Log(len(setting.names))
         self.late_s = 0.0  # largest lag of the world behind the clock
         self._last: Scene | None = None
 
@@ -70,47 +82,51 @@ class LiveJudge:
         self._truths.append(truth)
         self.late_s = max(self.late_s, truth.late_s)
         scene = self._last = self._scene(time_s, truth)
-        self.drone_s += (time_s - self.time_s) * sum(map(scene.airborne, range(len(self._agents))))
-        self.time_s = time_s
+        self.log.see(scene, self.landed.able.drones)
         for invariant in self.invariants:
             self.violations += invariant.look(scene)
+        self._check_poses(truth.stamp_ns)
         for disarmed in self._disarmed:
             for name in disarmed.broken(time_s, scene, self.setting.names):
                 self._tell("disarmed", (name,), "somebody has disarmed it on the ground, and it is armed again")
         return time_s >= self.setting.end_s or (time_s > self.setting.heal_s and self.landed.is_over(scene))
 
     def hear(self, drone: int, message: AnyDroneMessage) -> None:
-        """Take what an agent publishes: the pose that it tells of itself must be possible."""
-        if not isinstance(message, Pose) or not self._truths:
-            return
-        told = self._poses[drone].check(message, self._around(message.stamp_ns), drone, self.setting)
-        if told is not None:
-            self._tell("own-pose", (self.setting.names[drone],), told)
+        """Take what an agent publishes: the pose that it tells of itself must be possible, and it tells what it misses."""
+        if isinstance(message, Pose):
+            self._told.append((drone, message))
+        elif isinstance(message, Status) and self._truths:
+            time_s = self.log.time_s + (message.stamp_ns - self._truths[-1].stamp_ns) * 1e-9
+            for text in [text for silent in self._silent if (text := silent.check(time_s, message)) is not None]:
+                self._tell("told", (message.drone,), text)
 
     def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
         """Judge how the flight has ended. ``logs``: of the agents; ``exits``: exit codes of their processes."""
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)
-        able = [report.agents[drone] for drone in self.landed.able.drones or ()]
-        told = {(end.digest, end.position_m) for end in able if end.alive}
+        names = self.setting.names
+        parted = {name for fault in self.setting.scenario.fault if self._parts(fault) for name in fault.strikes(names)}
+        heard = [end for end in report.agents if end.alive and end.drone not in parted]
+        told = {(end.digest, end.position_m) for end in heard}
         if len(told) > 1:
             text = f"{len({digest for digest, _ in told})} digests and {len(told)} beliefs at the end, with the cameras off"
-            self._tell("convergence", tuple(end.drone for end in able), text)
+            self._tell("convergence", tuple(end.drone for end in heard), text)
         for drone, code in exits.items():
             if code is not None and not any(_may_end(fault, drone) for fault in self.setting.scenario.fault):
                 self._tell("process", (drone,), f"its agent ended by itself, exit code {code}")
-        for name, log in zip(self.setting.names, logs, strict=True):
+        for name, log in zip(names, logs, strict=True):
             for text in exceptions(log):
                 self._tell("exception", (name,), text)
 
-    def errors_m(self, ends: Sequence[AgentEnd]) -> list[float | None]:
-        """Errors of the able drones' source estimates at the end."""
-        source = self._last.source if self._last is not None else None
-        places = [ends[drone].position_m for drone in self.landed.able.drones or ()]
-        return [
-            None if place is None or source is None else hypot(place[0] - source[0], place[1] - source[1]) for place in places
-        ]
+    @property
+    def able(self) -> Collection[int]:
+        """The able drones; none before they are known."""
+        return self.landed.able.drones or ()
+
+    def _parts(self, fault: Fault) -> bool:
+        """Whether it keeps drones apart for good: all others exchange what they have, also on the ground."""
+        return fault.family == "network" and fault.end_s > self.setting.heal_s
 
     def _scene(self, time_s: float, truth: Truth) -> Scene:
         return Scene(
@@ -123,17 +139,23 @@ class LiveJudge:
             ],
         )
 
-    def _around(self, stamp_ns: int) -> list[Truth]:
-        """The truths around a time, within what a busy machine delays stamps and world."""
-        return [truth for truth in self._truths if abs(truth.stamp_ns - stamp_ns) < _DELAYED_NS] or [self._truths[-1]]
+    def _check_poses(self, now_ns: int) -> None:
+        """Judge the poses that are so old that all truths around their stamps are known: truths may arrive later than poses."""
+        while self._told and self._told[0][1].stamp_ns <= now_ns - _DELAYED_NS:
+            drone, pose = self._told.popleft()
+            truths = [truth for truth in self._truths if abs(truth.stamp_ns - pose.stamp_ns) < _DELAYED_NS]
+            told = self._poses[drone].check(pose, truths, drone, self.setting) if truths else None
+            if told is not None:
+                self._tell("own-pose", (self.setting.names[drone],), told)
 
     def _tell(self, name: str, drones: tuple[str, ...], text: str) -> None:
-        self.violations.append(Violation(invariant=name, time_s=round(self.time_s, 3), drones=drones, text=text))
+        self.violations.append(Violation(invariant=name, time_s=round(self.log.time_s, 3), drones=drones, text=text))
 
 
 class OwnPose:
     """No drone tells a pose of itself that excludes its true position or heading at 6 sigma for 2 s: the others' separation and
-    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged.
+    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged, and only where the
+    mission lays that out exactly.
     """
 
     def __init__(self) -> None:
@@ -144,9 +166,9 @@ class OwnPose:
     def check(self, pose: Pose, truths: Sequence[Truth], drone: int, setting: Setting) -> str | None:
         """What is wrong with it, once it has been for long enough; else None. ``truths``: one of which it must be."""
         self._epoch = pose.epoch if self._epoch is None else self._epoch
-        if pose.epoch != self._epoch:
-            return None
         layout = setting.mission.drones[drone]
+        if pose.epoch != self._epoch or not layout.is_exact:
+            return None
         yaw_rad = np.radians(layout.yaw_deg)
         x, y, _ = pose.position_m
         east, north = x * cos(yaw_rad) - y * sin(yaw_rad), x * sin(yaw_rad) + y * cos(yaw_rad)
@@ -166,6 +188,28 @@ class OwnPose:
             f"it says that it is {off_m:.1f} m from where it is, sigma {pose.position_sigma_m:.2f} m, and turned by "
             f"{degrees(turned):.0f} degrees, sigma {degrees(pose.yaw_sigma_rad):.1f}, for {WRONG_S:g} s"
         )
+
+
+class SilentStream:
+    """A drone whose autopilot stops sending a message that its agent needs says so within 6 s. An agent that was started since
+    does not know what there was before.
+    """
+
+    def __init__(self, fault: StreamLost, drone: str) -> None:
+        self._fault, self._drone, self._word = fault, drone, _SILENT.get(fault.message)
+        self._boot = ""  # of the agent that has seen it begin
+
+    def check(self, time_s: float, status: Status) -> str | None:
+        """What it fails to say in a status of that time, once; else None."""
+        if self._word is None or status.drone != self._drone:
+            return None
+        if time_s < self._fault.at_s:
+            self._boot = status.boot
+        due = self._fault.at_s + TOLD_S < time_s < self._fault.end_s and status.boot == self._boot
+        if not due or any(word in text for text in status.problems for word in (self._word, *_INSTEAD)):
+            return None
+        self._word = None
+        return f"its autopilot has not sent {self._fault.message} for {TOLD_S:g} s, and it does not say so"
 
 
 class Disarmed:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import resource
+import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
+import msgspec
 import numpy as np
 
 from agent.errors import RadronError
@@ -19,30 +23,38 @@ from sim.live.faults.playable import needs_relays
 from sim.live.places import Places
 from sim.live.swarm import live_swarm
 from sim.live.view import View
+from sim.live.worldlink import Truth
 from sim.live.worldprocess import LiveError
+from sim.runfile import write_text
 from sim.scenario import Scenario, parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 
 START = "start"  # the swarm did not get ready, or nobody took off
+TRUTH = "truth.jsonl"  # in the folder of a flight: time since the start command, and the truth then
+REPORT = "agents.json"
 READY_S = 90.0
 BUSY_S = 0.3  # a world that is further behind slips, and the agents' watchdogs kill what has stood still for longer
 TOO_BUSY = "this machine is too busy for live missions"
 
 
-def fly_live_mission(mission: Mission) -> Verdict:
+def fly_live_mission(mission: Mission, keep: Path | None = None) -> Verdict:
     """Fly and judge a mission in real time; its processes have ended when it returns.
 
+    A live flight cannot be repeated bit for bit: where anything is violated, or it cannot be judged, its files stay in
+    ``keep/seed-N`` (``RunFolder``, the truth, a line for each, and the report); None: they do not.
+
     Raises:
-        RadronError: the machine was too busy for it to mean anything.
+        RadronError: the machine was too busy for it to mean anything, or a fault was not played.
     """
     document = mission.drawn
     scenario = parse_scenario(document, mission.label)
     began = _core_s()
-    with TemporaryDirectory(prefix="radron-live-") as folder:
-        judged = asyncio.run(_flown(scenario, mission.seed, Path(folder)))
-    judge, errors = judged.judge, judged.errors_m
-    known = [error for error in errors if error is not None]
-    error_m = max(known) if known and len(known) == len(errors) else None
+    with TemporaryDirectory(prefix="radron-live-") as scratch:
+        folder = Path(scratch) if keep is None else keep / f"seed-{mission.seed}"
+        judge = asyncio.run(_flown(scenario, mission.seed, folder))
+    if not judge.violations:
+        shutil.rmtree(folder, ignore_errors=True)
+    error_m = judge.log.largest_error_m(judge.able)
     names = {violation.invariant for violation in judge.violations}
     least_m = judge.separation.least_m
     return Verdict(
@@ -50,48 +62,53 @@ def fly_live_mission(mission: Mission) -> Verdict:
         drones=len(scenario.mission.drones),
         faults=document.get("fault", []),
         violations=judge.violations,
-        able=len(errors),
+        able=len(judge.able),
         located=error_m is not None and error_m < LOCATED_M,
         converged=not names & {"convergence", START},
         error_m=error_m,
         min_separation_m=least_m if np.isfinite(least_m) else None,
-        sim_s=round(judge.time_s, 3),
-        drone_s=round(judge.drone_s, 3),
+        sim_s=round(judge.log.time_s, 3),
+        drone_s=round(judge.log.drone_s, 3),
         core_s=_core_s() - began,
     )
 
 
-class _Judged:
-    """A flight's judge, and the errors of the able drones' source estimates at its end."""
-
-    def __init__(self, judge: LiveJudge) -> None:
-        self.judge = judge
-        self.errors_m: list[float | None] = []
-
-
-async def _flown(scenario: Scenario, seed: int, folder: Path) -> _Judged:
+async def _flown(scenario: Scenario, seed: int, folder: Path) -> LiveJudge:
     names = [drone.id for drone in scenario.mission.drones]
     places = Places.relayed(len(names)) if needs_relays(scenario.fault) else Places.here(len(names))
-    judged: _Judged | None = None
+    judge: LiveJudge | None = None
     began_s = time.monotonic()
     try:
         async with live_swarm(scenario, seed, folder, places, View()) as swarm:
             observer = swarm.operator.observer
-            judged = _Judged(LiveJudge(Setting(swarm.scenario, LIVE.heal_s, LIVE.end_s), observer.agents))
-            judge = judged.judge
+            judge = LiveJudge(Setting(swarm.scenario, LIVE.heal_s, LIVE.end_s), observer.agents)
             observer.listeners.append(judge.hear)
-            _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, judge.see).fly(READY_S)
+            with (folder / TRUTH).open("wb") as record:
+                watch = _recorded(judge.see, record)
+                _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, watch).fly(READY_S)
+            write_text(folder / REPORT, msgspec.json.encode(report).decode())
             exits = {name: swarm.agents.exit_code(name) for name in names}
             judge.finish([folder / "agents" / name / "agent.log" for name in names], report, exits)
-            judged.errors_m = judge.errors_m(report.agents)
             if judge.late_s > BUSY_S:
                 raise RadronError(f"the world was up to {judge.late_s:.1f} s behind the clock: {TOO_BUSY}")
+            if swarm.faults is not None and swarm.faults.failed:
+                raise RadronError("; ".join(swarm.faults.failed))
     except LiveError as error:
-        if judged is None:
+        if judge is None:
             raise
         took_s = round(time.monotonic() - began_s, 1)
-        judged.judge.violations.append(Violation(invariant=START, time_s=took_s, drones=(), text=str(error)))
-    return judged
+        judge.violations.append(Violation(invariant=START, time_s=took_s, drones=(), text=str(error)))
+    return judge
+
+
+def _recorded(see: Callable[[float, Truth], bool], record: BinaryIO) -> Callable[[float, Truth], bool]:
+    """The same, with all that is seen written down."""
+
+    def watch(time_s: float, truth: Truth) -> bool:
+        record.write(msgspec.json.encode((time_s, truth)) + b"\n")
+        return see(time_s, truth)
+
+    return watch
 
 
 def _core_s() -> float:

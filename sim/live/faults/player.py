@@ -54,7 +54,7 @@ class Played(Struct, frozen=True):
 
 
 class FaultPlayer:
-    """Plays a scenario's faults. ``played``: what was done so far."""
+    """Plays a scenario's faults. ``played``: what was done so far; ``failed``: what could not be."""
 
     def __init__(
         self,
@@ -68,6 +68,7 @@ class FaultPlayer:
     ) -> None:
         """``scenario``: ``check_playable``; ``relays``: there where ``needs_relays``."""
         self.played: list[Played] = []
+        self.failed: list[str] = []
         self.late = late_drones(scenario)
         self._swarm = scenario.mission.swarm
         self._drones = [drone.id for drone in scenario.mission.drones]
@@ -158,11 +159,11 @@ class FaultPlayer:
             task.cancel()
         match fault:
             case Kill():
-                self._go(fault, drone, self._start(drone))
+                self._go(fault, drone, self._start_again(drone))
                 return "the agent is started again"
             case Freeze():
                 self._agents.signal_agent(drone, signal.SIGCONT)
-                self._go(fault, drone, self._start_if_ended(drone))
+                self._go(fault, drone, self._start_again(drone))
                 return "the agent is not stopped any more"
             case SlowCpu() | Flood() | MavlinkImpaired():
                 return f"{kind_of(fault)} is over"
@@ -190,11 +191,12 @@ class FaultPlayer:
         """A fault that is not played must not pass for one that did no harm."""
         error = None if ended.cancelled() else ended.exception()
         if error is not None:
-            self._note(f"{what} is not played: {error!r}")
+            self.failed.append(f"{what} is not played: {error!r}")
+            self._note(self.failed[-1])
 
-    async def _start_if_ended(self, drone: str) -> None:
-        """As its service manager would, where the watchdog has killed it."""
-        if self._agents.exit_code(drone) is not None:
+    async def _start_again(self, drone: str) -> None:
+        """As its service manager would, where it has ended: one that comes late may not have begun yet, or only meanwhile."""
+        if await self._agents.has_ended(drone):
             await self._start(drone)
 
     async def _start(self, drone: str) -> None:

@@ -79,7 +79,7 @@ class EmulatedFaults:
                 self._faces[drone].refuses = any(isinstance(other, Refusal) for one, other in self._active if one == drone)
             case Battery() if not self._batteries(drone):
                 self._mend_battery(drone)
-            case StreamLost():
+            case StreamLost() if not self._is_lost(drone, fault.message):
                 self._mute(drone, fault.message, muted=False)
             case PositionJump():
                 shift_m, turn_rad = self._jumps.pop((drone, fault))
@@ -105,6 +105,9 @@ class EmulatedFaults:
 
     def _batteries(self, drone: int) -> list[Battery]:
         return [fault for one, fault in self._active if one == drone and isinstance(fault, Battery)]
+
+    def _is_lost(self, drone: int, message: str) -> bool:
+        return any(isinstance(fault, StreamLost) and (one, fault.message) == (drone, message) for one, fault in self._active)
 
     def _drain(self, drone: int, fault: Battery) -> None:
         face = self._faces[drone]

@@ -29,7 +29,8 @@ class Bug:
     """A mistake: in ``file`` (from the root of the repository) the text ``old``, which occurs there once, becomes ``new``.
 
     ``origin``: written or drawn. ``live``: code of the processes around the pilot program, which lockstep does not run.
-    ``reach``: what a mission has in which that code decides anything: kinds of faults, "estimated" frames, a "moving" source.
+    ``reach``: what a mission has in which that code decides anything: kinds of faults, messages that an autopilot does not send
+    any more, "estimated" frames, a "moving" source.
     """
 
     id: str

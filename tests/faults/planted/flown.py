@@ -49,7 +49,7 @@ class Stage:
     def has(self, seed: int) -> set[str]:
         """What a mission has, in the terms of ``Bug.reach``."""
         document = self.drawn(seed) if self.drawn is not None else {}
-        found = {str(fault["kind"]) for fault in document.get("fault", ())}
+        found = {str(fault[key]) for fault in document.get("fault", ()) for key in ("kind", "message") if key in fault}
         found |= {"estimated"} if "sightings" in document else set()
         return found | ({"moving"} if "motion" in document.get("source", {}) else set())
 
@@ -59,6 +59,13 @@ def _dealt(seed: int) -> dict[str, Any]:
     from sim.campaign.faults.dealt import deal  # noqa: PLC0415
 
     return deal(seed, DEALT)
+
+
+def _live(seed: int) -> dict[str, Any]:
+    from sim.campaign.faults.course import LIVE as COURSE  # noqa: PLC0415
+    from sim.campaign.faults.dealt import deal  # noqa: PLC0415
+
+    return deal(seed, COURSE)
 
 
 def _drawn(seed: int) -> dict[str, Any]:
@@ -71,7 +78,7 @@ DEALT = Stage(
     "dealt", (*_RADRON_SIM, "faults", "--dealt", "--workers", "1"), 500_000, 10, 0, _FIRST, _dealt
 )  # ten have all faults once, and none
 DRAWN = Stage("drawn", (*_RADRON_SIM, "faults", "--workers", "1"), 510_000, 7, 0, _FIRST, _drawn)
-LIVE = Stage("live", (*_RADRON_SIM, "live-faults"), 600_000, 3, repeats=3)  # three have all of the live ones
+LIVE = Stage("live", (*_RADRON_SIM, "live-faults"), 600_000, 3, repeats=3, drawn=_live)  # three have all of the live ones
 STAGES = (DEALT, DRAWN, LIVE)  # 20 missions in all
 
 

@@ -139,7 +139,7 @@ def test_a_reset_of_the_filter_moves_its_own_position_and_back():
 
 def test_a_message_that_is_not_sent_comes_again_when_the_fault_is_over():
     async def scenario(flight, fleet):
-        silent = StreamLost(at_s=0.0, message="LOCAL_POSITION_NED")
+        silent, again = (StreamLost(at_s=at_s, message="LOCAL_POSITION_NED") for at_s in (0.0, 1.0))
 
         def stamp_ms():
             return flight.companion.last("LOCAL_POSITION_NED").time_boot_ms
@@ -149,7 +149,11 @@ def test_a_message_that_is_not_sent_comes_again_when_the_fault_is_over():
         before = stamp_ms()
         await flight.run(1.0)
         assert stamp_ms() == before
+        fleet.begin_fault(0, again)
         fleet.end_fault(0, silent)
+        await flight.run(1.0)
+        assert stamp_ms() == before  # until the last of them is over
+        fleet.end_fault(0, again)
         await flight.run(1.0)
         assert stamp_ms() > before + 500
 

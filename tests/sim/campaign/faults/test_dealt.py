@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 
 from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
-from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
+from sim.campaign.faults.dealt import DECK, HAND, LIVE_HANDS, MISLEADING, deal
 from sim.campaign.faults.mission import Mission
 from sim.faults.disk import check_playable as check_lockstep
 from sim.faults.machines import Clock
@@ -23,13 +23,19 @@ def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_eac
     for first in (0, 500_000):
         unheard = {"mavlink-loss": sum(kind == "clock" and given["jump_s"] < 0.0 for kind, given in DECK)}
         assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING) + Counter(unheard)
-    assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
+    assert kinds(600_000, LIVE) == Counter(kind for hand in LIVE_HANDS for kind, _ in hand) + Counter(disarm=3)
 
 
 @pytest.mark.parametrize("course", [FULL, SHORT, DEALT, LIVE])
 def test_a_worker_process_flies_the_same_mission(course) -> None:
     mission = Mission(600_000, course)
     assert pickle.loads(pickle.dumps(mission)).drawn == mission.drawn
+
+
+@pytest.mark.parametrize("course", [FULL, SHORT, DEALT, LIVE])
+def test_a_mission_has_time_to_take_off_and_to_come_home_beside_its_search_and_its_tracking(course) -> None:
+    """An emulated PX4 takes off within 8 s, and lands, and disarms itself, within 15 s of arriving over its home."""
+    assert course.end_s > course.search_s + course.track_s[1] + 45.0
 
 
 def test_a_seed_is_dealt_the_same_each_time_and_others_otherwise() -> None:

@@ -12,7 +12,7 @@ from agent.pilot import Pilot
 from protocol.messages import Stage
 from sim.campaign.faults.course import SHORT
 from sim.campaign.faults.draw import draw
-from sim.campaign.faults.mission import Mission, _Log, fly_mission
+from sim.campaign.faults.mission import Log, Mission, fly_mission
 from sim.campaign.faults.recording import Recording
 from sim.lockstep.sharing import SharedFold
 from sim.scenario import parse_scenario
@@ -52,7 +52,7 @@ def test_an_observer_sees_the_truth_after_every_tick_and_ends_the_flight() -> No
 
 def test_the_error_is_that_at_the_end_of_the_able_drones_tracking() -> None:
     """d2 has returned while it heard nobody, with an estimate of its own; after the heal it holds that of the others again."""
-    log, source = _Log(3), (30.0, 30.0)
+    log, source = Log(3), (30.0, 30.0)
     deaf, healed = (pilot(Stage.RETURN, hypothesis(x)) for x in (35.0, 30.5))
     tracking, lost = pilot(believed=hypothesis(30.5)), pilot(believed=hypothesis(50.0))
     log.see(moment(49.0, source=source, pilots=[tracking, deaf, lost]), None)

@@ -6,12 +6,18 @@ from pathlib import Path
 
 import moments
 import numpy as np
+from msgspec.structs import replace
 
-from protocol.messages import Pose
-from sim.faults.machines import Disarm
-from sim.live.faults.judge import Disarmed, OwnPose, exceptions, heading_rad
+from protocol.messages import Pose, Stage, Status
+from sim.faults.machines import Disarm, StreamLost
+from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
+from sim.live.monitor import Belief, ObservedAgent
+from sim.live.report import AgentEnd, LiveReport
 from sim.live.worldlink import Truth
+from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Scene
+from sim.vehicle.px4.fleet import VehicleReport
+from sim.world.sources import Source
 
 SECOND = 1_000_000_000
 
@@ -21,8 +27,11 @@ def turned(yaw_rad: float) -> tuple[float, float, float, float]:
 
 
 def truth(time_s: float, x: float = 10.0, z: float = 3.0) -> Truth:
-    place = (x, 10.0, z)
-    return Truth(time_s, (place,) * 3, ((0.0, 0.0, 0.0),) * 3, None, (), 0.0, 0, int(time_s * SECOND), (turned(0.0),) * 3)
+    vehicle = VehicleReport("offboard", True, True, False, 0, 0, 0.0)
+    return Truth(
+        time_s=time_s, position_m=((x, 10.0, z), (x, 20.0, z), (x, 30.0, z)), velocity_mps=((0.0, 0.0, 0.0),) * 3, sources=(),
+        vehicles=(vehicle,) * 3, late_s=0.0, dropped=0, stamp_ns=int(time_s * SECOND), attitude=(turned(0.0),) * 3,
+    )  # fmt: skip
 
 
 def wrong(
@@ -58,6 +67,69 @@ def test_a_pose_that_cannot_be_is_told_once_it_lasts() -> None:
     assert wrong(10.0, yaw_rad=0.2) == []
 
 
+def test_a_frame_that_the_mission_does_not_lay_out_exactly_is_not_judged() -> None:
+    set_ = moments.setting()
+    estimated = tuple(replace(drone, localization="slam") for drone in set_.scenario.mission.drones)
+    mission = replace(set_.scenario.mission, drones=estimated)
+    set_ = Setting(replace(set_.scenario, mission=mission), moments.HEAL_S, moments.END_S)
+    judged = OwnPose()
+    times_s = [0.1 * k for k in range(40)]
+    told = [judged.check(_pose(time_s, 20.0, 0.1, 0.0, 0), [truth(time_s)], 0, set_) for time_s in times_s]
+    assert told == [None] * 40
+
+
+def judge() -> LiveJudge:
+    return LiveJudge(moments.setting(), [ObservedAgent(name) for name in ("d1", "d2", "d3")])
+
+
+def test_a_pose_is_held_against_the_truth_of_its_time_however_late_that_comes() -> None:
+    """At 5 m/s; and what is told after the last truth is not judged at all."""
+    one, wrong_ = judge(), judge()
+    times_s = [0.1 * k for k in range(100)]
+    for seconds in (times_s[:20], times_s[20:60]):  # the launcher reads the messages of 4 s before the truths of these
+        for time_s in seconds:
+            one.hear(0, _pose(time_s, 10.0 + 5.0 * time_s, 0.1, 0.0, 0))
+            wrong_.hear(0, _pose(time_s, 20.0 + 5.0 * time_s, 0.1, 0.0, 0))
+        for time_s in seconds:
+            one.see(time_s, truth(time_s, 10.0 + 5.0 * time_s))
+            wrong_.see(time_s, truth(time_s, 10.0 + 5.0 * time_s))
+    for time_s in times_s[60:]:
+        one.hear(0, _pose(time_s, 10.0 + 5.0 * time_s, 0.1, 0.0, 0))
+    assert [each.invariant for each in one.violations] == []
+    assert [(each.invariant, each.drones) for each in wrong_.violations] == [("own-pose", ("d1",))]
+
+
+def test_a_drone_says_what_its_autopilot_does_not_send_any_more() -> None:
+    def told(*problems: str, boot: str = "00000000000000aa", message: str = "GPS_RAW_INT") -> list[str]:
+        judged = SilentStream(StreamLost(target="d1", at_s=10.0, for_s=8.0, message=message), "d1")
+        statuses = [_status(9.5, "00000000000000aa"), *(_status(time_s, boot, *problems) for time_s in (15.9, 17.0, 17.5, 18.5))]
+        return [text for each in statuses if (text := judged.check(each.stamp_ns / SECOND, each)) is not None]
+
+    (text,) = told()
+    assert "GPS_RAW_INT" in text
+    assert len(told("the autopilot is not ready to arm in mode hold: prearm check")) == 1
+    assert told("no satellites: the position is drifting") == []
+    assert told("no local position and no attitude from the autopilot") == []  # more than that
+    assert told(boot="00000000000000bb") == []  # it was started meanwhile
+    assert told(message="BATTERY_STATUS") == []  # nothing that it needs
+
+
+def _status(time_s: float, boot: str, *problems: str, drone: str = "d1", stage: Stage = Stage.TRACK) -> Status:
+    return Status(stamp_ns=int(time_s * SECOND), drone=drone, mission="0" * 16, boot=boot, stage=stage, problems=problems)
+
+
+def test_the_error_of_a_source_estimate_counts_while_drones_search_and_not_on_their_way_home() -> None:
+    agents = [ObservedAgent(name) for name in ("d1", "d2", "d3")]
+    one = LiveJudge(moments.setting(), agents)
+    for time_s, stage, source_m in ((49.0, Stage.TRACK, 31.0), (51.0, Stage.TRACK, 32.0), (53.0, Stage.RETURN, 45.0)):
+        for agent in agents:
+            agent.alive = True
+            agent.hear(_status(time_s, "00000000000000aa", drone=agent.drone, stage=stage), time_s)
+            agent._belief = Belief(np.array([30.0, 30.0, 0.0]), np.eye(3))
+        one.see(time_s, replace(truth(time_s), sources=(Source("Cs-137", 1e9, (source_m, 30.0, 0.0)),)))
+    assert one.log.largest_error_m(one.able) == 2.0
+
+
 def test_the_heading_of_an_attitude() -> None:
     assert heading_rad(turned(1.0)) == 1.0
     upright = (cos(pi / 4), 0.0, -sin(pi / 4), 0.0)  # its forward axis points up, its left one still to the left
@@ -76,6 +148,29 @@ def test_a_vehicle_that_was_disarmed_on_the_ground_and_is_armed_again() -> None:
     assert broken(scene(False), scene(True), scene(False), scene(False), scene(True), scene(True)) == ["d2"]
     assert broken(scene(False), scene(True), scene(False), scene(False)) == []
     assert broken(scene(False), scene(True), scene(True, 3.0), scene(False, 3.0)) == []
+
+
+def test_at_the_end_all_that_live_and_are_not_cut_off_agree_also_those_that_never_flew() -> None:
+    def told(*faults: dict[str, object], alive: bool = True) -> list[tuple[str, tuple[str, ...]]]:
+        one = LiveJudge(moments.setting(*faults), [])
+        ends = [_end("d1", "a", True), _end("d2", "a", True), _end("d3", "b", alive)]
+        report = LiveReport(agreed=False, ready_s=1.0, world_late_s=0.0, truths_dropped=0, mesh={}, agents=tuple(ends))
+        one.finish([Path("none")] * 3, report, {})
+        return [(each.invariant, each.drones) for each in one.violations]
+
+    assert told() == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "disarm", "target": "d3", "at_s": 0.0}) == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "cut", "target": "d3", "at_s": 10.0, "for_s": 9.0}) == [("convergence", ("d1", "d2", "d3"))]
+    assert told({"kind": "cut", "target": "d3", "at_s": 10.0}) == []
+    assert told(alive=False) == []
+
+
+def _end(drone: str, digest: str, alive: bool) -> AgentEnd:
+    counts = {"cones": 0, "setpoints": 0, "computed_setpoints": 0, "largest_gap_s": 0.0, "failsafes": 0}
+    return AgentEnd(
+        drone=drone, alive=alive, stage=Stage.LANDED, digest=digest, position_m=(1.0, 2.0, 0.0), covariance_m2=None,
+        **counts, truth="world", counters={}, problems=(),
+    )  # fmt: skip
 
 
 def test_the_exceptions_in_a_log(tmp_path: Path) -> None:

@@ -67,8 +67,8 @@ class Fakes:
     def signal_agent(self, drone: str, number: int) -> None:
         self.done.append((signal.Signals(number).name, "agent of", drone))
 
-    def exit_code(self, drone: str) -> int | None:
-        return 70 if drone in self.ended else None
+    async def has_ended(self, drone: str) -> bool:
+        return drone in self.ended
 
     def folder(self, drone: str) -> Path:
         return self._folder / drone
@@ -115,7 +115,10 @@ def played(tmp_path: Path, *faults: AnyFault, times_s: Sequence[float] = (0.0, 1
 
 
 def test_processes_are_killed_stopped_started_again_and_started_late(tmp_path: Path) -> None:
-    assert played(tmp_path, Kill(target="d1", at_s=0.5, for_s=1.0)).done == [("SIGKILL", "d1"), ("start", "d1")]
+    killed = Kill(target="d1", at_s=0.5, for_s=1.0)
+    assert played(tmp_path, killed, ended="d1").done == [("SIGKILL", "d1"), ("start", "d1")]
+    late_too = played(tmp_path, killed, Late(target="d1", at_s=1.2)).done  # it is running when the kill is over
+    assert late_too == [("SIGKILL", "d1"), ("start", "d1")]
     frozen = Freeze(target="d2", at_s=0.0, for_s=1.0)
     assert played(tmp_path, frozen).done == [("SIGSTOP", "agent of", "d2"), ("SIGCONT", "agent of", "d2")]
     assert played(tmp_path, frozen, ended="d2").done[-1] == ("start", "d2")
@@ -213,7 +216,8 @@ def test_files_are_torn_or_removed(tmp_path: Path) -> None:
         (tmp_path / "d1" / folder / name).write_bytes(bytes(100))
     played(tmp_path, Disk(target="d1", how="state-torn", at_s=0.0))
     assert (tmp_path / "d1/state/d1.json").stat().st_size == 50
-    again = played(tmp_path, Disk(target="d1", how="state-torn", at_s=0.0), Kill(target="d1", at_s=0.0, for_s=1.0))
+    torn, killed = Disk(target="d1", how="state-torn", at_s=0.0), Kill(target="d1", at_s=0.0, for_s=1.0)
+    again = played(tmp_path, torn, killed, ended="d1")
     assert again.done[-1] == ("start", "d1")
     assert (tmp_path / "d1/state/d1.json").stat().st_size == 12  # torn again, as the restarted agent finds it
     played(tmp_path, Disk(target="d1", how="record-removed", at_s=0.0))
