@@ -216,6 +216,7 @@ class Fusion:
         before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
         if self._due_step < before:
             self._rewind(self._due_step + 1)
+            self._told = min(self._told[0], self._due_step), None, self._due_step  # what was told was of a time yet to come
         self._stale = self._stale or self._due_step != before
         self._recount()
         was_replaying = self._chains.is_replaying

@@ -20,8 +20,9 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
     ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
-    epochs added to the vehicle's own; ``epoch``: with these. ``response``: the identified response of the vehicle. ``frames``:
-    those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have shown to be copied.
+    epochs added to the vehicle's own; ``epoch``: the present one, these included, so that the frame of a new one is stored at
+    once. ``response``: the identified response of the vehicle. ``frames``: those of all drones that the mission does not tell, by
+    id. ``copied``: the revoked drones whose keys have shown to be copied.
     """
 
     mission: str

@@ -176,7 +176,7 @@ class Navigator:
         """Take the plausible frames stored before the agent was restarted."""
         if self._id in frames:
             self._own.remember(frames[self._id], self._drift)
-        self._neighbourhood.frames.remember(frames)
+        self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from math import hypot
+from math import dist, hypot
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -67,6 +67,8 @@ from agent.navigation.theirframes import TheirFrames
 from protocol.messages import Pose, Stage
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
+# Two places of a drone nearer to each other than this are one: steering has room for three half-planes in each step.
+_SAME_M = 0.3
 _STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
 
 
@@ -104,7 +106,8 @@ class Neighbourhood:
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
         if (elsewhere := me.elsewhere()) is not None:
             others, _ = self._seen_from(peers, elsewhere)
-            found += [replace(one, takes_part=False) for one in others]
+            new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
+            found += [replace(one, takes_part=False) for one in new]
         return found
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
@@ -296,6 +299,13 @@ class Neighbourhood:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
         return held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+
+
+def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:
+    """Whether both are the same drone at the same place, as one that is seen: it lies there wherever this drone is."""
+    if one.id != other.id or one.plan.away is not None or other.plan.away is not None:
+        return False
+    return dist(one.plan.at(now_ns), other.plan.at(now_ns)) < _SAME_M
 
 
 def _between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:

@@ -92,7 +92,20 @@ def test_a_new_epoch_is_stored_at_once_with_its_frame():
     assert one.memory.frames["d1"].epoch == 1
 
 
-def test_a_frame_of_numbers_that_are_none_is_not_stored_and_the_rest_is():
+@pytest.mark.parametrize("jumped", [False, True], ids=["announced", "unannounced"])
+def test_what_is_stored_after_a_restart_is_the_present_own_frame_and_not_the_one_of_before(jumped):
+    """A second restart would find that of an epoch that is over, and neither its frame nor the doubt about it."""
+    one, _ = back(replace(KEPT, frames={"d1": RIGHT}), epoch=1)
+    fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD, epoch=1)
+    fly(one, BACK_NS + SECOND, 0.1, FlightMode.OFFBOARD, position=(20.0, 0.0, 3.0), epoch=1 if jumped else 2)
+    stored = one.memory.frames["d1"]
+    assert stored.epoch == one.memory.epoch == 2
+    assert (stored.otherwise is not None) == jumped
+    again, _ = back(replace(one.memory, stamp_ns=BACK_NS), epoch=2 - one.memory.epoch_offset, position=(20.0, 0.0, 3.0))
+    assert again.whereabouts.place_m == pytest.approx(one.whereabouts.place_m)
+
+
+def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
     one, _ = back()
     one.frames.graph.place("d2", 1, RIGHT.mission_from_local)
     for message in partner(BACK_NS):

@@ -69,6 +69,23 @@ def test_the_hypothesis_of_an_unfinished_replay_is_not_told_if_it_is_seconds_old
     assert told[first].stamp_ns == told[-1].stamp_ns
 
 
+def test_a_clock_that_was_set_back_does_not_make_it_wait_until_the_former_time_has_come_again(kit, mission, cones):
+    """By 10 s, while entries keep coming a little late."""
+    fusion, rng, set_ns = fusion_of(mission), random.Random(6), kit.T0_NS + 30 * 10**9
+    back_ns = set_ns - 10 * 10**9
+    known = [cone for cone in cones[::2] if cone.stamp_ns < set_ns]
+    kit.feed(fusion, known)
+    kit.settle(fusion, set_ns)
+    later = [cone for cone in (*cones[1::2], *cones[::2]) if cone.stamp_ns >= back_ns and cone not in known]
+    arrivals = sorted([(cone.stamp_ns + rng.randrange(9 * 10**8), cone) for cone in later], key=lambda arrival: arrival[0])
+    for now_ns in range(back_ns, set_ns, STEP_NS):
+        while arrivals and arrivals[0][0] <= now_ns:
+            kit.feed(fusion, [arrivals.pop(0)[1]])
+        fusion.advance(now_ns, budget=7)
+        if now_ns >= back_ns + 2 * 10**9:
+            assert fusion.hypothesis.stamp_ns <= now_ns + 200_000_000  # of a time that has come
+
+
 def test_one_that_is_started_late_begins_again_instead_of_folding_twice(kit, mission, cones):
     """It gets the log of before in any order: what comes late would not be in a chain that reaches the present, and a replay
     beside that one would never catch up.

@@ -10,6 +10,7 @@ from agent.frames.transform import Transform
 from agent.navigation.myself import PATIENT_S, Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers import Peers
+from protocol.entries import Sighting
 from protocol.messages import Stage
 
 NOW_NS = SECOND // 10
@@ -86,6 +87,28 @@ def test_one_in_doubt_itself_keeps_clear_of_others_as_seen_from_both_of_its_plac
     assert [one.plan.sigma_m for one in found] == pytest.approx([0.4, 0.4], abs=0.05)
     assert [one.takes_part for one in found] == [True, False]
     assert not found[1].plan.blind  # it keeps clear of both places, too
+
+
+@pytest.mark.parametrize("is_elsewhere", [False, True])
+def test_one_in_doubt_itself_has_another_that_it_sees_in_one_place_only(is_elsewhere):
+    """It lies where it is seen, wherever this drone is; twice in one place it would take the room of others in its plans."""
+    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    own_from_mission = Transform() if is_elsewhere else OWN.inverse()
+    for tick in range(11):  # b flies along the mission's y axis at 2 m/s
+        stamp_ns, place = tick * NOW_NS, own_from_mission.apply_point((10.0, 1.0 + 0.2 * tick, 3.0))
+        peers.receive(replace(pose(stamp_ns), position_m=(1.0 + 0.2 * tick, 0.0, 3.0)), stamp_ns)
+        range_m = float(np.linalg.norm(place))
+        x, y, z = (np.array(place) / range_m).tolist()
+        peers.see(
+            Sighting(
+                stamp_ns=stamp_ns, drone="a", mission="0" * 16, boot="1" * 16, sequence=tick, epoch=1, target="b",
+                position_m=(0.0, 0.0, 0.0), direction=(x, y, z), direction_sigma_rad=0.03, range_m=range_m, range_sigma_m=0.3,
+            )
+        )  # fmt: skip
+    doubt = Transform(translation=OWN.translation, covariance=np.diag([25.0, 25.0, 0.0, 0.0]))
+    me = Self(stamp_ns, 1, 10.0 / 2**0.5, doubt.inverse(), otherwise=Transform(), doubt_m=10.0)
+    (other,) = around.around(peers, me)
+    assert other.plan.state(stamp_ns).position[:2] == pytest.approx((10.0 if is_elsewhere else 0.0, 3.0), abs=0.1)
 
 
 def test_two_in_doubt_reckon_with_all_four_ways_in_which_they_may_lie():
