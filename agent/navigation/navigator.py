@@ -29,9 +29,9 @@ from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.passing import passing
-from agent.navigation.peers import Peers
-from agent.navigation.silent import Absence
+from agent.navigation.peers.newest import Peers
 from agent.navigation.surveying import InformedSearch, Search
+from agent.navigation.unheard.silent import Absence
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
