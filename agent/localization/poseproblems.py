@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from agent.frames.swarm import SwarmFrames
 from agent.localization.clocks import Clocks
-from agent.localization.ownpose import OwnPose
+from agent.localization.ownpose import LocalFrame, OwnPose
+from agent.vehicle.interface import VehicleState
 
 UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame beyond which the drone reports it
+NO_PLACE = "where it is in the mission frame is not known: its localisation has jumped while its agent was down"
 
 
 def pose_problems(drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames, now_ns: int, flying: bool) -> tuple[str, ...]:
@@ -16,9 +18,12 @@ def pose_problems(drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames,
         return tuple(told)
     suspects = frames.suspects()
     vehicle, frame = own.vehicle, own.frame
-    if vehicle is not None and frame is not None and drone not in suspects:
-        sigma_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
-        if sigma_m > UNSURE_M:
-            told.append(f"its position in the mission frame is uncertain: 1 sigma = {sigma_m:.0f} m")
+    if vehicle is not None and drone not in suspects:
+        told += [NO_PLACE] if frame is None else _unsure(frame, vehicle)
     lines = [f"{name}: {suspects[name]}" for name in sorted(suspects, key=lambda name: (name != drone, name))]
     return (*told, *lines)
+
+
+def _unsure(frame: LocalFrame, vehicle: VehicleState) -> list[str]:
+    sigma_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
+    return [f"its position in the mission frame is uncertain: 1 sigma = {sigma_m:.0f} m"] if sigma_m > UNSURE_M else []

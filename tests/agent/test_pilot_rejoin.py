@@ -11,6 +11,7 @@ from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, mess
 from agent.config.mission import MissionConfig, TrackConfig
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
+from agent.localization.poseproblems import NO_PLACE
 from agent.mission.memory import OLDEST_NS, REFRESH_NS, Memory
 from agent.navigation.identification import FoundResponse
 from agent.shell.statestore import State, decode_state, encode_state
@@ -103,6 +104,13 @@ def test_what_is_stored_after_a_restart_is_the_present_own_frame_and_not_the_one
     assert (stored.otherwise is not None) == jumped
     again, _ = back(replace(one.memory, stamp_ns=BACK_NS), epoch=2 - one.memory.epoch_offset, position=(20.0, 0.0, 3.0))
     assert again.whereabouts.place_m == pytest.approx(one.whereabouts.place_m)
+
+
+@pytest.mark.parametrize("epoch", [0, 1])
+def test_a_jump_that_was_announced_while_its_agent_was_down_leaves_it_without_its_place_and_it_says_so(epoch):
+    one, _ = back(epoch=epoch)
+    fly(one, BACK_NS, 3.0, FlightMode.OFFBOARD, epoch=epoch)
+    assert (one.whereabouts is None) == (NO_PLACE in one.problems) == (epoch == 1)
 
 
 def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
