@@ -33,7 +33,7 @@ from agent.mission.revoking import Revoking
 from agent.mission.telling import Telling
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.navigator import Reckoning
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from agent.sensing.numbering import Numbering
 from agent.sensing.observer import Observer

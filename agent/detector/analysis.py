@@ -16,8 +16,8 @@ from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import CANDIDATES, lines_of
-from agent.detector.recognition import Recogniser, Recognition
-from agent.detector.residuals import told
+from agent.detector.spectroscopy.recognition import Recogniser, Recognition
+from agent.detector.spectroscopy.residuals import told
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 from agent.outputs import replacing

@@ -13,7 +13,7 @@ from agent.config.mission import AUTO, DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.lines import lines_of
-from agent.detector.residuals import told
+from agent.detector.spectroscopy.residuals import told
 from agent.detector.t3pa import T3paReader
 from agent.outputs import check_output
 

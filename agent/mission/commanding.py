@@ -11,7 +11,7 @@ from agent.mission.executive import Executive
 from agent.mission.orders import Orders
 from agent.mission.problems import Problems
 from agent.mission.uploads import Ground, Uploads
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.messages import AnyOrder, Command, Upload
 
 

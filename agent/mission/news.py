@@ -8,7 +8,7 @@ from agent.fusion.proofs import Proofs
 from agent.localization.clocks import Clocks
 from agent.mission.problems import TWIN_NS, Problems
 from agent.mission.revoking import Revoking
-from agent.navigation.peers import NEWS, Peers
+from agent.navigation.peers.newest import NEWS, Peers
 from protocol.messages import AnyDroneMessage, Estimate, Frame, Status
 
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log

@@ -16,7 +16,7 @@ from agent.mission.commanding import Verdict
 from agent.mission.executive import Executive
 from agent.mission.problems import Problems
 from agent.mission.worldmodel import WorldModel
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.entries import Coverage, Entry
 from protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
 from protocol.signing import Trust, Verifier, sign_obeying

@@ -18,7 +18,7 @@ from agent.mission.reporter import Believed, Condition, Outbox, Reporter
 from agent.mission.revoking import Revoking
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Status
 

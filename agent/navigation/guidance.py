@@ -19,17 +19,17 @@ from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit, second_height_m
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
-from agent.navigation.agentless import CIRCLING
-from agent.navigation.contact import Circle
-from agent.navigation.crossing import WayHome
 from agent.navigation.focus import is_in_second_half
 from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
-from agent.navigation.sharing import SharedCircle
-from agent.navigation.silent import Absence
 from agent.navigation.surveying import InformedSearch, Search
-from agent.navigation.wayaround import WayAround, hovering
+from agent.navigation.unheard.agentless import CIRCLING
+from agent.navigation.unheard.contact import Circle
+from agent.navigation.unheard.crossing import WayHome
+from agent.navigation.unheard.sharing import SharedCircle
+from agent.navigation.unheard.silent import Absence
+from agent.navigation.unheard.wayaround import WayAround, hovering
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
 

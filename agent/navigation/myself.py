@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from agent.frames.transform import Transform
 from agent.geometry import Array
 from agent.motion.reference import PeerState
-from agent.navigation.contact import Circle
-from agent.navigation.placing import bare, unexplained_m
-from agent.navigation.silent import Viewer
+from agent.navigation.peers.placing import bare, unexplained_m
+from agent.navigation.unheard.contact import Circle
+from agent.navigation.unheard.silent import Viewer
 
 # So long one that is revoked, and returns, gives way to all that may be there if it is not where it takes itself to be. Kept for
 # longer from its own home by the homes of others, as they lie to it then, it came down when they took it to have landed.

@@ -20,7 +20,7 @@ from agent.geometry import Array, Vector3
 from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
-from agent.motion.tracker import Tracker
+from agent.motion.tracker import Tracker, TrackerPlan
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
@@ -29,9 +29,9 @@ from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.passing import passing
-from agent.navigation.peers import Peers
-from agent.navigation.silent import Absence
+from agent.navigation.peers.newest import Peers
 from agent.navigation.surveying import InformedSearch, Search
+from agent.navigation.unheard.silent import Absence
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
@@ -252,20 +252,35 @@ class Navigator:
         return tracker
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: Centre | None, peers: Peers) -> Plan:
-        vehicle = moment.vehicle
+        """A new plan, clear of all others, and the message that publishes it."""
+        now_ns, vehicle, frame = moment.now_ns, moment.vehicle, self._own.frame
+        ahead = partial(tracker.ahead, now_ns, vehicle.position_m)
+        others = self._neighbourhood.around(peers, self._myself(moment, centre, ahead))
+        partners = [other for other in others if other.takes_part]
+        deviation_m = self.response.response.tracking_error_m
+        plans = [other.plan for other in others]
+        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans)
+        kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
+        here = PeerState(vehicle.position_m, vehicle.velocity_mps)
+        wanted = self._ground.kept_off(reference, vehicle)
+        made = tracker.plan(now_ns, here, wanted, kept_from, self._ground.relief(vehicle))
+        known = frame.mission_from_local if frame is not None else None
+        self.reckoning = Reckoning(now_ns, vehicle.position_m, kept_from, self._room, known, made.positions, made.step_s)
+        return self._published(made, vehicle.epoch)
+
+    def _myself(self, moment: Moment, centre: Centre | None, ahead: Callable[[], Array]) -> Self:
+        """``ahead``: gives the positions planned before, from now on."""
         frame = self._own.frame
-        local_from_mission = frame.local_from_mission if frame is not None else None
-        ahead = partial(tracker.ahead, moment.now_ns, vehicle.position_m)
-        me = Self(
+        return Self(
             moment.now_ns,
-            vehicle.epoch,
+            moment.vehicle.epoch,
             self._own.sigma_m,
-            local_from_mission,
+            frame.local_from_mission if frame is not None else None,
             ahead=ahead,
             step_s=STEP_S,
             motion_at=self._own.motion_at,
             circle=self._guidance.circle(moment, centre),
-            height_m=vehicle.height_m,
+            height_m=moment.vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
             resumed=self.home.is_remembered,
             measured=self._measured(moment.now_ns),
@@ -274,24 +289,14 @@ class Navigator:
             otherwise=self._own.otherwise,
             doubt_m=self._own.doubt_m,
         )
-        others = self._neighbourhood.around(peers, me)
-        partners = [other for other in others if other.takes_part]
-        deviation_m = self.response.response.tracking_error_m
-        plans = [other.plan for other in others]
-        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans)
-        kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
-        mission_from_local = frame.mission_from_local if frame is not None else None
-        here = PeerState(vehicle.position_m, vehicle.velocity_mps)
-        wanted = self._ground.kept_off(reference, vehicle)
-        made = tracker.plan(moment.now_ns, here, wanted, kept_from, self._ground.relief(vehicle))
-        self.reckoning = Reckoning(
-            moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local, made.positions, made.step_s
-        )
+
+    def _published(self, made: TrackerPlan, epoch: int) -> Plan:
+        """The message, with those that this drone does not hear."""
         unheard = self.absence.unheard if self.absence is not None else ()
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
-            epoch=vehicle.epoch,
+            epoch=epoch,
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
             unheard=unheard or UNSET,

@@ -40,14 +40,12 @@ from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
-from agent.navigation.agentless import CIRCLING
-from agent.navigation.contact import SILENT_NS, Circle
-from agent.navigation.doubted import doubt_m as doubt_between_m
-from agent.navigation.doubted import may_be_elsewhere
-from agent.navigation.following import Following
 from agent.navigation.myself import Self
-from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
-from agent.navigation.placing import (
+from agent.navigation.peers.doubted import doubt_m as doubt_between_m
+from agent.navigation.peers.doubted import may_be_elsewhere
+from agent.navigation.peers.following import Following
+from agent.navigation.peers.newest import OLDEST_NS, RECENT_NS, Peer, Peers
+from agent.navigation.peers.placing import (
     SIGMAS,
     WORST_SIGMA_M,
     bare,
@@ -61,9 +59,11 @@ from agent.navigation.placing import (
     sigma_of_m,
     unexplained_m,
 )
-from agent.navigation.relative import offset, places
-from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
-from agent.navigation.theirframes import TheirFrames
+from agent.navigation.peers.relative import offset, places
+from agent.navigation.peers.theirframes import TheirFrames
+from agent.navigation.unheard.agentless import CIRCLING
+from agent.navigation.unheard.contact import SILENT_NS, Circle
+from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
 from protocol.messages import Pose, Stage
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place

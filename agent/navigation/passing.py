@@ -11,7 +11,7 @@ from math import hypot
 from agent.geometry import Vector3
 from agent.motion.separation import DOUBT_SIGMAS
 from agent.navigation.neighbours import Neighbour
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.messages import Stage
 
 _AHEAD_S = 2.0  # from the command to rotors that lift

@@ -9,9 +9,9 @@ from pathlib import Path
 from agent.config.mission import MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
-from agent.detector.nuclidewatch import NuclideWatch
 from agent.detector.readout import Readout
 from agent.detector.repeats import Repeats
+from agent.detector.spectroscopy.nuclidewatch import NuclideWatch
 from agent.sensing.observer import Observer
 from protocol.entries import Entry
 from protocol.messages import Recognised

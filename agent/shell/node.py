@@ -15,7 +15,7 @@ import gc
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from functools import partial
 
 import msgspec
@@ -29,18 +29,18 @@ from agent.flight.recorder import FlightRecorder
 from agent.pilot import Pilot
 from agent.sensing.sighting_feed import SightingsFeed
 from agent.shell.aboard import aboard
-from agent.shell.changes import Changes
 from agent.shell.faultbarrier import FaultBarrier
 from agent.shell.folding import Folding
 from agent.shell.heartbeat import RELOADING, Heartbeat
-from agent.shell.identity import INSECURE, validity
+from agent.shell.identity import INSECURE, Validity, validity
 from agent.shell.links import mesh_config, without
 from agent.shell.logs import Logger
 from agent.shell.memory import MemoryWatch
 from agent.shell.missionstore import InForce
 from agent.shell.patience import Patience
+from agent.shell.problems import LateSteps, Problems, no_contact
 from agent.shell.revoked import RevokedFile, exclude, turn_s
-from agent.shell.selfreport import SelfReport, Updates
+from agent.shell.selfreport import SelfReport, Updates, report_of
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import State, StateStore
 from agent.shell.uploads import UploadedMission
@@ -52,13 +52,10 @@ from protocol.keys import key_of
 from protocol.mesh.recovery import recover
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage
-from protocol.onboard import Report
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
 LOOK_S = 0.5  # between two checks for problems
-LATE_STEP_S = 0.2  # a step this late is reported; the autopilot's timeout is 1 s
-LATE_S = 5.0  # a late step is reported for this long
 CLOSE_S = 1.2
 MOST_HITS = 20_000  # in a readout; the ten times as many of a noisy camera would block the loop for too long
 COUNTERS_S = 10.0
@@ -91,19 +88,20 @@ class Node:
         self._store = StateStore(drone.state, drone.id, log)
         self._revoked_file = RevokedFile(drone.state, drone.id)
         self._stage: Stage | None = None
-        self._warned, self._blocked, self._noticed = (Changes(kind, log) for kind in ("warning", "problem", "notice"))
-        self._late_s = self._advanced_s = float("-inf")  # when a step was last late, and the log last worked on
+        self._late = LateSteps()
+        self._advanced_s = float("-inf")  # when the log was last worked on
         self._tasks: list[asyncio.Task[None]] = []
         self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
         self.counters: Counter[str] = Counter()
         self._pilot: Pilot | RecordedPilot
+        self._problems: Problems
         self._folding: Folding
         self._mesh: Mesh
         self._vehicle: Px4Vehicle
         self._detector: Detector | None = None
         self._sightings: SightingsFeed | None = None
         self._recorder: FlightRecorder | None = None
-        self._unrecorded: tuple[str, ...] = ()  # why there is no recorder
+        self._unrecorded: str | None = None  # why there is no recorder, although records are wanted
         self._identity: Identity | None = None  # None: links are not encrypted
         self._self_report, self._updates = SelfReport.here(), Updates(drone.updates)
 
@@ -129,7 +127,7 @@ class Node:
         self._identity = links.identity
         made = aboard(self._drone, self._force, boot, saved, self._identity, self._log)
         self._pilot, self._recorder, self._folding = made.pilot, made.recorder, made.folding
-        self._unrecorded = () if made.unrecorded is None else (made.unrecorded,)
+        self._unrecorded, self._problems = made.unrecorded, Problems(made.pilot, self._log)
         for before in self._revoked_file.passed_on(time.time_ns()):
             self._pilot.receive(key_of(self._mission.swarm, before), encode(before), before.stamp_ns)
         contained = self._barrier.call
@@ -159,7 +157,8 @@ class Node:
         self._publish = contained("publications", self._mesh.publish, None)
         if self._wants_fixes:
             self._vehicle.on_fix(contained("fixes", self._take_fix, None))
-        self._start("the report", partial(self._self_report.run, partial(self._present, boot)))
+        report = partial(report_of, boot, self._pilot, self._mesh, self._vehicle)
+        self._start("the report", partial(self._self_report.run, report))
         self._start("the estimator's process", self._folding.run)
         await self._patience.until(self._vehicle.connect)  # the mesh stays up meanwhile
         self._log.info("vehicle is connected", address=self._drone.vehicle.address)
@@ -202,7 +201,7 @@ class Node:
             now_s = loop.time()
             if now_s >= look_s:
                 look_s = now_s + LOOK_S
-                self._look(now_s)
+                self._look()
             if now_s >= counters_s:
                 counters_s = now_s + COUNTERS_S
                 self._log_counters()
@@ -213,8 +212,7 @@ class Node:
                 missed = int(behind_s / PERIOD_S) + 1
                 due_s += missed * PERIOD_S
                 self.counters["steps_left_out"] += missed
-                if behind_s > LATE_STEP_S:
-                    self._late_s = loop.time()
+                self._late.note(behind_s)
             await asyncio.sleep(due_s - loop.time())
         self._heartbeat.tell(RELOADING)
 
@@ -253,23 +251,6 @@ class Node:
             self._self_report.readout()
             for key, payload in observe(first_hits(readout, MOST_HITS)):
                 self._publish(key, payload)
-
-    def _present(self, boot: str) -> Report:
-        """What the computer is told; see ``SelfReport``."""
-        differing = (text.partition(" ")[0] for text in self._mesh.differing)  # these are heard, too
-        telemetry, px4 = self._vehicle.telemetry, self._vehicle.messages.version
-        return Report(
-            uptime_s=0.0,
-            boot=boot,
-            version="",
-            stage=self._pilot.stage,
-            armed=telemetry.seen is not None and telemetry.seen.armed,
-            alive=tuple(sorted({*self._mesh.alive, *differing})),
-            autopilot=not telemetry.is_lost(time.monotonic()),
-            px4=None if px4 is None else px4.number,
-            parameters=self._vehicle.parameters.values,
-            problems=self._vehicle.problems,
-        )
 
     async def _see(self, sensor: SightingsFeed) -> None:
         observe = self._barrier.call("sightings", self._pilot.observe_sightings, [])
@@ -315,36 +296,34 @@ class Node:
     def _start(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
         self._tasks.append(asyncio.create_task(self._barrier.work(kind, work), name=kind))
 
-    def _look(self, now_s: float) -> None:
+    def _look(self) -> None:
         """Pass changed problems on to the pilot, take an uploaded mission, and save the state for a restart."""
         self._uploaded.look(self._pilot.taking, self._mesh.fetch_mission, self._pilot.decline)
-        self._warned.tell(self._warnings(now_s), self._pilot.warn)
-        unkept = tuple(one.problem for one in (self._store, self._revoked_file) if one.problem is not None)
-        expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
-        unfit = (expiry.fault,) if expiry is not None and expiry.fault is not None else ()
         self._updates.look(self._pilot.stage)
-        found = self._force.fault, self._updates.problem, self._folding.problem
-        others = tuple(text for text in found if text is not None)
-        problems = self._vehicle.problems + self._unrecorded + unkept + unfit + others + self._mesh.differing
-        self._blocked.tell(problems, self._pilot.block)
-        security = INSECURE if expiry is None else expiry.notice
-        notices = (self._updates.notice, security, self._vehicle.exposure, self._force.notice)
-        self._noticed.tell(tuple(text for text in notices if text is not None), self._pilot.notice)
+        expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
+        self._problems.tell(self._warnings(), self._faults(expiry), self._notices(expiry))
         self._revoked_file.save(self._pilot.revocations)
         memory = self._pilot.memory
         # On the ground the launch place changes all the time, and is not needed.
         self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
 
-    def _warnings(self, now_s: float) -> tuple[str, ...]:
-        endpoints = self._drone.mesh.endpoints
-        heard = {self._drone.id, *self._mesh.alive}
-        unheard = [member.id for member in self._mission.drones if member.id not in heard]
-        problems = [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in unheard]
+    def _warnings(self) -> Iterator[str | None]:
+        yield from no_contact(self._drone, self._mission, self._mesh.alive)
         for part in (self._mesh, self._detector, self._sightings, self._recorder, self._barrier, self._memory):
-            problems += part.problems if part is not None else ()
-        missing = camera_missing(self._drone, self._mission)
-        if self._detector is None and missing is not None:
-            problems.append(missing)
-        if now_s - self._late_s < LATE_S:
-            problems.append(f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s")
-        return tuple(problems)
+            yield from part.problems if part is not None else ()
+        if self._detector is None:
+            yield camera_missing(self._drone, self._mission)
+        yield from self._late.problems
+
+    def _faults(self, expiry: Validity | None) -> Iterator[str | None]:
+        """What prevents a start."""
+        yield from self._vehicle.problems
+        yield from (self._unrecorded, self._store.problem, self._revoked_file.problem)
+        yield expiry.fault if expiry is not None else None
+        yield from (self._force.fault, self._updates.problem, self._folding.problem)
+        yield from self._mesh.differing
+
+    def _notices(self, expiry: Validity | None) -> Iterator[str | None]:
+        yield self._updates.notice
+        yield INSECURE if expiry is None else expiry.notice
+        yield from (self._vehicle.exposure, self._force.notice)

@@ -13,12 +13,19 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from agent.update.records import Records
 from protocol.messages import Stage
 from protocol.onboard import GROUND_STAGES, REPORT_FILE, Report
+
+if TYPE_CHECKING:
+    from agent.flight.recorded import RecordedPilot
+    from agent.pilot import Pilot
+    from agent.vehicle.px4 import Px4Vehicle
+    from protocol.mesh.session import Mesh
 
 SOFTWARE = "software: "  # how what it tells of updates begins
 PERIOD_S = 1.0
@@ -70,6 +77,24 @@ class SelfReport:
         with suppress(OSError):
             fresh.write_bytes(content)
             fresh.replace(file)
+
+
+def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4Vehicle) -> Report:
+    """What one run has to report, without what ``SelfReport`` fills in. ``boot``: its id."""
+    differing = (text.partition(" ")[0] for text in mesh.differing)  # these are heard, too
+    telemetry, px4 = vehicle.telemetry, vehicle.messages.version
+    return Report(
+        uptime_s=0.0,
+        boot=boot,
+        version="",
+        stage=pilot.stage,
+        armed=telemetry.seen is not None and telemetry.seen.armed,
+        alive=tuple(sorted({*mesh.alive, *differing})),
+        autopilot=not telemetry.is_lost(time.monotonic()),
+        px4=None if px4 is None else px4.number,
+        parameters=vehicle.parameters.values,
+        problems=vehicle.problems,
+    )
 
 
 class Updates:

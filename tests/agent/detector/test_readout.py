@@ -10,7 +10,8 @@ from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import PixelHits, Readout, first_hits
-from agent.shell.node import LATE_STEP_S, MOST_HITS
+from agent.shell.node import MOST_HITS
+from agent.shell.problems import LATE_STEP_S
 
 END_NS = 1_800_000_000_000_000_000
 

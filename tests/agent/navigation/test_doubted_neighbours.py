@@ -9,7 +9,7 @@ from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import PATIENT_S, Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.entries import Sighting
 from protocol.messages import Stage
 

@@ -13,8 +13,8 @@ from agent.frames.transform import Transform, same
 from agent.motion.reference import PeerState
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
-from agent.navigation.placing import WORST_SIGMA_M, blind, contradicts, held
+from agent.navigation.peers.newest import Peers
+from agent.navigation.peers.placing import WORST_SIGMA_M, blind, contradicts, held
 from protocol.entries import Sighting
 from protocol.messages import Pose, Stage
 

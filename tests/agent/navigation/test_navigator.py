@@ -15,7 +15,7 @@ from agent.fusion.estimator import Sight
 from agent.navigation.guidance import Moment
 from agent.navigation.myself import Self
 from agent.navigation.navigator import Navigator
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Plan, Pose, Stage, Status

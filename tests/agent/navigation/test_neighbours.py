@@ -6,8 +6,8 @@ from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
-from agent.navigation.placing import WORST_SIGMA_M
+from agent.navigation.peers.newest import Peers
+from agent.navigation.peers.placing import WORST_SIGMA_M
 from protocol.messages import Stage
 
 

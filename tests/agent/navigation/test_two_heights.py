@@ -8,7 +8,7 @@ from one_navigator import MISSION, flown, hypothesis
 from one_pilot import SECOND, START_NS
 
 from agent.config.mission import MissionConfig
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.messages import Pose, Stage, Status
 
 RAISED = replace(MISSION, source_height_m=(0.0, 20.0))

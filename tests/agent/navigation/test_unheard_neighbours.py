@@ -9,10 +9,10 @@ from agent.config.mission import DroneInMission
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.motion.reference import PeerState
-from agent.navigation.contact import Circle
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
+from agent.navigation.unheard.contact import Circle
 from protocol.messages import Stage
 
 STANDING = PeerState((0.0, 0.0, 3.0))

@@ -13,7 +13,7 @@ from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Hypothesis
 from agent.navigation.guidance import Moment
 from agent.navigation.navigator import Navigator
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage

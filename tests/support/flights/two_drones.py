@@ -5,7 +5,7 @@ from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
+from agent.navigation.peers.newest import Peers
 from protocol.messages import Plan, Pose, Status
 
 SECOND = 1_000_000_000

@@ -15,7 +15,7 @@ from msgspec import Struct
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
-from agent.navigation.peers import Peer
+from agent.navigation.peers.newest import Peer
 from protocol.messages import Pose, Stage
 
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)

@@ -10,8 +10,8 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
-from agent.navigation.peers import OLDEST_NS, Peer
-from agent.navigation.relative import placed_alone, places
+from agent.navigation.peers.newest import OLDEST_NS, Peer
+from agent.navigation.peers.relative import placed_alone, places
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.detector.energyscale import EnergyScale
-from agent.detector.recognition import Recogniser, Recognition, prepare
-from agent.detector.residuals import told
+from agent.detector.spectroscopy.energyscale import EnergyScale
+from agent.detector.spectroscopy.recognition import Recogniser, Recognition, prepare
+from agent.detector.spectroscopy.residuals import told
 from agent.detector.windows import candidates_of
 from agent.geometry import Array
 from protocol.messages import Recognised

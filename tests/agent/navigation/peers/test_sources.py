@@ -10,8 +10,8 @@ from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers import Peers
-from agent.navigation.sources import RIVAL_NS, SHOWN_NS
+from agent.navigation.peers.newest import Peers
+from agent.navigation.peers.sources import RIVAL_NS, SHOWN_NS
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Stage, Status

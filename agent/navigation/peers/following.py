@@ -7,7 +7,7 @@ from math import hypot
 from agent.config.drone import ResponseConfig
 from agent.motion.feedforward import Deviation
 from agent.motion.separation import PeerPlan, margin_m
-from agent.navigation.peers import Peer
+from agent.navigation.peers.newest import Peer
 from protocol.messages import Plan, Pose
 
 _PLAN_AGE_NS = 1_000_000_000  # an older plan is stale

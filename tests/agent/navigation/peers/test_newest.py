@@ -5,7 +5,7 @@ from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, partner, pilot
 
 from agent.localization.clocks import MOST_SIGMA_M, Clocks
-from agent.navigation.peers import FUTURE_NS, Peers
+from agent.navigation.peers.newest import FUTURE_NS, Peers
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Stage, Status

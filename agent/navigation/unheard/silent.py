@@ -31,13 +31,13 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
-from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, wall_between
-from agent.navigation.crossing import is_over_m
-from agent.navigation.peers import Peer, Peers
-from agent.navigation.placing import blind_plan
-from agent.navigation.sides import ring_of, side
-from agent.navigation.wayaround import KeptPlace
+from agent.navigation.peers.newest import Peer, Peers
+from agent.navigation.peers.placing import blind_plan
+from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.unheard.contact import Circle, Contact, Wall, wall_between
+from agent.navigation.unheard.crossing import is_over_m
+from agent.navigation.unheard.sides import ring_of, side
+from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)

@@ -4,8 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.navigation.peers import Peers
-from agent.navigation.silent import LEFT_S, Silent
+from agent.navigation.peers.newest import Peers
+from agent.navigation.unheard.silent import LEFT_S, Silent
 from protocol.messages import Pose, Stage, Status
 
 NAMES = ("a", "b", "c", "d")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.detector.recognition import Recogniser, prepare_readings
-from agent.detector.shapes import Reading
+from agent.detector.spectroscopy.recognition import Recogniser, prepare_readings
+from agent.detector.spectroscopy.shapes import Reading
 from agent.geometry import Array
 
 MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds

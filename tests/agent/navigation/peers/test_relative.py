@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agent.navigation.relative import WINDOW_NS, offset, placed_alone, places
+from agent.navigation.peers.relative import WINDOW_NS, offset, placed_alone, places
 from protocol.entries import Sighting
 
 SECOND = 1_000_000_000

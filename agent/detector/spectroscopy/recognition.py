@@ -1,10 +1,10 @@
 """Nuclide recognition: the spectrum of a camera's events against the lines of the known nuclides.
 
-The spectrum is modelled as a sum of components (``agent.detector.shapes``) with free, non-negative strengths: full-energy peaks
-of a nuclide, with relative strengths from photons per decay and the sensor's efficiency; its Compton continuum; peaks of the
-natural background; and broad humps for scattered photons and the background's continuum. For each nuclide, and each of a few
-ways in which a camera may read energies, the components are fitted by maximum likelihood (Poisson), with its peaks and without.
-A nuclide is recognised where its peaks are significant, every other nuclide explains the spectrum much worse, and the spectrum
+The spectrum is modelled as a sum of components (``shapes``) with free, non-negative strengths: full-energy peaks of a nuclide,
+with relative strengths from photons per decay and the sensor's efficiency; its Compton continuum; peaks of the natural
+background; and broad humps for scattered photons and the background's continuum. For each nuclide, and each of a few ways in
+which a camera may read energies, the components are fitted by maximum likelihood (Poisson), with its peaks and without. A
+nuclide is recognised where its peaks are significant, every other nuclide explains the spectrum much worse, and the spectrum
 has neither a peak more than the nuclide nor one less. Only shapes enter, so neither activity nor distance need be known.
 """
 
@@ -17,8 +17,8 @@ from functools import cache
 import numpy as np
 
 from agent.detector.lines import CANDIDATES, GAMMAS
-from agent.detector.residuals import contradiction, line_energies, single_lines
-from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
+from agent.detector.spectroscopy.residuals import contradiction, line_energies, single_lines
+from agent.detector.spectroscopy.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
 from agent.geometry import Array
 
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.navigation.wayaround import KeptPlace, WayAround
+from agent.navigation.unheard.wayaround import KeptPlace, WayAround
 
 
 def mission(left, right, margin_m):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector import recognition, residuals
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import GAMMAS, LINES_KEV
-from agent.detector.nuclidewatch import LOOK_NS, NuclideWatch
-from agent.detector.recognition import CANDIDATES, Recogniser
+from agent.detector.spectroscopy import recognition, residuals
+from agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
+from agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
 
 events = pytest.importorskip("sim.radiation.events")
 nuclides = pytest.importorskip("sim.radiation.nuclides")

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from agent.geometry import Point2
 from agent.motion.reference import PeerState
-from agent.navigation.agentless import Course
+from agent.navigation.unheard.agentless import Course
 from protocol.messages import Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods

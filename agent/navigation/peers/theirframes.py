@@ -13,7 +13,7 @@ from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.localization.continuity import carried_on
-from agent.navigation.placing import WORST_SIGMA_M
+from agent.navigation.peers.placing import WORST_SIGMA_M
 from protocol.messages import Pose
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown

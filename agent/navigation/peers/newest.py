@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from agent.navigation.sources import Sources
+from agent.navigation.peers.sources import Sources
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Stage, Status
 

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.shapes import MIDDLES_KEV, of_nuclide, peaks
+from agent.detector.spectroscopy.shapes import MIDDLES_KEV, of_nuclide, peaks
 from agent.geometry import Array
 
 _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place of scattered photons

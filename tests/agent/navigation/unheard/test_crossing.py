@@ -6,7 +6,7 @@ from one_pilot import MISSION
 
 from agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
 from agent.motion.orbit import ring_lift_m
-from agent.navigation.crossing import Crossing, WayHome
+from agent.navigation.unheard.crossing import Crossing, WayHome
 
 OVER_M = 16.0  # return height of d3
 THREE = replace(

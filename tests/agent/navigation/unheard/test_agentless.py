@@ -7,8 +7,8 @@ import pytest
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
 from agent.frames.transform import Transform
-from agent.navigation.agentless import Agentless
-from agent.navigation.peers import Peer
+from agent.navigation.peers.newest import Peer
+from agent.navigation.unheard.agentless import Agentless
 from protocol.messages import Pose, Stage, Status
 
 HOME = (0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from math import dist, sqrt
 
 from agent.frames.transform import Transform
 from agent.localization.knownframe import SAME_M
-from agent.navigation.placing import WORST_SIGMA_M
+from agent.navigation.peers.placing import WORST_SIGMA_M
 from protocol.messages import Pose
 
 

@@ -1,0 +1,77 @@
+"""Problems of the process around the pilot: told to the pilot when they change, and logged when they begin and when they end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterable
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.flight.recorded import RecordedPilot
+from agent.pilot import Pilot
+from agent.shell.logs import Logger
+
+LATE_STEP_S = 0.2  # a step this late is reported; the autopilot's timeout is 1 s
+LATE_S = 5.0  # a late step is reported for this long
+
+
+class Problems:
+    """Tells one pilot what is wrong with the parts around it."""
+
+    def __init__(self, pilot: Pilot | RecordedPilot, log: Logger) -> None:
+        self._warnings = _Changes("warning", pilot.warn, log)
+        self._faults = _Changes("problem", pilot.block, log)
+        self._notices = _Changes("notice", pilot.notice, log)
+
+    def tell(self, warnings: Iterable[str | None], faults: Iterable[str | None], notices: Iterable[str | None]) -> None:
+        """All that there are now, None left out. ``faults``: they prevent a start."""
+        for changes, found in ((self._warnings, warnings), (self._faults, faults), (self._notices, notices)):
+            changes.tell(tuple(text for text in found if text is not None))
+
+
+class _Changes:
+    """Tells the problems of one kind when they change, and logs each once when it begins and when it is over."""
+
+    def __init__(self, kind: str, to: Callable[[tuple[str, ...]], None], log: Logger) -> None:
+        self._kind, self._to, self._log = kind, to, log
+        self._told: tuple[str, ...] = ()
+
+    def tell(self, problems: tuple[str, ...]) -> None:
+        """Tell all problems of this kind that there are now, if they differ from those of the last call."""
+        before, self._told = self._told, problems
+        if problems == before:
+            return
+        self._to(problems)
+        for text in problems:
+            if text not in before:
+                self._log.warning(self._kind, text=text)
+        for text in before:
+            if text not in problems:
+                self._log.info(f"{self._kind} is over", text=text)
+
+
+class LateSteps:
+    """Whether steps of the pilot came late in the last seconds."""
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self._last_s = float("-inf")
+
+    def note(self, behind_s: float) -> None:
+        """The next step is that much behind."""
+        if behind_s > LATE_STEP_S:
+            self._last_s = self._clock_s()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One line or none."""
+        if self._clock_s() - self._last_s >= LATE_S:
+            return ()
+        return (f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s",)
+
+
+def no_contact(drone: DroneConfig, mission: MissionConfig, alive: Collection[str]) -> list[str]:
+    """A line for each other member that is not ``alive`` on the mesh, with the endpoint that this drone dials."""
+    endpoints = drone.mesh.endpoints
+    missing = (member.id for member in mission.drones if member.id != drone.id and member.id not in alive)
+    return [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in missing]
