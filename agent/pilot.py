@@ -32,8 +32,8 @@ from agent.mission.reporter import Outbox
 from agent.mission.revoking import Revoking
 from agent.mission.telling import Telling
 from agent.mission.worldmodel import WorldModel
-from agent.navigation.navigator import Reckoning
 from agent.navigation.peers.newest import Peers
+from agent.navigation.reckoning import Reckoning
 from agent.sensing.camera import Camera
 from agent.sensing.numbering import Numbering
 from agent.sensing.observer import Observer

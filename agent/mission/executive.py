@@ -25,8 +25,9 @@ from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
-from agent.navigation.navigator import Navigator, Reckoning
+from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
+from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.entries import Coverage

@@ -17,7 +17,7 @@ from agent.flight.replay import Difference, replay
 from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.ownpose import Whereabouts
 from agent.mission.memory import Memory
-from agent.navigation.navigator import Reckoning
+from agent.navigation.reckoning import Reckoning
 from agent.pilot import Pilot
 from protocol.codec import Read, decode_from
 from protocol.signing import Trust

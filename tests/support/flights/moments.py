@@ -9,7 +9,7 @@ from shapely import box
 from agent.frames.transform import Transform
 from agent.localization.ownpose import Whereabouts
 from agent.motion.separation import PeerPlan
-from agent.navigation.navigator import Reckoning
+from agent.navigation.reckoning import Reckoning
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from protocol.messages import Stage
 from sim.campaign.faults.draw import draw
