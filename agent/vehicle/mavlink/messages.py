@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct
+
+Bytes = tuple[Annotated[int, Meta(ge=0, le=255)], ...]
 
 _KINDS = {0: " (development)", 64: " (alpha)", 128: " (beta)", 192: " (release candidate)"}  # FIRMWARE_VERSION_TYPE
 
@@ -145,7 +149,7 @@ class Event(Struct, frozen=True):
 
     id: int
     log_levels: int
-    arguments: tuple[int, ...]
+    arguments: Bytes
     sequence: int = 0
 
 
@@ -177,7 +181,7 @@ class AutopilotVersion(Struct, frozen=True):
     """
 
     flight_sw_version: int
-    flight_custom_version: tuple[int, ...] = ()
+    flight_custom_version: Bytes = ()
 
     @property
     def text(self) -> str:

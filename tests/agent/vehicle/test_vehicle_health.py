@@ -1,9 +1,12 @@
 """Readiness from the sensors' bits, and the autopilot's own messages."""
 
+import msgspec
+import pytest
+
 from agent.vehicle.events import number_of
 from agent.vehicle.health import TEXT_AGE_S, StatusMessages, not_ready
 from agent.vehicle.interface import FlightMode
-from agent.vehicle.mavlink.messages import Event, StatusText, SystemStatus
+from agent.vehicle.mavlink.messages import DECODERS, Event, StatusText, SystemStatus
 
 GPS, BATTERY = 0x20, 0x0200_0000
 PRESENT, ENABLED = 0x0300_402F, 0x0301_402F  # as a real PX4 tells them; the prearm check is never among them
@@ -57,6 +60,16 @@ def test_parts_of_a_text_that_have_no_number_are_joined_when_they_follow_at_once
 
 def event(name: str, levels: int, sequence: int, arguments: str = "") -> Event:
     return Event(number_of(name), levels, tuple(bytes.fromhex(arguments)), sequence)
+
+
+@pytest.mark.parametrize("argument", [-1, 256])
+def test_an_event_or_a_version_with_numbers_that_are_no_bytes_is_malformed(argument: int) -> None:
+    for kind, fields in (
+        ("EVENT", {"id": 1, "log_levels": 0, "arguments": [0, 0, 0, argument]}),
+        ("AUTOPILOT_VERSION", {"flight_sw_version": 0, "flight_custom_version": [argument]}),
+    ):
+        with pytest.raises(msgspec.ValidationError):
+            DECODERS[kind].decode(msgspec.json.encode(fields))
 
 
 def test_events_say_what_a_link_without_a_ground_station_gets_no_text_of() -> None:
