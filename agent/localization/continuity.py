@@ -17,6 +17,9 @@ STAMPS_S = 0.02  # their stamps, which matter by the speed
 VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of what the vehicles do
 TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
 ANY_TURNING_RPS = 0.5  # one that is not
+# A vehicle whose poses do not come is straight on its way for no longer than this: where its agent is gone it stops, so many
+# seconds of its velocity ahead, and where only the radio is it flies anywhere.
+LONGEST_S = 1.5
 
 
 class Posed(Protocol):
@@ -51,7 +54,8 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
     """The frame of the epoch that begins with a jump, until the log yields a better one.
 
     Its covariance is that of the old frame at the place of the jump (where that is known exactly: of the localisation in it), and
-    what the motion since then adds: the longer ago and the faster the vehicle, the more.
+    what the motion since then adds: the longer ago and the faster the vehicle, the more. It has not gone straight on for longer
+    than ``LONGEST_S``: one whose agent stood still for 9 s, and that hovered, was expected 9 m further on, and flown into.
 
     Args:
         mission_from_old: frame of the epoch before.
@@ -64,10 +68,11 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
     if mission_from_old.covariance is None:
         axis_m, yaw_rad = hypot(axis_m, before.position_sigma_m / sqrt(2.0)), hypot(yaw_rad, before.yaw_sigma_rad)
     added = np.diag([axis_m**2, axis_m**2, axis_m**2, yaw_rad**2])
-    heading = yaw_of(before.quaternion) + elapsed_s * (turning_rps or 0.0)
+    onward_s = min(elapsed_s, LONGEST_S)
+    heading = yaw_of(before.quaternion) + onward_s * (turning_rps or 0.0)
     then = mission_from_old @ Transform(heading, before.position_m, added)  # mission from body, levelled
     (x, y, z), (u, v, w) = then.translation, mission_from_old.rotate_direction(before.velocity_mps)
-    now = replace(then, translation=(x + elapsed_s * u, y + elapsed_s * v, z + elapsed_s * w))
+    now = replace(then, translation=(x + onward_s * u, y + onward_s * v, z + onward_s * w))
     return now @ Transform(yaw_of(after.quaternion), after.position_m).inverse()
 
 

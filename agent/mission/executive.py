@@ -77,6 +77,7 @@ class Executive:
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding, self._revoked = "", False
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
+        self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
         self._remembered = memory  # until telemetry shows whether that flight goes on
 
     @property
@@ -233,7 +234,10 @@ class Executive:
         epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
         memory = memory and replace(memory, epoch=epoch, copied=tuple(sorted(self.copied)))
         known = self.memory and replace(self.memory, response=None, frames={})
-        if memory != known:  # response and frames change all the time: they are only stored along with the rest
+        epochs = self._navigator.epochs  # a frame by continuity is not found again, once the jump has been missed
+        # Response and frames change all the time: they are only stored along with the rest.
+        if memory != known or epochs != self._stored_epochs:
+            self._stored_epochs = epochs
             frames = self._plausible(self._navigator.frames)
             self.memory = memory and replace(memory, response=self._navigator.response.found, frames=frames)
 

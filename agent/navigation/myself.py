@@ -62,6 +62,10 @@ class Self(Struct, frozen=True):
         """1 sigma of the own position, of either of the two places where it is in doubt between them."""
         return unexplained_m(self.sigma_m, self.doubt_m)
 
+    def may_fly(self, name: str) -> bool:
+        """Whether one that has never told its stage may be in flight."""
+        return self.resumed or name in self.measured
+
     def elsewhere(self) -> Self | None:
         """The same drone if its localisation that has jumped is right; None without that doubt, and where it counts no more."""
         if self.otherwise is None or self.local_from_mission is None:

@@ -15,7 +15,8 @@ that departs from it by more than separation allows for is flown by somebody els
 publishes plans no more, and never gives way.
 
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
-revoked before, or is out of reach. It counts as missing, like one that is not heard any more.
+revoked before, or is out of reach. It counts as missing, like one that is not heard any more; and so does one of which poses were
+heard for a moment, but never a status.
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
 as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
@@ -119,7 +120,7 @@ class Neighbourhood:
             on_ground = peer.sources.is_on_ground(me.now_ns)
             if peer.pose is None or on_ground:
                 self._silent.heard(name)
-                if not on_ground and (me.resumed or name in me.measured):
+                if not on_ground and me.may_fly(name):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
                     if me.local_from_mission is not None:
                         viewer = me.viewer(me.local_from_mission)
@@ -131,7 +132,7 @@ class Neighbourhood:
             took_part = peer.status is not None and peer.status.stage in TAKING_PART
             if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
-                missing += [name] if took_part else []
+                missing += [name] if took_part or (peer.status is None and me.may_fly(name)) else []
                 continue
             apart = self._silent.excluded(name) if me.revoked else self._unhearing(name, peer, mission_from_theirs, me)
             if apart is None:
@@ -198,16 +199,19 @@ class Neighbourhood:
     ) -> Iterator[Neighbour]:
         """A drone not heard any more: by sightings since then, or wherever it may be, at first also where its last plan leads."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
-        if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)) is not None:
+        if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns, former=True)) is not None:
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
             if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
-        elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
+        elif peer.status is None and not me.may_fly(name):
+            return
+        elif mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
             viewer = me.viewer(me.local_from_mission)
             plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
             yield from (Neighbour(name, plan, False) for plan in plans)
-            oldest_ns = LEAVING_NS if peer.status.stage in CIRCLING else OLDEST_NS
+            circled = peer.status is not None and peer.status.stage in CIRCLING
+            oldest_ns = LEAVING_NS if circled else OLDEST_NS
             last = self._following.plan(name, peer, pose, me.now_ns, oldest_ns)
             if last is not None:
                 theirs = viewer.local_from_mission @ bare(mission_from_theirs)

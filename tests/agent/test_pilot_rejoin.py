@@ -130,6 +130,20 @@ def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
     assert (found.stage, found.home_m) == (Stage.SURVEY, HOME)
 
 
+def test_the_frame_of_another_drone_that_has_jumped_is_stored_at_once():
+    """An agent restarted a second later did not know where that drone was, and flew into it."""
+    one, _ = back()
+    for epoch, since_ns in ((0, BACK_NS), (1, BACK_NS + SECOND // 2)):
+        for message in partner(since_ns):
+            told = replace(message, epoch=epoch) if isinstance(message, Pose) else message
+            one.receive(key_of("radron", told), encode(told), since_ns)
+        fly(one, since_ns, 0.5, FlightMode.OFFBOARD)
+        assert [kept.epoch for kept in one.memory.frames.values()] == ([1] if epoch else [])
+    before = one.memory
+    fly(one, BACK_NS + SECOND, 0.1, FlightMode.OFFBOARD)
+    assert one.memory is before  # nothing new to write
+
+
 def test_of_the_stored_frames_those_that_cannot_be_frames_are_counted_and_the_others_are_believed():
     memory = decode_state(encode_state(State(memory=replace(KEPT, frames={"d1": RIGHT, "d2": KeptFrame.of(1, 0, WRONG)})))).memory
     one, _ = back(memory, epoch=1)

@@ -21,12 +21,14 @@ _DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation wher
 _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
 
 
-def placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, epoch: int, now_ns: int) -> PeerPlan | None:
+def placed_by_sightings(
+    name: str, sightings: Sequence[Sighting], pose: Pose, epoch: int, now_ns: int, *, former: bool = False
+) -> PeerPlan | None:
     """From this drone's sightings alone, ``epoch``: of the own frame. Of its pose only the speed is used, which is the same in
-    every frame.
+    every frame; ``former``: not the present one, as the pose is older than the sightings.
     """
     seen = places(sightings, epoch, now_ns, _nowhere)
-    alone = placed_alone(seen, now_ns, hypot(*pose.velocity_mps[:2]))
+    alone = placed_alone(seen, now_ns, hypot(*pose.velocity_mps[:2]), former=former)
     return None if alone is None else held(name, now_ns, *alone)
 
 

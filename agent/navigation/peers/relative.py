@@ -18,6 +18,9 @@ _SHARE = 0.6  # at least this share of all in the window must agree
 _SIGMAS = 3.0
 _FLOOR_M = 0.2  # common error of one sensor's sightings
 _SPAN_S = 0.8  # sightings must span this time to give a velocity
+_CHANGE_MPS = 3.0  # so far a velocity of the window is off at its end: half of what a vehicle changes until then
+_NEAR_NS = 1_200_000_000  # the longer before, the farther from it a false sighting may be and yet agree
+_STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Placed(Struct, frozen=True):
@@ -87,28 +90,38 @@ def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) ->
     return Offset((x, y, z), hypot(spread_m / count**0.5, _FLOOR_M))
 
 
-def placed_alone(seen: Sequence[Placed], now_ns: int, speed_mps: float) -> tuple[PeerState, float] | None:
+def placed_alone(
+    seen: Sequence[Placed], now_ns: int, speed_mps: float, *, former: bool = False
+) -> tuple[PeerState, float] | None:
     """Position, velocity and sigma (m) of a drone of which only the speed is known besides; None while that is uncertain.
 
-    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity.
+    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity. Where the
+    speed is a ``former`` one, of before all these sightings, they are held against the straight flight that most of them tell: at
+    6 m/s they did not confirm each other by a speed of 2 m/s, and the drone seemed to be where it had been slower, 7 m behind.
     """
+    straight = _velocity(seen) if former else None
+    slack_mps, near_ns = (speed_mps, WINDOW_NS) if straight is None else (_CHANGE_MPS, _NEAR_NS)
     for place in sorted(seen, key=lambda place: place.stamp_ns, reverse=True):
-        agreeing = [other for other in seen if _agree(place, other, speed_mps)]
-        if len(agreeing) >= FEWEST - 1:
+        agreeing = [other for other in seen if _agree(place, other, straight or _STILL, slack_mps)]
+        if sum(abs(other.stamp_ns - place.stamp_ns) <= near_ns for other in agreeing) >= FEWEST - 1:
             break
     else:
         return None
     age_s = (now_ns - place.stamp_ns) * 1e-9
-    velocity = _velocity(agreeing) if speed_mps > 0.5 else None  # a drone that hovers
+    velocity = straight
+    if straight is not None or speed_mps > 0.5:  # else it hovers
+        velocity = _velocity(agreeing) or straight
     unknown_mps = 0.5 if velocity is not None else speed_mps
-    state = PeerState(place.position, velocity or (0.0, 0.0, 0.0), age_s)
+    state = PeerState(place.position, velocity or _STILL, age_s)
     return state, place.sigma_m + unknown_mps * age_s
 
 
-def _agree(one: Placed, other: Placed, speed_mps: float) -> bool:
-    way_m = speed_mps * abs(one.stamp_ns - other.stamp_ns) * 1e-9
+def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> bool:
+    """Whether both may be of one drone that flies with a velocity that is known to ``slack_mps``."""
+    elapsed_s = (other.stamp_ns - one.stamp_ns) * 1e-9
     (x, y, _), (u, v, _) = one.position, other.position
-    return hypot(x - u, y - v) <= way_m + _SIGMAS * hypot(one.sigma_m, other.sigma_m)
+    apart_m = hypot(x + elapsed_s * velocity[0] - u, y + elapsed_s * velocity[1] - v)
+    return apart_m <= slack_mps * abs(elapsed_s) + _SIGMAS * hypot(one.sigma_m, other.sigma_m)
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:

@@ -13,6 +13,7 @@ from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
 from agent.navigation.unheard.contact import Circle
+from protocol.entries import Sighting
 from protocol.messages import Stage
 
 STANDING = PeerState((0.0, 0.0, 3.0))
@@ -359,6 +360,47 @@ def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, mis
         assert peers.receive(message, 301 * SECOND) is None
     hood.around(peers, replace(me, now_ns=301 * SECOND))
     assert hood.absence is None
+
+
+@pytest.mark.parametrize(("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("b",), ("b",)), (False, ("a",), None)])
+def test_one_of_which_no_status_was_heard_is_missed_like_one_that_was_never_heard(resumed, measured, missing):
+    """An agent that was started in flight, and was revoked, heard poses for a third of a second, and from then on nobody: whose
+    status had not come yet did not exist for it.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    assert peers.receive(pose(), 0) is None
+    me = Self(5 * SECOND, 0, 0.1, Transform(), resumed=resumed, measured=measured, motion_at=lambda _: STANDING)
+    found = hood.around(peers, me)
+    assert (hood.absence and hood.absence.missing) == missing
+    assert len(found) == (3 if missing else 0)  # beyond the line half-way, where it stops, and on its way home
+    assert list(hood.absence.walls if hood.absence is not None else ()) == list(missing or ())
+
+
+def test_one_that_is_seen_to_fly_faster_than_when_it_was_heard_is_where_it_is_seen():
+    """Its last pose told 2 m/s. At 6 m/s its sightings did not confirm each other by that: it stood where it had been slower."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+
+    def way_m(second):
+        """It stands until 12 s, and is at 6 m/s from then on."""
+        return 6.0 * max(0.0, second - 12.0)
+
+    for second in np.arange(10.0, 13.6, 0.2).tolist():
+        range_m = math.hypot(10.0, 5.0 + way_m(second))
+        direction = (10.0 / range_m, (5.0 + way_m(second)) / range_m, 0.0)
+        place, sigmas = (0.0, 0.0, 3.0), {"direction_sigma_rad": 0.035, "range_sigma_m": 0.3}
+        peers.see(
+            Sighting(
+                stamp_ns=round(second * SECOND), drone="a", mission="0" * 16, boot="1" * 16, sequence=1, epoch=0, target="b",
+                position_m=place, direction=direction, range_m=range_m, **sigmas,
+            )
+        )  # fmt: skip
+    (one,) = hood.around(peers, Self(round(13.5 * SECOND), 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)), height_m=3.0))
+    for after_s, most_m in ((0.0, 1.0), (1.0, 4.0)):
+        x, y = one.plan.at(round(13.5 * SECOND), after_s)
+        assert math.hypot(x - 10.0, y - 5.0 - way_m(13.5 + after_s)) < most_m
+    assert one.plan.blind
 
 
 def test_each_one_whose_measurements_come_first_is_given_a_moment_to_be_heard():

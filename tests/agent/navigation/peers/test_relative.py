@@ -97,3 +97,33 @@ def test_what_hovers_has_no_velocity():
     )
     assert state.velocity == (0.0, 0.0, 0.0)
     assert sigma_m < 0.7
+
+
+@pytest.mark.parametrize("speed_mps", [0.2, 2.0])
+@pytest.mark.parametrize("seed", range(20))
+def test_one_that_has_become_faster_since_its_last_pose_is_where_it_is_seen(seed, speed_mps):
+    """With the speed of its last pose alone only those sightings agreed that were made before it flew faster."""
+    now_ns, rng = 3 * SECOND, np.random.default_rng(seed)
+
+    def way(stamp_s):
+        """At rest at first; then it accelerates to 6 m/s within 1.5 s."""
+        late_s = max(0.0, stamp_s - 0.75)
+        return 2.0 * min(late_s, 1.5) ** 2 + 6.0 * max(0.0, late_s - 1.5)
+
+    sights = []
+    for stamp_s in np.arange(0.0, 3.0, 0.2):
+        place = np.array([10.0 + way(stamp_s), 5.0, 3.0]) + rng.normal(0.0, (0.35, 0.35, 0.35))
+        sights.append(sight(stamp_s, rng.uniform(-30.0, 30.0, 3) if rng.random() < 0.1 else place))
+    state, sigma_m = placed_alone(places(sights, 0, now_ns, nowhere), now_ns, speed_mps, former=True)
+    there = np.array(state.position) + state.age_s * np.array(state.velocity)
+    assert np.hypot(*(there - (10.0 + way(3.0), 5.0, 3.0))[:2]) < 2.5
+    assert sigma_m < 1.2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_one_that_hovers_seems_to_fly_hardly_where_only_a_former_speed_of_it_is_known(seed):
+    rng, now_ns = np.random.default_rng(seed), 3 * SECOND
+    sights = [sight(0.2 * k, flight(0.0) + rng.normal(0.0, (0.35, 0.35, 0.35))) for k in range(15)]
+    state, _ = placed_alone(places(sights, 0, now_ns, nowhere), now_ns, 6.0, former=True)
+    assert np.hypot(*state.velocity[:2]) < 0.8
+    assert np.hypot(*(np.array(state.position) - flight(0.0))[:2]) < 1.5
