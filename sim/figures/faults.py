@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from sim.figures.style import DRONES, ESTIMATE, dress, new_figure
 
@@ -26,6 +27,7 @@ def kinds_figure(rows: Sequence[tuple[str, int, int, int]], title: str) -> Figur
     )
     axes.set_yticks(places, [row[0] for row in rows], fontsize=8)
     axes.invert_yaxis()
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     dress(axes, "", "missions in which the fault came", "")
     axes.legend(fontsize=8, loc="lower right")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
