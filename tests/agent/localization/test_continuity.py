@@ -87,6 +87,14 @@ def test_what_a_vehicle_can_do_meanwhile_lies_within_its_three_sigmas(accelerati
     assert abs(new.yaw_rad) < 3.0 * sigma_rad
 
 
+def test_a_vehicle_that_was_not_heard_for_long_has_stopped_and_is_not_where_its_last_velocity_led():
+    """Its agent was down for 9 s: flown on, it was 12 m ahead. Without its agent a vehicle stops within 2 s of its velocity."""
+    new = carried_on(Transform(), pose(velocity=(1.36, 0.0, 0.0)), pose((50.0, 0.0, 3.0), after_s=9.0))
+    x, y, _ = new.apply_point((50.0, 0.0, 3.0))
+    assert 0.0 <= x <= 2.0 * 1.36
+    assert y == pytest.approx(0.0, abs=1e-9)
+
+
 @given(angles)
 def test_the_heading_of_an_attitude(yaw):
     assert math.remainder(yaw_of(attitude(yaw)) - yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
