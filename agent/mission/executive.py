@@ -78,6 +78,7 @@ class Executive:
         self.finding, self._revoked = "", False
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         self._remembered = memory  # until telemetry shows whether that flight goes on
+        self._epochs: dict[str, int] = {}  # of the others, whose frames are in the memory
 
     @property
     def stage(self) -> Stage:
@@ -233,7 +234,9 @@ class Executive:
         epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
         memory = memory and replace(memory, epoch=epoch, copied=tuple(sorted(self.copied)))
         known = self.memory and replace(self.memory, response=None, frames={})
-        if memory != known:  # response and frames change all the time: they are only stored along with the rest
+        epochs = self._navigator.epochs  # the frame of a new one may be in no log: this agent alone has seen the motion go on
+        if memory != known or epochs != self._epochs:  # response and frames change all the time, and are only stored with these
+            self._epochs = epochs
             frames = self._plausible(self._navigator.frames)
             self.memory = memory and replace(memory, response=self._navigator.response.found, frames=frames)
 

@@ -104,6 +104,11 @@ class Navigator:
         others = self._neighbourhood.frames.kept
         return others if own is None else {self._id: own, **others}
 
+    @property
+    def epochs(self) -> dict[str, int]:
+        """The epochs of the others, of which ``frames`` are."""
+        return self._neighbourhood.frames.epochs
+
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the plausible frames stored before the agent was restarted."""
         if self._id in frames:

@@ -93,6 +93,18 @@ def test_a_new_epoch_is_stored_at_once_with_its_frame():
     assert one.memory.frames["d1"].epoch == 1
 
 
+def test_the_frame_of_a_new_epoch_of_another_drone_is_stored_at_once_too():
+    """No log tells it, as that one does not know it itself: an agent restarted 1.4 s later came within 0.6 m of it."""
+    one, _ = back()
+    for later_ns, epoch in ((0, 0), (SECOND, 1)):
+        for message in partner(BACK_NS + later_ns):
+            told = replace(message, epoch=epoch) if isinstance(message, Pose) else message
+            one.receive(key_of("radron", told), encode(told), BACK_NS + later_ns)
+        fly(one, BACK_NS + later_ns, 0.5, FlightMode.OFFBOARD)
+    assert one.memory.stamp_ns == BACK_NS - BACK_NS % REFRESH_NS
+    assert one.memory.frames["d2"].epoch == 1
+
+
 @pytest.mark.parametrize("jumped", [False, True], ids=["announced", "unannounced"])
 def test_what_is_stored_after_a_restart_is_the_present_own_frame_and_not_the_one_of_before(jumped):
     """A second restart would find that of an epoch that is over, and neither its frame nor the doubt about it."""
@@ -228,6 +240,27 @@ def test_never_wrests_the_vehicle_from_a_human_pilot(vehicle):
     one, step = back(**vehicle)
     assert step.command.request is Request.RELEASE
     assert set(fly(one, BACK_NS, 8.0, **vehicle)) == {Request.RELEASE}
+
+
+def test_a_hold_that_was_its_own_is_nobody_elses():
+    """Its position could not be trusted after a jump, so it held; its agent was restarted meanwhile."""
+    one, lost = pilot(), {"position_trusted": False}
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    fly(one, START_NS, 1.0, FlightMode.OFFBOARD)
+    fly(one, START_NS + SECOND, 2.0, FlightMode.HOLD, **lost)
+    assert one.memory.stays
+    hold = {"mode": FlightMode.HOLD, "healthy": True}
+    again, step = back(one.memory, **hold)
+    assert (again.stage, step.command.request) == (Stage.SURVEY, Request.OFFBOARD)
+    assert set(fly(again, BACK_NS, 4.0, FlightMode.HOLD)) == {Request.OFFBOARD}  # however long that takes
+    still, step = back(one.memory, **hold, **lost)
+    assert (still.stage, step.command.request) == (Stage.SURVEY, Request.HOLD)
+    assert set(fly(still, BACK_NS, 4.0, FlightMode.HOLD, **lost)) == {Request.HOLD}
+    assert fly(still, BACK_NS + 4 * SECOND, 1.0, FlightMode.OFFBOARD)[-1] is Request.OFFBOARD
+    assert not still.memory.stays
+    fly(still, BACK_NS + 5 * SECOND, 2.0, FlightMode.OFFBOARD)
+    assert fly(still, BACK_NS + 7 * SECOND, 2.0, FlightMode.HOLD)[-1] is Request.RELEASE  # from then on it is again
 
 
 def test_a_pilot_who_takes_over_while_it_rejoins():

@@ -39,6 +39,11 @@ class TheirFrames:
         known = {name: kept for name, kept in found.items() if kept is not None}
         return {name: kept for name, kept in self._remembered.items() if name not in found} | known
 
+    @property
+    def epochs(self) -> dict[str, int]:
+        """The epoch of each at its newest pose in a known frame."""
+        return {name: pose.epoch for name, (pose, _) in self._placed.items()}
+
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the plausible frames stored before the agent was restarted: each holds for its epoch until the log tells it, and
         drifts.
