@@ -19,7 +19,7 @@ TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its chang
 ANY_TURNING_RPS = 0.5  # one that is not
 # A vehicle whose poses do not come is straight on its way for no longer than this: where its agent is gone it stops, so many
 # seconds of its velocity ahead, and where only the radio is it flies anywhere.
-LONGEST_S = 1.5
+ONWARD_S = 1.5
 
 
 class Posed(Protocol):
@@ -55,7 +55,7 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
 
     Its covariance is that of the old frame at the place of the jump (where that is known exactly: of the localisation in it), and
     what the motion since then adds: the longer ago and the faster the vehicle, the more. It has not gone straight on for longer
-    than ``LONGEST_S``: one whose agent stood still for 9 s, and that hovered, was expected 9 m further on, and flown into.
+    than ``ONWARD_S``: one whose agent stood still for 9 s, and that hovered, was expected 9 m further on, and flown into.
 
     Args:
         mission_from_old: frame of the epoch before.
@@ -68,7 +68,7 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
     if mission_from_old.covariance is None:
         axis_m, yaw_rad = hypot(axis_m, before.position_sigma_m / sqrt(2.0)), hypot(yaw_rad, before.yaw_sigma_rad)
     added = np.diag([axis_m**2, axis_m**2, axis_m**2, yaw_rad**2])
-    onward_s = min(elapsed_s, LONGEST_S)
+    onward_s = min(elapsed_s, ONWARD_S)
     heading = yaw_of(before.quaternion) + onward_s * (turning_rps or 0.0)
     then = mission_from_old @ Transform(heading, before.position_m, added)  # mission from body, levelled
     (x, y, z), (u, v, w) = then.translation, mission_from_old.rotate_direction(before.velocity_mps)

@@ -19,10 +19,11 @@ class Memory(Struct, frozen=True, kw_only=True):
     """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again).
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
-    ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
-    epochs added to the vehicle's own; ``epoch``: the present one, these included, so that the frame of a new one is stored at
-    once. ``response``: the identified response of the vehicle. ``frames``: those of all drones that the mission does not tell, by
-    id. ``copied``: the revoked drones whose keys have shown to be copied.
+    ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``stays``: this agent has it hold,
+    because its position cannot be trusted. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the
+    present one, these included, so that the frame of a new one is stored at once. ``response``: the identified response of the
+    vehicle. ``frames``: those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have
+    shown to be copied.
     """
 
     mission: str
@@ -31,6 +32,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     stage: Stage
     resume: Stage
     released: bool = False
+    stays: bool = False
     tracking_since_ns: int | None = None
     home_m: Vector3 | None = None
     epoch_offset: int = 0

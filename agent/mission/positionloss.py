@@ -35,6 +35,11 @@ class PositionLoss:
         self._flew = False
         self._least_m = 0.0  # lower bound of its height
 
+    def stay_on(self, vehicle: VehicleState, now_ns: int) -> None:
+        """The agent before a restart had this vehicle hold, and nothing has told yet that its position can be trusted again."""
+        self.stays, self._flew = True, True
+        self._since_ns, self._last_ns, self._least_m = now_ns - HOLD_NS, now_ns, vehicle.height_m
+
     def step(self, vehicle: VehicleState, now_ns: int, *, spent: bool = False) -> None:
         """Take the newest telemetry of a flight; ``spent``: the battery calls for the return."""
         if vehicle.position_trusted:

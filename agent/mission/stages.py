@@ -149,6 +149,7 @@ class Mission:
             stage=self.stage,
             resume=self.resume,
             released=self.released,
+            stays=self._position_loss.stays,
             tracking_since_ns=self.tracking_since_ns,
             home_m=home_m,
             epoch_offset=epoch_offset,
@@ -168,7 +169,9 @@ class Mission:
         self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
         self._enter(memory.stage, now_ns)
         self._was_armed = True
-        if self._takeover.rejoin(vehicle, memory.stage, now_ns) or memory.released:
+        if memory.stays:
+            self._position_loss.stay_on(vehicle, now_ns)
+        if self._takeover.rejoin(vehicle, memory.stage, now_ns, stays=memory.stays) or memory.released:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED:
             self._get_clear(vehicle, now_ns)

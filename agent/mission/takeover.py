@@ -44,13 +44,13 @@ class Takeover:
         """The position can be trusted again: the vehicle is on its way back from hold to offboard."""
         self._was_offboard, self._rejoining_until_ns = False, now_ns + REJOIN_NS
 
-    def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int) -> bool:
+    def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int, *, stays: bool) -> bool:
         """Continue a flight in which this agent was restarted; returns whether somebody else flies.
 
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
-        when they resume.
+        when they resume. ``stays``: this agent had the vehicle hold.
         """
-        self._was_offboard = True
+        self._was_offboard = not (stays and vehicle.mode is FlightMode.HOLD)
         if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
             return True
         if stage in STEERED:

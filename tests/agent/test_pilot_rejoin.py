@@ -244,6 +244,27 @@ def test_never_wrests_the_vehicle_from_a_human_pilot(vehicle):
     assert set(fly(one, BACK_NS, 8.0, **vehicle)) == {Request.RELEASE}
 
 
+def test_a_hold_that_was_its_own_is_nobody_elses():
+    """Its position could not be trusted after a jump, so it held; its agent was restarted meanwhile."""
+    one, lost = pilot(), {"position_trusted": False}
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    fly(one, START_NS, 1.0, FlightMode.OFFBOARD)
+    fly(one, START_NS + SECOND, 2.0, FlightMode.HOLD, **lost)
+    assert one.memory.stays
+    hold = {"mode": FlightMode.HOLD, "healthy": True}
+    again, step = back(one.memory, **hold)
+    assert (again.stage, step.command.request) == (Stage.SURVEY, Request.OFFBOARD)
+    assert set(fly(again, BACK_NS, 4.0, FlightMode.HOLD)) == {Request.OFFBOARD}  # however long that takes
+    still, step = back(one.memory, **hold, **lost)
+    assert (still.stage, step.command.request) == (Stage.SURVEY, Request.HOLD)
+    assert set(fly(still, BACK_NS, 4.0, FlightMode.HOLD, **lost)) == {Request.HOLD}
+    assert fly(still, BACK_NS + 4 * SECOND, 1.0, FlightMode.OFFBOARD)[-1] is Request.OFFBOARD
+    assert not still.memory.stays
+    fly(still, BACK_NS + 5 * SECOND, 2.0, FlightMode.OFFBOARD)
+    assert fly(still, BACK_NS + 7 * SECOND, 2.0, FlightMode.HOLD)[-1] is Request.RELEASE  # from then on it is again
+
+
 def test_a_pilot_who_takes_over_while_it_rejoins():
     one, _ = back()
     assert fly(one, BACK_NS, 2.0, FlightMode.MANUAL)[-1] is Request.RELEASE

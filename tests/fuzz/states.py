@@ -121,6 +121,7 @@ def _states() -> tuple[State, ...]:
         started_ns=START_NS - 60 * SECOND,
         stage=Stage.TRACK,
         resume=Stage.TRACK,
+        stays=True,
         tracking_since_ns=START_NS - 20 * SECOND,
         home_m=(5.0, 5.0, 0.0),
         epoch_offset=1,
