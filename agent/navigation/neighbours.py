@@ -58,6 +58,7 @@ from agent.navigation.peers.placing import (
     placed_by_sightings,
     planned,
     sigma_of_m,
+    speed_of_mps,
     unexplained_m,
 )
 from agent.navigation.peers.relative import offset, places
@@ -93,7 +94,7 @@ class Neighbourhood:
         self._members = {member.id: member for member in mission.drones}
         self._following = Following()
         self._silent = Silent(mission, drone)
-        self._id = drone
+        self._id, self._fastest_mps = drone, mission.limits.speed_mps
         # The stage of each that hears this drone, and the circle of this one then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
@@ -145,7 +146,7 @@ class Neighbourhood:
                 plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
             takes_part = took_part and plan is not None and apart is None
             if plan is None:
-                plan = placed_by_sightings(name, peer.sightings, peer.pose, me.epoch, me.now_ns)
+                plan = placed_by_sightings(name, peer.sightings, speed_of_mps(peer.pose), me.epoch, me.now_ns)
                 plan = plan or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
@@ -199,7 +200,8 @@ class Neighbourhood:
     ) -> Iterator[Neighbour]:
         """A drone not heard any more: by sightings since then, or wherever it may be, at first also where its last plan leads."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
-        if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns, former=True)) is not None:
+        fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
+        if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
             if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
@@ -259,7 +261,7 @@ class Neighbourhood:
         there = partial(expected, peer, pose.epoch, local_from_theirs)
         seen = offset(places(peer.sightings, me.epoch, me.now_ns, there), there)
         if seen is None:
-            alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
+            alone = placed_by_sightings(name, peer.sightings, speed_of_mps(pose), me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
             launch = self.frames.before_jump(name, pose)

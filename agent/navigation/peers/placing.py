@@ -22,14 +22,19 @@ _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap betw
 
 
 def placed_by_sightings(
-    name: str, sightings: Sequence[Sighting], pose: Pose, epoch: int, now_ns: int, *, former: bool = False
+    name: str, sightings: Sequence[Sighting], speed_mps: float, epoch: int, now_ns: int, *, former: bool = False
 ) -> PeerPlan | None:
-    """From this drone's sightings alone, ``epoch``: of the own frame. Of its pose only the speed is used, which is the same in
-    every frame; ``former``: not the present one, as the pose is older than the sightings.
+    """From this drone's sightings alone. ``speed_mps``: its speed, or the most that it may be where only a ``former`` one is
+    known; ``epoch``: of the own frame.
     """
     seen = places(sightings, epoch, now_ns, _nowhere)
-    alone = placed_alone(seen, now_ns, hypot(*pose.velocity_mps[:2]), former=former)
+    alone = placed_alone(seen, now_ns, speed_mps, former=former)
     return None if alone is None else held(name, now_ns, *alone)
+
+
+def speed_of_mps(pose: Pose) -> float:
+    """Its horizontal speed, which is the same in every frame."""
+    return hypot(*pose.velocity_mps[:2])
 
 
 def contradicts(seen: PeerPlan, told: PeerPlan, sigma_m: float) -> bool:

@@ -95,9 +95,10 @@ def placed_alone(
 ) -> tuple[PeerState, float] | None:
     """Position, velocity and sigma (m) of a drone of which only the speed is known besides; None while that is uncertain.
 
-    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity. Where the
-    speed is a ``former`` one, of before all these sightings, they are held against the straight flight that most of them tell: at
-    6 m/s they did not confirm each other by a speed of 2 m/s, and the drone seemed to be where it had been slower, 7 m behind.
+    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity. Where only
+    a ``former`` speed is known, of before all these sightings, ``speed_mps`` is the most it may be, and they are held against the
+    straight flight that most of them tell: at 6 m/s they did not confirm each other by a speed of 2 m/s, and the drone seemed
+    to be where it had been slower, 7 m behind. Too few of them to tell that are held against ``speed_mps``.
     """
     straight = _velocity(seen) if former else None
     slack_mps, near_ns = (speed_mps, WINDOW_NS) if straight is None else (_CHANGE_MPS, _NEAR_NS)

@@ -470,3 +470,27 @@ def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
     peers.keep_time(32 * SECOND)
     peers.keep_time(12 * SECOND)
     assert walls(13 * SECOND) == before
+
+
+@pytest.mark.parametrize("told_mps", [0.2, 2.6, 6.5])
+@pytest.mark.parametrize("count", [4, 5, 6, 7])
+def test_one_that_is_seen_only_a_few_times_may_have_become_as_fast_as_any(told_mps, count):
+    """Too few to tell its velocity: by the speed of its last pose, of 0.2 m/s, it was 1.95 m off at a sigma of 0.46 m."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (replace(pose(), velocity_mps=(told_mps, 0.0, 0.0)), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    now_s, speed_mps = 20.0, 6.5
+    for step in range(count):
+        second = now_s - 0.2 * (count - step)
+        place = np.array((10.0, 5.0 + speed_mps * (second - now_s), 0.0))
+        range_m = float(np.linalg.norm(place))
+        peers.see(
+            Sighting(
+                stamp_ns=round(second * SECOND), drone="a", mission="0" * 16, boot="1" * 16, sequence=step, epoch=0, target="b",
+                position_m=(0.0, 0.0, 3.0), direction=tuple((place / range_m).tolist()), direction_sigma_rad=0.035,
+                range_m=range_m, range_sigma_m=0.3,
+            )
+        )  # fmt: skip
+    (one,) = hood.around(peers, Self(round(now_s * SECOND), 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)), height_m=3.0))
+    x, y = one.plan.at(round(now_s * SECOND), 0.0)
+    assert math.hypot(x - 10.0, y - 5.0) < 2.0 * one.plan.sigma_m
