@@ -181,7 +181,7 @@ class _Reader:
         """Why an upload was declined."""
         try:
             return msgspec.json.decode(data, type=str)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, ValueError) as error:  # no UTF-8
             raise FlightRecordError(f"{self._file}: a record of {topics.DECLINE} cannot be read: {error}") from None
 
     def _verdict(self, results: Iterable[tuple[str, bytes]]) -> Verdict | None:
@@ -190,7 +190,7 @@ class _Reader:
             if topic == topics.VERDICT:
                 try:
                     return msgspec.json.decode(data, type=Verdict)
-                except msgspec.MsgspecError as error:
+                except (msgspec.MsgspecError, ValueError) as error:
                     raise FlightRecordError(f"{self._file}: a record of {topics.VERDICT} cannot be read: {error}") from None
         return None
 

@@ -67,7 +67,7 @@ def refold(path: Path, progress: Callable[[float], None] | None = None) -> Refol
         progress: called regularly with the share done, 0 to 1.
 
     Raises:
-        FlightRecordError: it is no such record, or holds no log entry of its mission.
+        FlightRecordError: it is no such record, cannot be read, or holds no log entry of its mission.
     """
     flight = RecordedFlight(path)
     flight.header.check_protocol(flight.files[0], "replay", (FORMER,))
@@ -75,7 +75,10 @@ def refold(path: Path, progress: Callable[[float], None] | None = None) -> Refol
     for count, call in enumerate(flight.calls()):
         now_ns = call.record.publish_ns
         began_ns = began_ns or now_ns
-        fold.repeat(call)
+        try:
+            fold.repeat(call)
+        except (msgspec.MsgspecError, ValueError, TypeError) as error:
+            raise FlightRecordError(f"{flight.files[0]}: a record cannot be read: {error}") from None
         if progress is not None and count % 500 == 0:
             progress(flight.read_bytes / max(1, flight.size_bytes))
     if not fold.entries:

@@ -243,9 +243,10 @@ def test_a_gap_and_a_missing_beginning_are_told_and_what_is_there_is_printed(tmp
     assert "It lacks its beginning: its first file was removed" in err
 
 
-def test_a_verdict_that_cannot_be_read_ends_in_one_line(tmp_path, told):
+@pytest.mark.parametrize("verdict", [b"{", b'{"refused": "\xff"}'], ids=["cut", "no UTF-8"])
+def test_a_verdict_that_cannot_be_read_ends_in_one_line(tmp_path, told, verdict):
     segment = only_segment(flown(tmp_path / "d1", FLIGHT[:1]))
-    broken = rewritten(segment, tmp_path / segment.name, lambda topic, data: b"{" if topic == topics.VERDICT else data)
+    broken = rewritten(segment, tmp_path / segment.name, lambda topic, data: verdict if topic == topics.VERDICT else data)
     code, out, err = told(broken)
     assert (code, out, len(err.splitlines())) == (2, [], 1)
     assert "a record of out/verdict cannot be read" in err

@@ -130,6 +130,12 @@ def test_a_record_without_log_entries_is_refused(tmp_path: Path) -> None:
         refolded(emptied, tmp_path)
 
 
+@pytest.mark.parametrize("topic", [topics.HYPOTHESIS, topics.MESSAGE])
+def test_a_record_that_cannot_be_read_is_refused(topic: str, tmp_path: Path) -> None:
+    with pytest.raises(FlightRecordError, match=r"changed\.mcap: a record cannot be read: "):
+        refolded(lambda one, data: b"\xff" if one == topic else data, tmp_path)
+
+
 def test_a_replay_is_refused_and_names_the_radron_that_can() -> None:
     with pytest.raises(FlightRecordError, match=r"version 1 of the protocol, here 2: replay it with the radron .* \(0\.1\.0\)$"):
         replay(RECORD)
