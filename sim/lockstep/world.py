@@ -35,7 +35,8 @@ from sim.scoring.heard import KINDS
 from sim.scoring.moment import EPOCH_NS, Moment
 from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.vehicle.autopilot import autopilots
-from sim.vehicle.multirotor import Multirotors, Setpoints
+from sim.vehicle.multirotor import Multirotors
+from sim.vehicle.setpoints import in_world
 from sim.world.cameras import Cameras
 from sim.world.launch import launch_places
 from sim.world.localization import Localization
@@ -269,15 +270,7 @@ class World:
         for autopilot, estimated, height_m, velocity in told:
             autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
         targets = [autopilot.target for autopilot in self._autopilots]
-        turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
-        yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
-        setpoints = Setpoints(
-            turned[:, 0] + self._frames.origin,
-            turned[:, 1],
-            turned[:, 2],
-            yaws[:, 0] + self._frames.yaw_rad - error.yaw_error_rad,
-            yaws[:, 1],
-        )
+        setpoints = in_world(targets, [target.position for target in targets], self._frames, error.yaw_error_rad)
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)

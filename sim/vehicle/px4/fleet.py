@@ -20,7 +20,7 @@ import numpy as np
 
 from sim.geometry import Array, Vector3
 from sim.vehicle.guidance import Reframing
-from sim.vehicle.multirotor import Multirotors, Setpoints
+from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.face import Px4Face
 from sim.vehicle.px4.faults import EmulatedFaults, VehicleFault
@@ -31,6 +31,7 @@ from sim.vehicle.px4.filter.satellites import SATELLITES, Satellites
 from sim.vehicle.px4.gains import equipped
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
+from sim.vehicle.setpoints import in_world
 from sim.world.frame import LocalFrames
 from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
@@ -201,17 +202,7 @@ class Px4Fleet:
         free = np.isnan(asked)  # axes with velocity control only; horizontally both or none
         free[:, :2] = free[:, :2].any(axis=1, keepdims=True)
         places = np.where(free, 0.0, asked).tolist()
-        turned = self._frames.to_world(
-            [(place, target.velocity, target.acceleration) for place, target in zip(places, targets, strict=True)]
-        )
-        yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
-        setpoints = Setpoints(
-            turned[:, 0] + self._frames.origin,
-            turned[:, 1],
-            turned[:, 2],
-            yaws[:, 0] + self._frames.yaw_rad - error.yaw_error_rad,
-            yaws[:, 1],
-        )
+        setpoints = in_world(targets, places, self._frames, error.yaw_error_rad)
         grounded = np.array([face.grounded for face in self.faces])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps, free if free.any() else None)

@@ -1,0 +1,24 @@
+"""The targets of autopilots, each in the vehicle's local frame, as setpoints of their vehicles in the world frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.geometry import Array, Vector3
+from sim.vehicle.guidance import Target
+from sim.vehicle.multirotor import Setpoints
+from sim.world.frame import LocalFrames
+
+
+def in_world(targets: Sequence[Target], places: Sequence[Vector3], frames: LocalFrames, yaw_error_rad: Array) -> Setpoints:
+    """Setpoints of N vehicles, world frame (ENU).
+
+    places: positions of the targets, m, local frames. yaw_error_rad: (N,), of the headings that the autopilots control.
+    """
+    turned = frames.to_world([(place, one.velocity, one.acceleration) for one, place in zip(targets, places, strict=True)])
+    yaws = np.array([(one.yaw, one.yaw_rate) for one in targets])
+    return Setpoints(
+        turned[:, 0] + frames.origin, turned[:, 1], turned[:, 2], yaws[:, 0] + frames.yaw_rad - yaw_error_rad, yaws[:, 1]
+    )
