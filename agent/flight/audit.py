@@ -181,7 +181,7 @@ class _Reader:
         """Why an upload was declined."""
         try:
             return msgspec.json.decode(data, type=str)
-        except (msgspec.MsgspecError, ValueError) as error:  # no UTF-8
+        except (msgspec.MsgspecError, ValueError) as error:  # ValueError: text that is not UTF-8
             raise FlightRecordError(f"{self._file}: a record of {topics.DECLINE} cannot be read: {error}") from None
 
     def _verdict(self, results: Iterable[tuple[str, bytes]]) -> Verdict | None:

@@ -18,8 +18,7 @@ from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 def told(frame: Transform) -> CarriedFrame:
     """A frame in that of the launch, as it is published."""
-    rows = None if frame.covariance is None else tuple(frame.covariance.ravel().tolist())
-    return CarriedFrame(frame.translation, frame.yaw_rad, rows)
+    return CarriedFrame(frame.translation, frame.yaw_rad, frame.covariance_rows)
 
 
 def launch_from_local(carried: CarriedFrame) -> Transform:

@@ -56,7 +56,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
             stamp_ns=stamp_ns,
             yaw_rad=mission_from_local.yaw_rad,
             translation_m=mission_from_local.translation,
-            covariance=_rows(mission_from_local),
+            covariance=mission_from_local.covariance_rows,
             otherwise=None if otherwise is None else _kept(otherwise),
         )
 
@@ -67,11 +67,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
 
 
 def _kept(transform: Transform) -> KeptTransform:
-    return KeptTransform(yaw_rad=transform.yaw_rad, translation_m=transform.translation, covariance=_rows(transform))
-
-
-def _rows(transform: Transform) -> tuple[float, ...] | None:
-    return None if transform.covariance is None else tuple(transform.covariance.ravel().tolist())
+    return KeptTransform(yaw_rad=transform.yaw_rad, translation_m=transform.translation, covariance=transform.covariance_rows)
 
 
 def _is_plausible(covariance: Array) -> bool:

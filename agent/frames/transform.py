@@ -34,6 +34,11 @@ class Transform:
         object.__setattr__(self, "_cos", math.cos(self.yaw_rad))
         object.__setattr__(self, "_sin", math.sin(self.yaw_rad))
 
+    @property
+    def covariance_rows(self) -> tuple[float, ...] | None:
+        """The 16 numbers of the covariance by rows, as messages and files hold them; None: exact."""
+        return None if self.covariance is None else tuple(self.covariance.ravel().tolist())
+
     def rotate_direction(self, direction: Vector3) -> Vector3:
         """A direction of frame b, expressed in frame a."""
         x, y, z = direction

@@ -17,8 +17,8 @@ STAMPS_S = 0.02  # their stamps, which matter by the speed
 VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of what the vehicles do
 TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
 ANY_TURNING_RPS = 0.5  # one that is not
-# A vehicle whose poses do not come is straight on its way for no longer than this: where its agent is gone it stops, so many
-# seconds of its velocity ahead, and where only the radio is it flies anywhere.
+# A vehicle that is not heard is not taken to fly straight on for longer than this. Without its agent it stops, so many seconds of
+# its velocity ahead; if only the radio is interrupted it may have turned anywhere.
 ONWARD_S = 1.5
 
 

@@ -15,6 +15,7 @@ from msgspec import Struct
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
+from agent.localization.continuity import ONWARD_S
 from agent.navigation.peers.newest import Peer
 from protocol.messages import Pose, Stage
 
@@ -26,7 +27,7 @@ _STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-_NEAREST_S, _STOPS_S, _FARTHEST_S = 0.5, 1.5, 2.0  # it stops so many seconds of its velocity ahead: at least, about, at most
+_NEAREST_S, _FARTHEST_S = 0.5, 2.0  # it stops so many seconds of its velocity ahead, at least and at most: about ``ONWARD_S``
 _LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
@@ -125,7 +126,7 @@ class Agentless:
         home_x, home_y, home_z = self.home(name, peer, mission_from_theirs)
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
-        way = (x + _STOPS_S * u, y + _STOPS_S * v), (home_x, home_y)
+        way = (x + ONWARD_S * u, y + ONWARD_S * v), (home_x, home_y)
         arrives_s = leaves_s + dist(*way) / _SLOWEST_MPS
         down_s = arrives_s + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
         return Course(stop, leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
