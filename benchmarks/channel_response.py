@@ -3,7 +3,8 @@
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
 below the horizon; its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
 unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the area
-without scatter in the surroundings, the rest with it. The numbers stand in agent/fusion/bayes/response.py.
+without scatter in the surroundings, the rest with it. edge: what an area lacks from the sensor's edge, fitted to areas at several
+headings. The numbers stand in agent/fusion/bayes/response.py.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.fusion.bayes.response import turned
+from agent.fusion.facing import Facing
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.materials import air_attenuation_per_m
 from sim.radiation.nuclides import nuclide
@@ -32,7 +35,8 @@ EVENTS_PS = 2000.0  # so few that chance coincidences are 0.1 % of the true ones
 STEP_NS = 10_000_000
 VIEWS = 8  # headings in a step
 REFERENCE_BQ = 1e9
-HEADINGS_DEG = (0.0, 30.0, 60.0, 80.0, 90.0, 100.0, 120.0, 150.0, 180.0)
+BELOW_DEG = 20.0  # the horizon, the source seen at these headings
+HEADINGS_DEG = (0.0, 30.0, 60.0, 70.0, 80.0, 85.0, 90.0, 95.0, 100.0, 110.0, 120.0, 150.0, 180.0)
 ALONE = CameraTruth(background_hits_per_s=0.0)
 QUIET = CameraTruth(background_hits_per_s=0.0, scatter_near=0.0, scatter_air=0.0)
 
@@ -105,19 +109,29 @@ def background_ps(name: str, events: int) -> Array:
 
 
 def around(source: Source, events: int) -> Array:
-    """Areas (H, 4) without scatter by HEADINGS_DEG, the source 10 m away and 20 degrees below the horizon."""
+    """Areas (H, 4) without scatter by HEADINGS_DEG, the source 10 m away and BELOW_DEG below the horizon."""
     flux, step_ns = source.flux(10.0), 100_000_000
     gain = EVENTS_PS / (20.0 * flux)
     steps = round(0.25 * events / (EVENTS_PS * step_ns * 1e-9))
     rows = []
     for heading_deg in HEADINGS_DEG:
-        polar, below = math.radians(heading_deg), math.radians(20.0)
+        polar, below = math.radians(heading_deg), math.radians(BELOW_DEG)
         unit = (math.cos(below) * math.sin(polar), -math.sin(below), math.cos(below) * math.cos(polar))
         views = [(SourceView(unit, 10.0, gain * REFERENCE_BQ),)] * steps
         camera = Camera(QUIET, source.name, np.random.default_rng(4), 0)
         counts, live_s = counted(camera, source.name, views, step_ns)
         rows.append(counts / (live_s * gain * flux))
     return np.array(rows)
+
+
+def edge(areas: Array) -> Array:
+    """(4,), of areas (H, 4) by HEADINGS_DEG: ``edge`` of ``Channel``."""
+    headings, level = np.deg2rad(HEADINGS_DEG), math.cos(math.radians(BELOW_DEG))
+    facing = Facing.of(np.array(level), np.array(0.0), np.array(1.0), np.cos(2.0 * headings), np.sin(2.0 * headings)).cosine()
+    design = np.stack((np.ones(len(facing)), turned(facing)), axis=1)
+    (mean, slope), *_ = np.linalg.lstsq(design, areas, rcond=None)
+    result: Array = slope / mean
+    return result
 
 
 def fitted(source: Source, events: int) -> tuple[Array, Array, Array, Array]:
@@ -143,12 +157,14 @@ def main(
         area, direct, scattered, error = fitted(source, events)
         background = background_ps(name, events)
         print(f"{name}: {source.photons_per_decay:.4g} photons per decay, {source.air_per_m:.5f} 1/m in air")
-        print(f"{'channel':14}{'area mm2':>10}{'direct':>8}{'scattered':>11}{'background 1/s':>16}{'fit within':>12}")
+        rows = around(source, events)
+        lacking = edge(rows)
+        print(f"{'channel':14}{'area mm2':>10}{'direct':>8}{'scattered':>11}{'background 1/s':>16}{'edge':>8}{'fit within':>12}")
         for k, channel in enumerate(CHANNELS):
             print(
-                f"{channel:14}{area[k]:10.3g}{direct[k]:8.2f}{scattered[k]:11.2f}{background[k]:16.3g}{100.0 * error[k]:10.1f} %"
+                f"{channel:14}{area[k]:10.3g}{direct[k]:8.2f}{scattered[k]:11.2f}{background[k]:16.3g}{lacking[k]:8.2f}"
+                f"{100.0 * error[k]:10.1f} %"
             )
-        rows = around(source, events)
         print("area / mean by heading: " + "  ".join(f"{deg:g}" for deg in HEADINGS_DEG) + " deg")
         for k, channel in enumerate(CHANNELS):
             print(f"{channel:14}" + "".join(f"{value:7.2f}" for value in rows[:, k] / area[k]))

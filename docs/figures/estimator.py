@@ -194,14 +194,14 @@ def counts(seed: int) -> Figure:
     area = load_bank(NUCLIDE, CameraTruth()).area_mm2[:DIRECTION_BINS]
     polar = np.degrees(np.arccos(np.clip(bin_centres()[:, 2], -1.0, 1.0))).round(3)
     rows, row = np.unique(polar, return_inverse=True)
-    for values, colour, name in (
-        (area.sum(axis=1), DRONES[0], "all events"),
-        (area[:, COMPLETE], DRONES[2], "complete two-cluster events"),
+    expected = sum(response.parts(np.array(1.0), np.array(0.0), np.abs(np.cos(np.radians(rows))))[0].T)
+    for mean, colour, dashes, name in (
+        (np.bincount(row, area.sum(axis=1)) / np.bincount(row), DRONES[0], "-", "all events"),
+        (expected, CONE, "--", "all events, by the estimator"),
+        (np.bincount(row, area[:, COMPLETE]) / np.bincount(row), DRONES[2], "-", "complete two-cluster events"),
     ):
-        mean = np.bincount(row, values) / np.bincount(row)
         overall = float((mean * np.sin(np.radians(rows))).sum() / np.sin(np.radians(rows)).sum())
-        by_bearing.plot(rows, mean / overall, color=colour, linewidth=1.6, label=name)
-    by_bearing.axhline(1.0, color=CONE, linestyle="--", linewidth=1.2, label="the estimator: isotropic")
+        by_bearing.plot(rows, mean / overall, color=colour, linestyle=dashes, linewidth=1.6, label=name)
     by_bearing.set_ylim(0.0, 1.4)
     by_bearing.set_xticks((0, 45, 90, 135, 180))
     by_bearing.legend(fontsize=8, frameon=False, loc="lower center")

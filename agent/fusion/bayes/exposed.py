@@ -11,6 +11,7 @@ from agent.fusion.bayes import hidden
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN
 from agent.fusion.bayes.sight import LineOfSight, Scene
+from agent.fusion.facing import Facing
 from agent.geometry import Array, Vector3
 
 _ITERATIONS = 6
@@ -22,7 +23,7 @@ _KNOWN = 0.2  # 1 sigma of the logarithm of the rate, up to which an exposure is
 class Exposed(Struct, frozen=True, eq=False):
     """An exposure of a vehicle (its index). position: p, mission frame. counts: (2,) k. background: (2,) expected.
 
-    middle_ns: UTC, of the exposure's middle.
+    middle_ns: UTC, of the exposure's middle. facing: C and S of the heading (``agent.fusion.facing``).
     """
 
     vehicle: int
@@ -31,6 +32,7 @@ class Exposed(Struct, frozen=True, eq=False):
     counts: Array
     background: Array
     middle_ns: int
+    facing: tuple[float, float] = (0.0, 0.0)
 
     def follows(self, earlier: Exposed) -> bool:
         """Whether there is no long gap between the earlier exposure and this one."""
@@ -46,7 +48,7 @@ class Fit(Struct, frozen=True, eq=False):
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
 
     ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``; that scattered photons fall off less than exp(-mu D) / D^2
-    is left out of h, not of S; so is all that buildings change.)
+    is left out of h, not of S; so is all that buildings and the camera's facing change.)
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
     ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
@@ -74,9 +76,9 @@ class Fit(Struct, frozen=True, eq=False):
         spread = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
         fluence = response.flux(sight.distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
         fluence = np.maximum(fluence, _LEAST_FLUENCE)
-        clear = response.signal(fluence, sight.distance)
+        facing = Facing.of(sight.way[..., 0], sight.way[..., 1], sight.distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
-        expected, unsure = hidden.behind(response, fluence, clear, shielding)
+        expected, unsure = hidden.behind(*response.parts(fluence, sight.distance, facing), shielding)
         variance = spread + unsure
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
         innovation = innovation_squared(counts, expected, background, variance)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.fusion.bayes.response import Response
 from agent.fusion.bayes.shielding import Shielding
 from agent.geometry import Array
 
@@ -90,17 +89,16 @@ def _moves(duration_s: float) -> Array:
     return result
 
 
-def behind(response: Response, fluence: Array, clear: Array, known: Shielding | None) -> tuple[Array, Array]:
+def behind(direct: Array, scattered: Array, known: Shielding | None) -> tuple[Array, Array]:
     """Expected counts (C, S, M, 2), and the variance (C, S, M) of the logarithm of their sum by what is not known of them.
 
     What stands in between takes off direct photons. Of the scattered ones, which come around it, it may change as much as
-    ``_SCATTER_SIGMA``. fluence: (S, M), clear: (S, M, 2), both without anything in between; known: walls and buildings.
+    ``_SCATTER_SIGMA``. direct, scattered: (S, M, 2) expected counts without anything in between; known: walls and buildings.
     """
     share, sigma = SHARE[:, None, None], SHARE_SIGMA[:, None, None]
-    direct = response.direct(fluence)
-    scattered = (clear - direct) * AROUND[:, None, None, None]
+    scattered = scattered * AROUND[:, None, None, None]
     if known is not None:
         share, sigma = known.share * share, np.hypot(known.sigma * share, known.share * sigma)
-    expected, variance = Shielding(share, sigma).counts(response, fluence, direct + scattered)
+    expected, variance = Shielding(share, sigma).counts(direct, scattered)
     unsure = _SCATTER_SIGMA * (1.0 - SHARE[:, None, None]) * scattered.sum(axis=-1) / expected.sum(axis=-1)
     return expected, variance + unsure * unsure

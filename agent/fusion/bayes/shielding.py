@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.fusion.bayes.response import Response
 from agent.geometry import Array
 from agent.terrain.buildings import Buildings
 
@@ -38,12 +37,11 @@ class Shielding(NamedTuple):
         across = ((passing[1] - passing[2]) ** 2 + (passing[3] - passing[4]) ** 2) / 4.0
         return Shielding(passing.mean(axis=0), np.sqrt(across + (_MAP_SIGMA * depth[0] * passing[0]) ** 2))
 
-    def counts(self, response: Response, fluence: Array, expected: Array) -> tuple[Array, Array]:
+    def counts(self, direct: Array, scattered: Array) -> tuple[Array, Array]:
         """Expected counts (S, M, 2) behind the buildings, and the variance (S, M) of the logarithm of their sum by sigma.
 
-        Buildings take off direct photons, F phi of S = F phi (1 + build-up); what is scattered comes from all sides.
-        fluence: (S, M), expected: (S, M, 2), both without buildings.
+        Buildings take off direct photons; what is scattered comes from all sides. direct, scattered: (S, M, 2) of these without
+        buildings.
         """
-        direct = response.direct(fluence)
-        behind = expected - direct * (1.0 - self.share[..., None])
+        behind = direct * self.share[..., None] + scattered
         return behind, (direct.sum(axis=-1) * self.sigma / behind.sum(axis=-1)) ** 2

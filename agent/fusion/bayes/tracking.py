@@ -59,7 +59,8 @@ class Tracking:
         if self._beside is not None:
             background = background + self._beside(observation)
         counts = response.apart(observation.counts)
-        return Exposed(vehicle, observation.position, observation.live_time_s, counts, background, observation.middle_ns)
+        place, live_s, facing = observation.position, observation.live_time_s, observation.facing
+        return Exposed(vehicle, place, live_s, counts, background, observation.middle_ns, facing)
 
     def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
         """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself.

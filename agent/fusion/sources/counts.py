@@ -21,6 +21,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.fusion.facing import Facing
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected, Views
 from agent.fusion.sources.shades import KnownWalls, Shades
@@ -293,18 +294,12 @@ class CountModel:
         return distance, way, along
 
     def _faced(self, distance: Array, way: Array, along: Array) -> tuple[Array, list[Array]]:
-        """(K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y and height; the arguments are of ``_ways``.
-
-        With the way (x, y, z) to the source, f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2, of a level camera whose heading
-        stays; C and S are the row's means.
-        """
+        """(K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y and height; arguments as from ``_ways``."""
         (x, y, _), (twice_cos, twice_sin) = way, self._facing.T
-        ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
-        per_square = 0.5 / distance**2
-        square = per_square * (x * ahead + y * aside)
-        facing = np.sqrt(np.maximum(square, 0.0) + _EDGE_ON**2)
-        slope = square / distance
-        turns = [(per_square * one - slope * by) / facing for one, by in zip((ahead, aside, 0.0), along, strict=True)]
+        square, ahead, aside = faced = Facing.of(x, y, distance, twice_cos, twice_sin)
+        facing, per_square, slope = faced.cosine(_EDGE_ON), 0.5 / distance**2, square / distance
+        level: tuple[Array | float, ...] = (ahead, aside, 0.0)
+        turns = [(per_square * one - slope * by) / facing for one, by in zip(level, along, strict=True)]
         return facing - MEAN_FACING, turns
 
 

@@ -142,7 +142,7 @@ class Tracker:
         self._own = [bool(pointing[nuclide] > 0.0) for pointing, _, _ in of_lines]
         area_mm2 = math.fsum(float(pointing[nuclide]) for pointing, _, _ in of_lines)
         cones_ps = math.fsum(cones_ps for (_, _, cones_ps), own in zip(of_lines, self._own, strict=True) if own)
-        cones = Channel(max(area_mm2, _LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS))
+        cones = Channel(max(area_mm2, _LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS), 0.0)
         self._response = _response(spectra, nuclide, self._bins, cones)
         self._ground = Ground.from_config(mission)
         self._drones = {drone.id: number for number, drone in enumerate(mission.drones)}
@@ -221,5 +221,7 @@ def _response(spectra: Spectra, n: int, bins: Array, cones: Channel) -> Response
     near, far = (each[n] @ bins for each in spectra.templates(0.0, 0.0))
     direct = np.maximum(spectra.direct_templates(0.0)[0][n] @ bins, _LEAST_MM2)
     background_ps = np.maximum(spectra.background_ps(0.0) @ bins, _LEAST_PS)
-    partial, full = (Channel(*row) for row in np.column_stack((direct, near / direct, far / direct, background_ps)).tolist())
+    edge = spectra.facing(0.0)[n] @ bins / direct  # either way, what an area lacks from the edge
+    rows = np.column_stack((direct, near / direct, far / direct, background_ps, edge))
+    partial, full = (Channel(*row) for row in rows.tolist())
     return Response(spectra.nuclides[n], 1.0, float(spectra.air_per_m[n]), (partial, full), cones)

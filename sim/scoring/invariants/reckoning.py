@@ -34,10 +34,10 @@ class Reckoned(Invariant[Moment]):
     not hear: where theirs is the centre, the other one has to be beyond that circle, or less than 4 m before it.
     Exempt is whose own position or thrust is faulted or who lies; an agent that was started late, or again: it may never have
     heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
-    until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost after they had heard
-    each other last: when its vehicle leaves a circle, and climbs to where the first one flies over that, nobody can know. Nor can
-    anybody know that the own position of the other one was wrong after that, and that it flies on by it: such a one may be
-    reckoned with where it takes itself to be instead.
+    until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost, or it was revoked,
+    too, after they had heard each other last: when its vehicle leaves a circle, and climbs to where the first one flies over it,
+    nobody can know. Nor can anybody know that the own position of the other one was wrong after that, and that it flies on by it:
+    such a one may be reckoned with where it takes itself to be instead.
     """
 
     name = "reckoned"
@@ -88,7 +88,7 @@ class Reckoned(Invariant[Moment]):
         if not near or self._is_exempt(moment, drone) or pilot.reckoning is None or pilot.whereabouts is None:
             return
         for other in near:
-            if not self._is_exempt(moment, other) and not self._was_lost_unheard(drone, other):
+            if not self._is_exempt(moment, other) and not self._left_unheard(drone, other):
                 yield other
 
     def _is_exempt(self, moment: Moment, drone: int) -> bool:
@@ -136,9 +136,10 @@ class Reckoned(Invariant[Moment]):
         told = other_pilot.whereabouts if is_misled and other_pilot is not None else None
         return [place] if told is None else [place, told.place_m]
 
-    def _was_lost_unheard(self, drone: int, other: int) -> bool:
-        """Whether the other one's agent was lost after they had heard each other last, as one of the two is revoked."""
-        return other in self._lost_s and self._lost_s[other] > self._unheard_s(drone, other)
+    def _left_unheard(self, drone: int, other: int) -> bool:
+        """Whether the other one's agent was lost, or it was revoked, after they had heard each other last, as one is revoked."""
+        unheard_s = self._unheard_s(drone, other)
+        return self._lost_s.get(other, -inf) > unheard_s or self._revoked_s.get(other, -inf) > unheard_s
 
     def _unheard_s(self, drone: int, other: int) -> float:
         """From when on two drones do not hear each other for good, as one of them is revoked; infinite if none is."""

@@ -7,8 +7,7 @@ from agent.fusion.bayes import hidden
 from agent.fusion.bayes.response import response_of
 
 RESPONSE = response_of("Cs-137")
-FLUENCE, DISTANCE = np.array([[2.0]]), np.array([[10.0]])
-CLEAR = RESPONSE.signal(FLUENCE, DISTANCE)
+DIRECT, SCATTERED = RESPONSE.parts(np.array([[2.0]]), np.array([[10.0]]), np.array([[0.9]]))
 LEVELS = len(hidden.DEPTHS)
 
 
@@ -37,17 +36,16 @@ def test_looking_ahead_is_the_adjoint_of_the_prediction() -> None:
 
 
 def test_of_a_clear_view_everything_is_expected_and_nothing_unsure() -> None:
-    expected, variance = hidden.behind(RESPONSE, FLUENCE, CLEAR, None)
-    assert expected[0] == pytest.approx(CLEAR)
+    expected, variance = hidden.behind(DIRECT, SCATTERED, None)
+    assert expected[0] == pytest.approx(DIRECT + SCATTERED)
     assert variance[0] == 0.0
     assert (expected > 0.0).all()
     assert (np.diff(expected[:LEVELS].sum(axis=(1, 2, 3))) < 0.0).all()  # the deeper the fewer
 
 
 def test_behind_a_wall_scattered_photons_are_left_and_behind_a_hill_none() -> None:
-    expected, variance = hidden.behind(RESPONSE, FLUENCE, CLEAR, None)
-    scattered = CLEAR - RESPONSE.direct(FLUENCE)
+    expected, variance = hidden.behind(DIRECT, SCATTERED, None)
     wall, hill = LEVELS - 2, LEVELS - 1
-    assert expected[wall] == pytest.approx(scattered + np.exp(-hidden.DEPTHS[wall]) * RESPONSE.direct(FLUENCE))
+    assert expected[wall] == pytest.approx(SCATTERED + np.exp(-hidden.DEPTHS[wall]) * DIRECT)
     assert variance[wall] > 0.2**2
-    assert expected[hill].sum() < 0.02 * CLEAR.sum()
+    assert expected[hill].sum() < 0.02 * (DIRECT + SCATTERED).sum()

@@ -1,0 +1,37 @@
+"""How far a camera turns its sensor's face, and not its edge, to a source: f, the cosine of the angle to the face's normal.
+
+The camera looks along the drone's x axis. Of its heading psi in an exposure only the means C of cos 2 psi and S of sin 2 psi are
+known (``CountObservation.facing``), and f is that of a level camera, root mean square.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.geometry import Array
+
+
+class Facing(NamedTuple):
+    """square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the way to the source, d the distance."""
+
+    square: Array
+    ahead: Array
+    aside: Array
+
+    def cosine(self, least: float = 0.0) -> Array:
+        """f, or ``least`` at least: (f^2 + least^2)^(1/2)."""
+        result: Array = np.sqrt(np.maximum(self.square, 0.0) + least * least)
+        return result
+
+    @staticmethod
+    def of(x: Array, y: Array, distance: Array, twice_cos: Array | float, twice_sin: Array | float) -> Facing:
+        """Of a source at the horizontal way (x, y) from the camera, and at the distance d:
+
+            f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2.
+
+        Metres, mission frame; of any shapes.
+        """
+        ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
+        return Facing(0.5 / distance**2 * (x * ahead + y * aside), ahead, aside)
