@@ -269,15 +269,17 @@ class Guidance:
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Where missing drones may circle, while this one circles or climbs before it crosses: nearest to its plan ``ahead``
-        (K, 3).
+        """Where missing drones may circle, and the middle of the circle (``SharedCircle``), while this one circles or climbs
+        before it crosses: nearest to its plan ``ahead`` (K, 3).
         """
-        climbs = moment.stage is Stage.RETURN and self._way.climbs
-        if absence is None or centre is None or (moment.stage not in CIRCLING and not climbs):
+        climbs, circle = moment.stage is Stage.RETURN and self._way.climbs, self.circle(moment, centre)
+        if absence is None or centre is None or (circle is None and not climbs):
             return []
+        now_ns, at, way = moment.now_ns, centre.position, ahead()
+        found = [] if circle is None else self._shared.middle(absence, now_ns, at, way, STEP_S, circle.radius_m)
         if not self.has_room:
-            return []
-        return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment), climbs=climbs)
+            return found
+        return found + self._shared.others(absence, now_ns, at, way, STEP_S, self._fits(moment), climbs=climbs)
 
     def _fits(self, moment: Moment) -> bool:
         """Whether the circle's radius follows the hypothesis' accuracy."""

@@ -24,6 +24,7 @@ _ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
 # brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
+_ON_M = 3.0  # not farther inside of the circle a drone is on it
 _PASSES_MPS, _PASSED_M = 1.5, 8.0  # faster than this one flies past; so far outside of the circle it is none of its business
 
 
@@ -73,13 +74,11 @@ class SharedCircle:
         """
         if self._crossing.is_over and not climbs:
             return []
-        outward = ahead[:, :2] - centre[:2]
-        far = np.hypot(outward[:, 0], outward[:, 1])
-        outward = outward / np.maximum(far, 1e-6)[:, None]
+        far_m = float(np.hypot(*(ahead[0, :2] - centre[:2])))
         if self._crossing.climbs or climbs:
             circles = self._circles(absence, fits_hypothesis, kept=False)
-            within = [one for one in circles if one.radius_m < far[0]][-1:]
-            around = [one for one in circles if one.radius_m >= far[0]][:1]
+            within = [one for one in circles if one.radius_m < far_m][-1:]
+            around = [one for one in circles if one.radius_m >= far_m][:1]
         else:
             circles = self._circles(absence, fits_hypothesis)
             within = [one for one in circles if one.ring < absence.ring][-1:]
@@ -89,13 +88,23 @@ class SharedCircle:
                 clear_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis) + CLEAR_M
                 climbing = _Circle(within[0].name, absence.ring, clear_m)
                 around = [min([climbing, *around], key=lambda one: one.radius_m)]
-            around = [one for one in around if far[0] <= one.radius_m]
-        found = []
-        for side, (name, _, radius_m) in [(1.0, one) for one in within] + [(-1.0, one) for one in around]:
-            places = ahead.copy()
-            places[:, :2] -= (far - radius_m)[:, None] * outward
-            found.append(blind_plan(name, now_ns, step_s, places, away=side * outward, radius_m=-side * radius_m))
-        return found
+            around = [one for one in around if far_m <= one.radius_m]
+        found = [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within]
+        return found + [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=False) for one in around]
+
+    def middle(
+        self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, radius_m: float
+    ) -> list[PeerPlan]:
+        """What is inside of the circle, while vehicles may hover on it whose agents are gone; ``radius_m``: of the circle, the
+        others as in ``others``.
+
+        Two sides that evade them through the middle meet there, and neither reckons with it; outward they part.
+        """
+        outward = ahead[:, :2] - centre[:2]
+        far, within_m = np.hypot(outward[:, 0], outward[:, 1]), radius_m - CLEAR_M
+        if len(absence.stops) == 0 or within_m <= 0.0 or far[0] < radius_m - _ON_M:
+            return []
+        return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
         """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept.
@@ -188,3 +197,13 @@ class SharedCircle:
             c, s = cos(angle), sin(angle)
             found[name] = PeerState((x + radius_m * c, y + radius_m * s, z), (u - speed_mps * s, v + speed_mps * c, 0.0))
         return found
+
+
+def _beside(name: str, now_ns: int, step_s: float, ahead: Array, centre: Vector3, radius_m: float, *, inside: bool) -> PeerPlan:
+    """Anywhere on a circle or beyond it, where nearest to positions ``ahead`` (K, 3); ``inside``: beyond is inside of it."""
+    outward = ahead[:, :2] - centre[:2]
+    far = np.hypot(outward[:, 0], outward[:, 1])
+    outward = outward / np.maximum(far, 1e-6)[:, None]
+    places, side = ahead.copy(), 1.0 if inside else -1.0
+    places[:, :2] -= (far - radius_m)[:, None] * outward
+    return blind_plan(name, now_ns, step_s, places, away=side * outward, radius_m=-side * radius_m)

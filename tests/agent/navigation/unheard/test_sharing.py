@@ -62,6 +62,23 @@ def test_its_lines_are_tangents_of_circles_around_the_centre():
         assert centre == pytest.approx((0.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("stops", "far_m", "expected_m"),
+    [
+        (1, 10.0, [10.0 - CLEAR_M]),
+        (0, 10.0, []),  # all who hovered have left, and each side is on its own circle
+        (1, 14.0, [10.0 - CLEAR_M]),
+        (1, 6.9, []),  # it is on its way to the circle, from inside
+    ],
+)
+def test_nobody_evades_through_the_middle_of_the_circle_while_vehicles_may_hover_on_it(stops, far_m, expected_m):
+    """Of six in a partition of three sides, two met there (1.2 m): to each of them the middle was the place farthest from all."""
+    absence = Absence(("d1",), (), 0, (), {}, alone=False, stops=np.full((stops, 2), 10.0), coming_home=())
+    ahead = np.array([[far_m, 0.0, 3.0]])
+    found = SharedCircle(FOUR, "d2").middle(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, 10.0)
+    assert [(one.positions[0][0], float(one.away[0, 0])) for one in found] == [(pytest.approx(r), 1.0) for r in expected_m]
+
+
 @pytest.mark.parametrize("stands", [True, False])
 def test_the_place_of_one_that_is_missing_is_as_far_along_its_plan_as_it_got(stands):
     """At 5.4 m/s towards its place on the circle it stopped 10 m farther on than where it was heard last, and was run into."""
