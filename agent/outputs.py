@@ -64,11 +64,13 @@ def try_folder(folder: Path) -> None:
 def write_durably(path: Path, content: bytes) -> None:
     """Replace a file atomically: a power cut leaves the older or the newer one; the newer one once this has returned.
 
+    Files of one folder may be written at the same time, also those whose names differ in the suffix only.
+
     Raises:
         OSError: it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_suffix(".new")
+    fresh = path.with_name(f"{path.name}.new")
     with fresh.open("wb") as file:
         file.write(content)
         file.flush()

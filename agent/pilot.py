@@ -13,6 +13,7 @@ from msgspec import Struct
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.readout import Readout
+from agent.frames.drift import Drift
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
@@ -101,7 +102,7 @@ class Pilot:
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
-        self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, epoch_offset)
+        self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, Drift(mission), epoch_offset)
         history, self._numbers = self._own.history, Numbering()
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
         self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters)

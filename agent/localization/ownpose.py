@@ -31,7 +31,8 @@ from agent.vehicle.interface import VehicleState
 from protocol.entries import CarriedFrame, Entry, Sighting
 
 SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
-FARTHEST_M = 1e5  # the largest coordinate that a message can carry
+FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
+_NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 LARGEST_DOUBT_M = 7.0  # between the two places where a drone may be, above which it leaves the mission
 _EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
@@ -55,20 +56,19 @@ class Whereabouts(Struct, frozen=True):
     yaw_sigma_rad: float
 
 
-class _Kept(Struct, frozen=True):
-    """The own frame of before a restart, as it is at ``stamp_ns``."""
+class _Untold(Struct, frozen=True):
+    """The own frame of an epoch that the log does not tell, as it is at ``stamp_ns``."""
 
     epoch: int
     transform: Transform
     stamp_ns: int
-    drift: Drift
 
-    def drifted(self, drone: str, vehicle: VehicleState | None) -> _Kept:
+    def drifted(self, drone: str, vehicle: VehicleState, drift: Drift) -> _Untold:
         """As it is at this telemetry; anew once a second."""
-        seconds = 0.0 if vehicle is None else (vehicle.stamp_ns - self.stamp_ns) * 1e-9
-        if vehicle is None or vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
+        seconds = (vehicle.stamp_ns - self.stamp_ns) * 1e-9
+        if vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
             return self
-        transform = self.drift.aged(drone, self.transform, seconds, vehicle.position_m)
+        transform = drift.aged(drone, self.transform, seconds, vehicle.position_m)
         return replace(self, transform=transform, stamp_ns=vehicle.stamp_ns)
 
 
@@ -81,8 +81,9 @@ class OwnPose:
 
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
     the one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent the one known
-    before. A frame that the mission knows exactly is known so for its first epoch only (``agent.localization.knownframe``); how
-    the later ones lie is told with what is measured in them (``carried``), so that everybody places that alike.
+    before; both drift. A frame that the mission knows exactly is known so for its first epoch only
+    (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them (``carried``), so that
+    everybody places that alike.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class OwnPose:
         clocks: Clocks,
         counters: Counter[str],
         speed_mps: float,
+        drift: Drift,
         epoch_offset: int = 0,
     ) -> None:
         """A drone of which no telemetry is known yet.
@@ -102,17 +104,18 @@ class OwnPose:
             clocks: by how much the own clock is wrong.
             counters: where dropped telemetry is counted.
             speed_mps: no vehicle of this swarm flies faster.
+            drift: of the frames that the log does not tell.
             epoch_offset: epochs that the agent before a restart had added to the vehicle's.
         """
         self._drone = member.id
-        self._frames, self._clocks, self._counters = frames, clocks, counters
+        self._frames, self._clocks, self._counters, self._drift = frames, clocks, counters, drift
         self.history = PoseHistory()
         self.is_estimated = not member.is_exact
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
-        self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
-        self._kept: _Kept | None = None  # the one from before a restart, until the log tells it
+        self._continued: _Untold | None = None  # the frame by continuity
+        self._kept: _Untold | None = None  # the one from before a restart, until the log tells it
         self._exact = KnownFrame()
         self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
@@ -137,9 +140,10 @@ class OwnPose:
         vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
+        if self._continued is not None and not self._is_told(self._continued.epoch):
+            self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
         if self._kept is not None:
-            known = self._frames.mission_from_local(self._drone, self._kept.epoch)
-            self._kept = None if known is not None else self._kept.drifted(self._drone, vehicle)
+            self._kept = None if self._is_told(self._kept.epoch) else self._kept.drifted(self._drone, vehicle, self._drift)
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
@@ -172,13 +176,15 @@ class OwnPose:
             transform = self._launch @ launch_from_local(carried)
         return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, transform, self.otherwise)
 
-    def remember(self, kept: KeptFrame, drift: Drift) -> None:
+    def remember(self, kept: KeptFrame) -> None:
         """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log tells that frame,
         and drifts. A frame that the mission knew is told on, and doubted, as before.
         """
         transform = kept.mission_from_local
         assert transform is not None  # it is plausible
-        self._kept = _Kept(kept.epoch, transform, kept.stamp_ns, drift).drifted(self._drone, self.vehicle)
+        self._kept = _Untold(kept.epoch, transform, kept.stamp_ns)
+        if self.vehicle is not None:
+            self._kept = self._kept.drifted(self._drone, self.vehicle, self._drift)
         self.is_unplaced = False
         if not self.is_estimated and kept.epoch != LAUNCH_EPOCH and (self.vehicle is None or self.vehicle.epoch == kept.epoch):
             self._carried[kept.epoch] = told(self._launch.inverse() @ transform)
@@ -283,9 +289,11 @@ class OwnPose:
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
         if known is not None:
             return known
-        if self._continued is not None and self._continued[0] == epoch:
-            return self._continued[1]
-        return self._kept.transform if self._kept is not None and self._kept.epoch == epoch else None
+        untold = next((one for one in (self._continued, self._kept) if one is not None and one.epoch == epoch), None)
+        return None if untold is None else untold.transform
+
+    def _is_told(self, epoch: int) -> bool:
+        return self._frames.mission_from_local(self._drone, epoch) is not None
 
     def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says."""
@@ -294,10 +302,10 @@ class OwnPose:
             return
         turning_rps = self.history.turning_rps
         if self.is_estimated:
-            self._continued = vehicle.epoch, carried_on(old, last, vehicle, turning_rps)
+            self._continued = _Untold(vehicle.epoch, carried_on(old, last, vehicle, turning_rps), vehicle.stamp_ns)
             return
         frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
-        self._continued = vehicle.epoch, frame
+        self._continued = _Untold(vehicle.epoch, frame, vehicle.stamp_ns)
         self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(frame, vehicle))
         while len(self._carried) > _EPOCHS_KEPT:
             del self._carried[next(iter(self._carried))]
@@ -318,5 +326,7 @@ class OwnPose:
 def _plausible(state: VehicleState) -> bool:
     """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
     sigmas = state.position_sigma_m + state.yaw_sigma_rad
-    others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m
-    return isfinite(others) and sigmas >= 0.0 and all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)
+    if not isfinite(sigmas + state.height_m) or sigmas < 0.0 or not abs(hypot(*state.quaternion) - 1.0) < _NORM_ERROR:
+        return False
+    within = all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)
+    return within and all(-_FASTEST_MPS <= value <= _FASTEST_MPS for value in state.velocity_mps)

@@ -15,7 +15,7 @@ from agent.frames.kept import KeptFrame
 from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.aloft import Aloft
-from agent.mission.memory import Memory
+from agent.mission.memory import ON_GROUND, Memory
 from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
@@ -34,7 +34,6 @@ from protocol.entries import Coverage
 from protocol.messages import Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
-_ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
 
 
@@ -78,7 +77,9 @@ class Executive:
         self.finding, self._revoked = "", False
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
-        self._remembered = memory  # until telemetry shows whether that flight goes on
+        self._remembered = (
+            memory if memory is not None and memory.flies else None
+        )  # until telemetry shows whether that flight goes on
 
     @property
     def stage(self) -> Stage:
@@ -114,7 +115,7 @@ class Executive:
         """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it, or does not
         know.
         """
-        return None if self.stage in _ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
+        return None if self.stage in ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
 
     def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -148,7 +149,7 @@ class Executive:
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
         vehicle = self._own.vehicle
-        if vehicle is None or vehicle.in_air or self.stage not in _ON_GROUND:
+        if vehicle is None or vehicle.in_air or self.stage not in ON_GROUND:
             return ()
         return self._navigator.passing(now_ns, vehicle, peers)
 
@@ -210,11 +211,11 @@ class Executive:
 
         Home is its launch place by the mission, and the mission began when the others say.
         """
-        if self._aloft.shown and self.stage in _ON_GROUND and self._own.vehicle is not None:
+        if self._aloft.shown and self.stage in ON_GROUND and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.home.remember(self._config.member(self._id).origin_m)
-        if self.stage not in _ON_GROUND and self._mission.started_ns == 0:
+        if self.stage not in ON_GROUND and self._mission.started_ns == 0:
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None:
                 self._begin(begun_ns)
@@ -231,15 +232,23 @@ class Executive:
         home_m = self._navigator.home.in_mission
         home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
         memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
-        epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
-        memory = memory and replace(memory, epoch=epoch, copied=tuple(sorted(self.copied)))
+        copied = tuple(sorted(self.copied))
+        if memory is None and copied:
+            memory = Memory(
+                mission=self._mission_id, stamp_ns=0, started_ns=0, stage=self.stage, resume=self.stage, copied=copied
+            )
+        elif memory is not None:
+            epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
+            memory = replace(memory, epoch=epoch, copied=copied)
         known = self.memory and replace(self.memory, response=None, frames={})
         epochs = self._navigator.epochs  # a frame by continuity is not found again, once the jump has been missed
         # Response and frames change all the time: they are only stored along with the rest.
         if memory != known or epochs != self._stored_epochs:
             self._stored_epochs = epochs
-            frames = self._plausible(self._navigator.frames)
-            self.memory = memory and replace(memory, response=self._navigator.response.found, frames=frames)
+            if memory is not None and memory.flies:
+                frames = self._plausible(self._navigator.frames)
+                memory = replace(memory, response=self._navigator.response.found, frames=frames)
+            self.memory = memory
 
     def _plausible(self, frames: Mapping[str, KeptFrame]) -> dict[str, KeptFrame]:
         """Those that can be frames; the others are counted, and neither stored nor believed."""

@@ -13,17 +13,21 @@ from protocol.messages import Stage
 REFRESH_NS = 5_000_000_000
 OLDEST_NS = 120_000_000_000  # after this long the vehicle is down, or on another flight
 _FROM_THE_GROUND = (Stage.TAKEOFF, Stage.LANDING, Stage.ABORT)
+ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 
 
 class Memory(Struct, frozen=True, kw_only=True):
-    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again).
+    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again); of
+    one on the ground ``copied`` alone, without a stamp.
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
-    ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``stays``: this agent has it hold,
-    because its position cannot be trusted. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the
-    present one, these included, so that the frame of a new one is stored at once. ``response``: the identified response of the
-    vehicle. ``frames``: those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have
-    shown to be copied.
+    ``searching_since_ns``: when the present search began; None: there is none. ``resume``: the stage after a hold.
+    ``released``: somebody else has taken over the vehicle. ``stays``: this agent has it hold, because its position cannot be
+    trusted. ``holds``: a hold that the autopilot shows is this agent's own in any case: it has had no telemetry for a while, or
+    offboard has not been reached since the drone was to be steered, or to be steered again. ``epoch_offset``: the number of
+    epochs added to the vehicle's own; ``epoch``: the present one, these included, so that the frame of a new one is stored at
+    once. ``response``: the identified response of the vehicle. ``frames``: those of all drones that the mission does not tell, by
+    id. ``copied``: the revoked drones whose keys have shown to be copied.
     """
 
     mission: str
@@ -33,7 +37,9 @@ class Memory(Struct, frozen=True, kw_only=True):
     resume: Stage
     released: bool = False
     stays: bool = False
+    holds: bool = False
     tracking_since_ns: int | None = None
+    searching_since_ns: int | None = None
     home_m: Vector3 | None = None
     epoch_offset: int = 0
     epoch: int = 0
@@ -41,8 +47,13 @@ class Memory(Struct, frozen=True, kw_only=True):
     frames: dict[str, KeptFrame] = {}
     copied: tuple[str, ...] = ()
 
+    @property
+    def flies(self) -> bool:
+        """Whether it is of a flight."""
+        return self.stage not in ON_GROUND
+
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
-        if self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
+        if not self.flies or self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
             return False
         return True if vehicle.in_air or self.stage in _FROM_THE_GROUND else None

@@ -150,7 +150,9 @@ class Mission:
             resume=self.resume,
             released=self.released,
             stays=self._position_loss.stays,
+            holds=self.stage in STEERED and self._takeover.holds(now_ns),
             tracking_since_ns=self.tracking_since_ns,
+            searching_since_ns=self._search_since_ns,
             home_m=home_m,
             epoch_offset=epoch_offset,
         )
@@ -166,12 +168,14 @@ class Mission:
     def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:
         """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
         self.started_ns = memory.started_ns
-        self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
+        self.tracking_since_ns, self._search_since_ns = memory.tracking_since_ns, memory.searching_since_ns
+        self.resume = memory.resume
         self._enter(memory.stage, now_ns)
         self._was_armed = True
         if memory.stays:
             self._position_loss.stay_on(vehicle, now_ns)
-        if self._takeover.rejoin(vehicle, memory.stage, now_ns, stays=memory.stays) or memory.released:
+        holds = memory.stays or memory.holds
+        if self._takeover.rejoin(vehicle, memory.stage, now_ns, holds=holds) or memory.released:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED:
             self._get_clear(vehicle, now_ns)

@@ -44,13 +44,19 @@ class Takeover:
         """The position can be trusted again: the vehicle is on its way back from hold to offboard."""
         self._was_offboard, self._rejoining_until_ns = False, now_ns + REJOIN_NS
 
-    def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int, *, stays: bool) -> bool:
+    def holds(self, now_ns: int) -> bool:
+        """Whether a hold that the autopilot shows is this agent's own: it has asked for one, or offboard has not been reached
+        since.
+        """
+        return not self._was_offboard or self._asked_to_hold(now_ns)
+
+    def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int, *, holds: bool) -> bool:
         """Continue a flight in which this agent was restarted; returns whether somebody else flies.
 
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
-        when they resume. ``stays``: this agent had the vehicle hold.
+        when they resume. In a hold it stays. ``holds``: as it was when the agent was ended.
         """
-        self._was_offboard = not (stays and vehicle.mode is FlightMode.HOLD)
+        self._was_offboard = not (holds and vehicle.mode is FlightMode.HOLD)
         if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
             return True
         if stage in STEERED:
@@ -77,13 +83,15 @@ class Takeover:
 
     def _is_own(self, vehicle: VehicleState, now_ns: int, stays: bool) -> bool:
         """Whether the mode follows from what this agent does: holds, or leaves a hold or a failsafe."""
-        asked = self._holds or (self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS)
-        self._holds = asked and vehicle.mode is FlightMode.HOLD
+        self._holds = self._asked_to_hold(now_ns) and vehicle.mode is FlightMode.HOLD
         if vehicle.mode is FlightMode.MANUAL:
             return False
         holds = self._holds or (stays and vehicle.mode is FlightMode.HOLD)
         fails = stays and not vehicle.healthy  # for want of a position
         return holds or fails or now_ns < self._rejoining_until_ns
+
+    def _asked_to_hold(self, now_ns: int) -> bool:
+        return self._holds or (self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS)
 
     def _is_foreign(self, vehicle: VehicleState, stage: Stage) -> bool:
         """Whether somebody other than this agent has chosen the mode. Before arming, any mode is fine."""

@@ -74,7 +74,8 @@ class DragFilter:
         """Take telemetry of the flight."""
         thrust = horizontal_thrust(vehicle.quaternion)
         last = self._last
-        if last is not None and (vehicle.epoch != last.epoch or vehicle.stamp_ns - last.stamp_ns > _GAP_S * 1e9):
+        follows = last is None or 0 <= vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9  # or the clock was set back
+        if last is not None and (vehicle.epoch != last.epoch or not follows):
             self.interrupt(turned=vehicle.epoch != last.epoch)
         if thrust is None:
             self.interrupt()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -22,11 +23,21 @@ _LEAST_LAG_S, _MOST_LAG_S = 0.0, 0.6
 
 
 class FoundResponse(Struct, frozen=True):
-    """The identified response: see ``ResponseConfig``. A restarted agent continues with it."""
+    """The identified response: see ``ResponseConfig``. A restarted agent continues with it.
 
-    drag_ps: float
-    lag_s: float
-    tracking_error_m: float
+    A state file has null for a number that is not finite.
+    """
+
+    drag_ps: float | None
+    lag_s: float | None
+    tracking_error_m: float | None
+
+    def of(self, config: ResponseConfig) -> ResponseConfig | None:
+        """The configured response with what was identified; None where that cannot be a vehicle's."""
+        try:
+            return msgspec.convert(msgspec.structs.asdict(config) | msgspec.structs.asdict(self), ResponseConfig)
+        except msgspec.ValidationError:
+            return None
 
 
 class ResponseEstimator:
@@ -41,16 +52,20 @@ class ResponseEstimator:
         self._stamp_ns: int | None = None
 
     def remember(self, found: FoundResponse) -> None:
-        """Continue with the response identified before a restart."""
-        self.response = replace(self._config, drag_ps=found.drag_ps, lag_s=found.lag_s, tracking_error_m=found.tracking_error_m)
-        self._drag = DragFilter(found.drag_ps, _REMEMBERED_SIGMA_PS)
-        self._deviation = Deviation(found.tracking_error_m)
+        """Continue with the response identified before a restart; with the drone file's where that cannot be a vehicle's."""
+        response = found.of(self._config)
+        if response is None:
+            return
+        self.response = response
+        self._drag = DragFilter(response.drag_ps, _REMEMBERED_SIGMA_PS)
+        self._deviation = Deviation(response.tracking_error_m)
 
     @property
-    def found(self) -> FoundResponse:
-        """The present response for a restarted agent, rounded."""
+    def found(self) -> FoundResponse | None:
+        """The present response for a restarted agent, rounded; None where it cannot be a vehicle's."""
         now = self.response
-        return FoundResponse(round(now.drag_ps, 2), round(now.lag_s, 3), round(now.tracking_error_m, 2))
+        found = FoundResponse(round(now.drag_ps, 2), round(now.lag_s, 3), round(now.tracking_error_m, 2))
+        return None if found.of(self._config) is None else found
 
     @property
     def problem(self) -> str | None:
@@ -67,10 +82,10 @@ class ResponseEstimator:
             self._stamp_ns = None
             return
         self._drag.follow(vehicle)
-        elapsed_s = min((vehicle.stamp_ns - self._stamp_ns) * 1e-9, 1.0) if self._stamp_ns is not None else 0.0
+        elapsed_s = (vehicle.stamp_ns - self._stamp_ns) * 1e-9 if self._stamp_ns is not None else 0.0
         self._stamp_ns = vehicle.stamp_ns
         wanted = min(max(self._drag.drag_ps, 0.0), 3.0) if self._drag.fits else self._config.drag_ps
-        known, most = self.response.drag_ps, _RAMP_PS2 * elapsed_s
+        known, most = self.response.drag_ps, _RAMP_PS2 * min(max(elapsed_s, 0.0), 1.0)  # or the clock was set back
         if wanted != known:
             self.response = replace(self.response, drag_ps=known + min(max(wanted - known, -most), most))
 

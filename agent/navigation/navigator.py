@@ -10,7 +10,6 @@ from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.frames.drift import Drift
 from agent.frames.graph import FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.geometry import Array
@@ -59,7 +58,7 @@ class Navigator:
         ``measured``: tells the drones that may fly at a stamp, by the measurements in the log.
         """
         self._limits = mission.limits
-        self._id, self._drift = drone.id, Drift(mission)
+        self._id = drone.id
         self.response = ResponseEstimator(drone.vehicle.response)
         self._own, self._measured = own, measured
         self.home = Home(self._own)
@@ -112,7 +111,7 @@ class Navigator:
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the plausible frames stored before the agent was restarted."""
         if self._id in frames:
-            self._own.remember(frames[self._id], self._drift)
+            self._own.remember(frames[self._id])
         self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
 
     def obeys(self, name: str, now_ns: int) -> None:

@@ -231,11 +231,14 @@ class Node:
     def _step(self) -> None:
         """Make one step and send its results. Nothing computed before a stall is sent."""
         self._heartbeat.check()
+        before = self._pilot.memory
         step = self._pilot.step(time.time_ns())
         self._heartbeat.beat()
         self._send_command(step.command)
         for key, payload in step.publications:
             self._publish(key, payload)
+        if self._pilot.memory is not before:
+            self._save()
         stage = self._pilot.stage
         if stage is not self._stage:
             self._log.info("stage", stage=str(stage), before=str(self._stage))
@@ -303,9 +306,13 @@ class Node:
         expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
         self._problems.tell(self._warnings(), self._faults(expiry), self._notices(expiry))
         self._revoked_file.save(self._pilot.revocations)
+        self._save()
+
+    def _save(self) -> None:
         memory = self._pilot.memory
         # On the ground the launch place changes all the time, and is not needed.
-        self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
+        launch = self._vehicle.launch if memory is not None and memory.flies else None
+        self._store.save(State(memory=memory, launch=launch))
 
     def _warnings(self) -> Iterator[str | None]:
         yield from no_contact(self._drone, self._mission, self._mesh.alive)

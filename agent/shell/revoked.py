@@ -49,8 +49,10 @@ class RevokedFile:
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=held),) if held else ()
 
     def save(self, held: tuple[Revocation, ...]) -> None:
-        """Write in the background what has changed. While it is being written, something newer is left to the next call."""
-        if self.path is not None and held != self._saved and (self._saving is None or self._saving.done()):
+        """Write in the background what has changed. While it is being written, something newer is left to the next call. Where
+        nothing is known, as nothing in the file can be verified any more, that stays.
+        """
+        if self.path is not None and held and held != self._saved and (self._saving is None or self._saving.done()):
             self._saved = held
             content = encode(Revoked(stamp_ns=max(one.stamp_ns for one in held), drone=self._drone, held=held))
             self._saving = asyncio.create_task(self._write(self.path, content))

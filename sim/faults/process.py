@@ -53,6 +53,7 @@ class Agent:
         self.command: VehicleCommand | None = None  # of the last step; None where there was none in this tick
         self.sent = 0  # messages published in this tick
         self.disk = StateDisk()
+        self.kept: Memory | None = None  # what was last given to the disk
         self.since_ns = 0  # since when it has been frozen
         self.due_ns = 0  # no step before this
         self.restart_ns: int | None = None
@@ -123,6 +124,9 @@ class Crew:
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             self._look(now_ns)
+        for drone, agent in enumerate(self.agents):
+            if agent.life is Life.RUNNING and agent.pilot.memory is not agent.kept:
+                self._keep(drone, now_ns)
 
     def steps(self, drone: int, now_ns: int) -> bool:
         """Whether the agent makes a step now. A slow one is late with its next step, and ended where that is too late."""
@@ -188,10 +192,14 @@ class Crew:
         agent.due_ns = 0
 
     def _look(self, now_ns: int) -> None:
-        """What the agents' shells do twice a second: save the state, and tell the pilot where that fails."""
+        """What the agents' shells do twice a second: save what the steps have left, and tell the pilot where that fails."""
         for drone, agent in enumerate(self.agents):
             if agent.life is Life.RUNNING:
-                struck = self._schedule.active(Disk, drone)
-                agent.disk.keep(agent.pilot.memory, struck, now_ns)
-                agent.disk.keep_revoked(agent.pilot.revocations, struck)
+                self._keep(drone, now_ns)
+                agent.disk.keep_revoked(agent.pilot.revocations, self._schedule.active(Disk, drone))
                 agent.pilot.block((agent.disk.problem,) if agent.disk.problem else ())
+
+    def _keep(self, drone: int, now_ns: int) -> None:
+        agent = self.agents[drone]
+        agent.kept = agent.pilot.memory
+        agent.disk.keep(agent.kept, self._schedule.active(Disk, drone), now_ns)

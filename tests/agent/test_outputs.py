@@ -1,5 +1,7 @@
 import errno
 import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -105,4 +107,23 @@ def test_a_file_that_is_written_durably_has_its_name_on_the_disk_too(tmp_path: P
     monkeypatch.setattr(os, "fsync", fsync)
     for content in (b"old", b"new"):
         write_durably(path, content)
-    assert synced == [("trial.new", False), (tmp_path.name, "old"), ("trial.new", "old"), (tmp_path.name, "new")]
+    fresh = "trial.json.new"
+    assert synced == [(fresh, False), (tmp_path.name, "old"), (fresh, "old"), (tmp_path.name, "new")]
+
+
+def test_files_whose_names_differ_in_the_suffix_only_may_be_written_at_the_same_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A revocation in flight changes a drone's state and its revocations at once; each is written in a thread of its own."""
+    files = {tmp_path / "d1.json": b"state", tmp_path / "d1.revoked": b"revocations"}
+    written, synced = threading.Barrier(len(files), timeout=10.0), os.fsync
+
+    def fsync(file: int) -> None:
+        if Path(f"/proc/self/fd/{file}").readlink() != tmp_path:
+            written.wait()  # neither has its name before both have been written
+        synced(file)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with ThreadPoolExecutor(len(files)) as threads:
+        list(threads.map(write_durably, files.keys(), files.values()))
+    assert {path: path.read_bytes() for path in files} == files

@@ -139,6 +139,30 @@ def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
         memory = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
 
 
+def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts_on_the_ground():
+    """What is kept there is of no flight: a vehicle that flies after that is nobody's that this agent knows of."""
+    memory, down = None, {"armed": False, "in_air": False}
+    for restart in range(3):
+        now_ns = START_NS + 5 * restart * SECOND
+        one = trusting(memory=memory)
+        one.observe_vehicle(state(now_ns, **down))
+        if restart == 0:
+            hear_two_sources(one)
+        one.receive(*revocation(), now_ns + 2 * SECOND)
+        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
+        one.receive(*keyed(message), now_ns + 3 * SECOND)
+        one.step(now_ns + 3 * SECOND)
+        assert believed(one) == ()
+        kept = one.memory
+        one.step(now_ns + 60 * SECOND)
+        assert one.memory is kept  # nothing new to write
+        memory = msgspec.json.decode(msgspec.json.encode(kept), type=Memory)
+    one = trusting(memory=memory)
+    one.observe_vehicle(state(START_NS, FlightMode.OFFBOARD))
+    one.step(START_NS)
+    assert (one.stage, one.counters["rejoined"]) == (Stage.PREFLIGHT, 0)
+
+
 def test_a_flood_of_words_that_nobody_has_signed_costs_little():
     one = full()
     one.receive(*revocation(), START_NS)

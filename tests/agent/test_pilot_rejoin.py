@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, messages, partner, pilot, state, tracking
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, fly, messages, partner, pilot, state, tracking
 
 from agent.config.mission import MissionConfig, TrackConfig
 from agent.frames.kept import KeptFrame
@@ -41,16 +41,6 @@ def back(memory=KEPT, mission=MISSION, **vehicle):
     return one, one.step(BACK_NS)
 
 
-def fly(one, since_ns, seconds, mode, **vehicle):
-    """Steps at 20 Hz; the requests."""
-    requests = []
-    for tick in range(1, round(seconds * SECOND / TICK_NS) + 1):
-        now_ns = since_ns + tick * TICK_NS
-        one.observe_vehicle(state(now_ns, mode, **vehicle))
-        requests.append(one.step(now_ns).command.request)
-    return requests
-
-
 def test_what_is_remembered_follows_the_flight_and_fits_a_file():
     one = pilot()
     one.step(START_NS)
@@ -60,8 +50,10 @@ def test_what_is_remembered_follows_the_flight_and_fits_a_file():
     one.step(START_NS)
     assert (one.memory.stage, one.memory.started_ns, one.memory.mission) == (Stage.SURVEY, START_NS, MISSION.mission_id)
     assert msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory) == one.memory
+    fly(one, START_NS, 2.0, FlightMode.OFFBOARD)
     kept = one.memory
-    fly(one, START_NS, REFRESH_NS / SECOND - 1.0, FlightMode.OFFBOARD)
+    assert not kept.holds  # offboard is reached
+    fly(one, START_NS + 2 * SECOND, REFRESH_NS / SECOND - 3.0, FlightMode.OFFBOARD)
     assert one.memory is kept  # nothing new to write
     fly(one, START_NS + 4 * SECOND, 2.0, FlightMode.OFFBOARD)
     assert one.memory.stamp_ns > kept.stamp_ns
@@ -78,6 +70,19 @@ def test_what_was_found_of_the_vehicle_is_remembered_with_the_next_stamp_and_gon
     kept = one.memory
     fly(one, BACK_NS + 2 * REFRESH_NS, REFRESH_NS / SECOND - 1.0, FlightMode.OFFBOARD, position=(0.5, 0.0, 3.0))
     assert one.memory is kept  # the deviation has changed meanwhile, and waits
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -14.5])
+def test_a_response_that_cannot_be_a_vehicles_is_neither_stored_nor_believed_and_the_rest_is(wrong):
+    found = FoundResponse(wrong, 0.11, 0.3)
+    memory = decode_state(encode_state(State(memory=replace(KEPT, response=found)))).memory
+    one, _ = back(memory)
+    assert (one.stage, one.memory.home_m) == (Stage.SURVEY, HOME)
+    estimator = one._executive._navigator.response
+    assert estimator.response.drag_ps == 0.5  # the drone file's
+    estimator.response = replace(estimator.response, drag_ps=wrong)
+    one._executive._remember(BACK_NS + REFRESH_NS)
+    assert one.memory.response is None
 
 
 WRONG = Transform(0.3, (4.0, 5.0, 0.0), np.full((4, 4), math.nan))
@@ -219,6 +224,16 @@ def test_surveys_until_the_log_is_back_and_then_tracks_by_the_remembered_times()
     assert one.memory.home_m == HOME
 
 
+def test_the_time_of_its_search_goes_on():
+    """A mission that gives up after a while, or searches for so long at least, would have it search on by itself."""
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    fly(one, START_NS, 20.0, FlightMode.OFFBOARD)
+    again, _ = back(one.memory)
+    assert again._executive._mission.searched_s(BACK_NS) == pytest.approx(30.0, abs=0.1)
+
+
 def test_a_mode_that_stays_is_somebodys_will():
     one, _ = back()
     requests = fly(one, BACK_NS, 9.0, FlightMode.RETURN, healthy=False)
@@ -242,27 +257,6 @@ def test_never_wrests_the_vehicle_from_a_human_pilot(vehicle):
     one, step = back(**vehicle)
     assert step.command.request is Request.RELEASE
     assert set(fly(one, BACK_NS, 8.0, **vehicle)) == {Request.RELEASE}
-
-
-def test_a_hold_that_was_its_own_is_nobody_elses():
-    """Its position could not be trusted after a jump, so it held; its agent was restarted meanwhile."""
-    one, lost = pilot(), {"position_trusted": False}
-    one.observe_vehicle(state(START_NS))
-    one.receive(*command(), START_NS)
-    fly(one, START_NS, 1.0, FlightMode.OFFBOARD)
-    fly(one, START_NS + SECOND, 2.0, FlightMode.HOLD, **lost)
-    assert one.memory.stays
-    hold = {"mode": FlightMode.HOLD, "healthy": True}
-    again, step = back(one.memory, **hold)
-    assert (again.stage, step.command.request) == (Stage.SURVEY, Request.OFFBOARD)
-    assert set(fly(again, BACK_NS, 4.0, FlightMode.HOLD)) == {Request.OFFBOARD}  # however long that takes
-    still, step = back(one.memory, **hold, **lost)
-    assert (still.stage, step.command.request) == (Stage.SURVEY, Request.HOLD)
-    assert set(fly(still, BACK_NS, 4.0, FlightMode.HOLD, **lost)) == {Request.HOLD}
-    assert fly(still, BACK_NS + 4 * SECOND, 1.0, FlightMode.OFFBOARD)[-1] is Request.OFFBOARD
-    assert not still.memory.stays
-    fly(still, BACK_NS + 5 * SECOND, 2.0, FlightMode.OFFBOARD)
-    assert fly(still, BACK_NS + 7 * SECOND, 2.0, FlightMode.HOLD)[-1] is Request.RELEASE  # from then on it is again
 
 
 def test_a_pilot_who_takes_over_while_it_rejoins():

@@ -7,7 +7,6 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
-from agent.frames.drift import Drift
 from agent.frames.graph import FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import same
@@ -55,7 +54,7 @@ def restarted(own):
     """The agent anew, with what its state file held."""
     kept = msgspec.json.decode(msgspec.json.encode(own.kept_frame), type=KeptFrame)
     again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=own.epoch_offset)
-    again.remember(kept, Drift(MISSION))
+    again.remember(kept)
     again.take(replace(own.vehicle, stamp_ns=own.vehicle.stamp_ns + 30 * SECOND, epoch=0, position_sigma_m=0.1))
     return again
 
@@ -103,7 +102,7 @@ def test_a_doubt_about_an_epoch_that_is_over_is_none_about_the_present_one(own):
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
     again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=1)
     again.take(state(START_NS + 30 * SECOND, position=HERE, epoch=1))  # announced, while no agent was there
-    again.remember(own.kept_frame, Drift(MISSION))
+    again.remember(own.kept_frame)
     assert again.frame is None
     assert again.otherwise is None
 

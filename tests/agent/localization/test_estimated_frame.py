@@ -168,9 +168,24 @@ def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(away_s, flo
     drift, own = Drift(mission_of(member)), own_pose("d1", FrameGraph(), member)
     back_ns = START_NS + away_s * SECOND
     own.take(state(back_ns))
-    own.remember(KeptFrame.of(0, START_NS, before), drift)
+    own.remember(KeptFrame.of(0, START_NS, before))
     for tick in range(flown_s * 20):
         own.take(state(back_ns + tick * TICK_NS))
     aged = drift.aged("d1", before, away_s + flown_s, (0.0, 0.0, 3.0))
     assert own.sigma_m == pytest.approx(aged.sigmas_at((0.0, 0.0, 3.0))[0], rel=0.02)  # anew once a second
     assert own.place_m == pytest.approx((4.0, 5.0, 3.0))
+
+
+@pytest.mark.parametrize("jump_s", [1, 30])
+def test_the_frame_of_a_jump_after_a_restart_drifts_until_the_log_tells_it(jump_s):
+    """As the one of before it: nothing has told either."""
+    member, before = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0), Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4))
+    one, other = (own_pose("d1", FrameGraph(), member) for _ in range(2))
+    for own in (one, other):
+        own.remember(KeptFrame.of(0, START_NS, before))
+        for tick in range(60 * 20):
+            epoch = int(own is one and tick >= jump_s * 20)
+            own.take(state(START_NS + tick * TICK_NS, position=(15.0 * epoch, 0.0, 3.0), epoch=epoch))
+    assert one.place_m == pytest.approx(other.place_m)
+    assert other.sigma_m > 0.5
+    assert one.sigma_m >= 0.95 * other.sigma_m  # once a second each

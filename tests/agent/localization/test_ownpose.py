@@ -89,6 +89,12 @@ def test_without_a_frame_there_is_no_place_in_the_mission_frame():
         ({"position_m": (math.nan, 0.0, 0.0)}, "telemetry_implausible"),
         ({"position_m": (2e5, 0.0, 0.0)}, "telemetry_implausible"),
         ({"velocity_mps": (math.inf, 0.0, 0.0)}, "telemetry_implausible"),
+        ({"velocity_mps": (math.nan, 0.0, 0.0)}, "telemetry_implausible"),
+        ({"velocity_mps": (1e300, 0.0, 0.0)}, "telemetry_implausible"),
+        ({"quaternion": (1e308, 0.1, 0.1, 0.0)}, "telemetry_implausible"),
+        ({"quaternion": (math.nan, 0.0, 0.0, 0.0)}, "telemetry_implausible"),
+        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "telemetry_implausible"),
+        ({"height_m": math.nan}, "telemetry_implausible"),
         ({"position_sigma_m": -1.0}, "telemetry_implausible"),
     ],
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from members import cones, credential, give, revocation, trusting
-from one_pilot import START_NS
+from one_pilot import START_NS, pilot
 
 from agent.config.drone import DroneConfig, PeerMeshConfig
 from agent.shell import revoked
@@ -55,6 +55,17 @@ def test_what_somebody_wrote_into_the_file_is_believed_only_as_it_was_signed(tmp
     (known,) = RevokedFile(str(tmp_path), "d1").load()
     one = trusting()
     assert one.receive(key_of("radron", known), encode(known), START_NS).refused == "forged"
+
+
+def test_a_file_of_which_nothing_can_be_verified_any_more_stays_and_ends_no_flight(tmp_path: Path) -> None:
+    """The swarm has got another authority since, or flies without certificates: at each look the agent ended."""
+    file = saved(tmp_path, (decode(revocation()[1]),))
+    before = file.path.read_bytes()
+    again = RevokedFile(str(tmp_path), "d1")
+    assert again.load()
+    again.save(pilot().revocations)
+    assert again._saving is None
+    assert file.path.read_bytes() == before
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense", encode(decode(revocation()[1]))])

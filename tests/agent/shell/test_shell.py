@@ -7,15 +7,21 @@ import random
 import threading
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 import structlog
+from one_pilot import MISSION, START_NS, command, pilot, state
 
+from agent.config.drone import DroneConfig
 from agent.mission.memory import Memory
 from agent.shell import faultbarrier, statestore
 from agent.shell.faultbarrier import FaultBarrier
+from agent.shell.heartbeat import Heartbeat
 from agent.shell.logs import Logger, UnblockingStream
+from agent.shell.missionstore import InForce
+from agent.shell.node import Node
 from agent.shell.statestore import State, StateFile, StateStore
 from agent.vehicle.interface import LaunchPlace
 from protocol.messages import Stage
@@ -75,6 +81,26 @@ def test_the_state_of_an_older_release_is_read(tmp_path: Path) -> None:
     memory = file.load().memory
     assert memory is not None
     assert (memory.stage, memory.home_m, memory.frames) == (Stage.TRACK, (1.5, 2.0, 0.25), {})
+
+
+def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_path: Path, log: Logger) -> None:
+    """An agent that was killed within half a second of its start knew neither of the flight nor of its launch place."""
+    node = Node(DroneConfig(id="d1", state=str(tmp_path)), MISSION, InForce(MISSION), Heartbeat(), log)
+    node._pilot, node._vehicle = pilot(), SimpleNamespace(launch=STATE.launch)  # type: ignore[assignment]
+    node._send_command = node._publish = lambda *_: None
+
+    async def step() -> State:
+        node._step()
+        if node._store._saving is not None:
+            await node._store._saving
+        return StateFile(str(tmp_path), "d1").load()
+
+    assert asyncio.run(step()) == State()
+    node._pilot.observe_vehicle(state(START_NS))
+    node._pilot.receive(*command(), START_NS)
+    saved = asyncio.run(step())
+    assert saved == State(memory=node._pilot.memory, launch=STATE.launch)
+    assert saved.memory is not None
 
 
 def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:

@@ -84,6 +84,16 @@ def test_a_killed_agent_comes_back_with_what_its_disk_kept():
     assert len(flight.steps[0]) == 301
 
 
+def test_what_a_step_changes_is_on_the_disk_before_the_next_one():
+    """The shell saves it with the step, and looks twice a second for what that has left."""
+    flight = Flight(fault("kill", 5.2, for_s=10.0))
+    flight.go(5.05)
+    memory = Memory(mission="m", stamp_ns=1, started_ns=1, stage=Stage.LANDING, resume=Stage.SURVEY)
+    flight.crew.agents[1].pilot.memory = memory
+    flight.go(16.0)
+    assert flight.started == [(1, 1, memory)]
+
+
 def test_a_dead_agent_has_landed_when_its_vehicle_has_and_waits_when_it_is_back():
     flight = Flight(fault("kill", 5.0, for_s=10.0))
     flight.go(6.0)

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from agent.config.drone import DroneConfig
 from agent.config.estimators import FusionConfig
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from agent.frames.drift import Drift
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.mission.orders import Orders
@@ -38,7 +39,8 @@ def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
 def own_pose(drone, graph, member=None, epoch_offset=0):
     """The own pose of a drone of the mission, or of another member, whose frame is in this graph."""
     member = member or next(one for one in MISSION.drones if one.id == drone)
-    return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps, epoch_offset)
+    drift = Drift(replace(MISSION, drones=(member,)))
+    return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps, drift, epoch_offset)
 
 
 def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):
@@ -59,6 +61,16 @@ def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):
         ),
         **values,
     )
+
+
+def fly(one, since_ns, seconds, mode, **vehicle):
+    """Steps at 20 Hz; the requests."""
+    requests = []
+    for tick in range(1, round(seconds * SECOND / TICK_NS) + 1):
+        now_ns = since_ns + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, mode, **vehicle))
+        requests.append(one.step(now_ns).command.request)
+    return requests
 
 
 def boot_of(drone):
