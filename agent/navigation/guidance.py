@@ -28,7 +28,7 @@ from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.crossing import WayHome
 from agent.navigation.unheard.sharing import SharedCircle
-from agent.navigation.unheard.silent import Absence
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage

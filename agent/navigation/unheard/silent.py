@@ -19,11 +19,10 @@ Positions are horizontal, mission frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
@@ -33,10 +32,12 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.peers.placing import blind_plan
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
 from agent.navigation.unheard.contact import Circle, Contact, Wall, wall_between
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.sides import ring_of, side
+from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
@@ -61,62 +62,6 @@ COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
-
-
-class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
-
-    ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
-    the circle is kept;
-    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
-    ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
-    stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
-    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
-    of the missing that are revoked, obey, and have climbed from the circle.
-    """
-
-    missing: tuple[str, ...]
-    unhearing: tuple[str, ...]
-    ring: int
-    kept: tuple[str, ...]
-    walls: dict[str, Wall]
-    alone: bool
-    stops: Array
-    coming_home: tuple[str, ...]
-    homes: tuple[KeptPlace, ...] = ()
-    left: tuple[str, ...] = ()
-
-    @property
-    def unheard(self) -> tuple[str, ...]:
-        """Those that are not heard."""
-        return tuple(name for name in self.missing if name not in self.unhearing)
-
-    @property
-    def may_circle(self) -> bool:
-        """Whether one may circle with no line between it and this drone: until its vehicle must be down, if its agent is gone."""
-        return any(name not in self.walls for name in self.coming_home)
-
-
-class Viewer(Struct, frozen=True):
-    """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and how
-    it moved at a stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground;
-    ``returning_s``: since it began to return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
-    """
-
-    now_ns: int
-    step_s: float
-    local_from_mission: Transform
-    ahead: Callable[[], Array]
-    motion_at: Callable[[int], PeerState | None]
-    circle: Circle | None
-    height_m: float
-    returning_s: float | None
-    revoked: bool = False
-
-    def way(self) -> Array:
-        """Its planned positions (K, 3), mission frame."""
-        return self.local_from_mission.inverse().apply(self.ahead())
 
 
 class Silent:
@@ -220,14 +165,14 @@ class Silent:
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, sigma_m: float, me: Viewer
     ) -> list[PeerPlan]:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan."""
-        stage = peer.status.stage if peer.status is not None else Stage.SURVEY
+        stage = _stage(peer)
         self._unhearing.discard(name)
         self._homes.pop(name, None)
         silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
         own_way = me.way()
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
-        course = self._agentless.course(name, peer, pose, mission_from_theirs)
+        course = self._course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
         contact = self._contacts.get(name)
         if contact is None:
@@ -248,14 +193,14 @@ class Silent:
         sigma_m = 0.0 if me.revoked and silent_s >= course.arrives_s else hypot(sigma_m, _SIGMA_M)
         if course.way is not None and silent_s < course.down_s:
             self._homes[name] = KeptPlace(course.way[1], sigma_m)
-        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
+        return walls + [blind_plan(name, me.now_ns, me.step_s, me.local(one), sigma_m) for one in places]
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
         ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
-        places = self._agentless.course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
-        return blind_plan(name, me.now_ns, me.step_s, _local(places, me), _SIGMA_M)
+        places = self._course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
+        return blind_plan(name, me.now_ns, me.step_s, me.local(places), _SIGMA_M)
 
     def contact(
         self,
@@ -268,11 +213,14 @@ class Silent:
         mine: PeerState | None,
     ) -> Contact:
         """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
-        course = self._agentless.course(name, peer, pose, mission_from_theirs)
-        place, moves = mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps)
-        theirs = PeerState(place, moves)
+        course, theirs = self._course(name, peer, pose, mission_from_theirs), _motion(pose, mission_from_theirs)
         circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
         return Contact(pose.stamp_ns, course, stage, theirs, circled)
+
+    def _course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
+        """What its vehicle does from this pose on if its agent is gone."""
+        home = self._agentless.home(name, peer, mission_from_theirs)
+        return self._agentless.course(name, _motion(pose, mission_from_theirs), _stage(peer), home, steered=pose.steered)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -319,7 +267,7 @@ class Silent:
     def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
         """Over its home, at whatever height."""
         self._homes[name] = KeptPlace(home[:2])
-        return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
+        return blind_plan(name, me.now_ns, me.step_s, me.local(np.tile(home[:2], (len(me.ahead()), 1))))
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both were on the circle when they last heard of each other."""
@@ -334,9 +282,13 @@ class Silent:
         return wall
 
 
-def _local(places: Array, me: Viewer) -> Array:
-    """Places (K, 3) of places (K, 2) of the mission frame in the viewer's."""
-    return me.local_from_mission.apply(np.column_stack((places, np.zeros(len(places)))))
+def _stage(peer: Peer) -> Stage:
+    return peer.status.stage if peer.status is not None else Stage.SURVEY
+
+
+def _motion(pose: Pose, mission_from_theirs: Transform) -> PeerState:
+    """Mission frame."""
+    return PeerState(mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps))
 
 
 def _beyond(name: str, wall: Wall, ahead: Array, sigma_m: float, me: Viewer) -> PeerPlan:
@@ -344,4 +296,4 @@ def _beyond(name: str, wall: Wall, ahead: Array, sigma_m: float, me: Viewer) -> 
     normal = np.array(wall.normal)
     places = ahead - (ahead @ normal - (wall.offset - _BEHIND_M))[:, None] * normal
     u, v, _ = me.local_from_mission.rotate_direction((*wall.normal, 0.0))
-    return blind_plan(name, me.now_ns, me.step_s, _local(places, me), sigma_m, away=np.tile((u, v), (len(places), 1)))
+    return blind_plan(name, me.now_ns, me.step_s, me.local(places), sigma_m, away=np.tile((u, v), (len(places), 1)))
