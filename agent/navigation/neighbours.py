@@ -65,7 +65,10 @@ from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
-from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
+from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Silent
+from agent.navigation.unheard.viewer import Viewer
+from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
@@ -110,7 +113,17 @@ class Neighbourhood:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
             found += [replace(one, takes_part=False) for one in new]
+            if self.absence is not None:
+                self.absence = replace(self.absence, homes=(*self.absence.homes, *self._homes_from(elsewhere, me)))
         return found
+
+    def _homes_from(self, elsewhere: Self, me: Self) -> Iterator[KeptPlace]:
+        """The homes to keep clear of as they lie if this drone is elsewhere: where that is if its frame is right."""
+        assert me.local_from_mission is not None
+        assert elsewhere.local_from_mission is not None
+        moved = bare(me.local_from_mission).inverse() @ bare(elsewhere.local_from_mission)
+        for home in self._silent.homes:
+            yield replace(home, place=moved.apply_point((*home.place, 0.0))[:2])
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
         """All drones as they lie to this one if its frame is right; and who is missing."""
@@ -123,10 +136,8 @@ class Neighbourhood:
                 self._silent.heard(name)
                 if not on_ground and me.may_fly(name):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
-                    if me.local_from_mission is not None:
-                        viewer = me.viewer(me.local_from_mission)
-                        unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
-                        found += [Neighbour(name, plan, False) for plan in unknown]
+                if not on_ground and me.local_from_mission is not None:
+                    found += self._of_unknown(name, peer, me.viewer(me.local_from_mission), me)
                 continue
             self._following.compare(name, peer, peer.pose)
             mission_from_theirs = self.frames.of(name, peer.pose)
@@ -195,6 +206,14 @@ class Neighbourhood:
             if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
                 self.frames.of(name, peer.pose)
 
+    def _of_unknown(self, name: str, peer: Peer, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
+        """One that was never heard: where it is seen to fly, or where it may come down."""
+        seen = placed_by_sightings(name, peer.sightings, self._fastest_mps, me.epoch, me.now_ns, former=True)
+        if seen is not None and self._silent.seen(name, None, seen, viewer):
+            yield Neighbour(name, replace(seen, blind=True), False)
+        elif me.may_fly(name):
+            yield from (Neighbour(name, plan, False) for plan in self._silent.unknown(name, viewer, excluded=name in me.excluded))
+
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
     ) -> Iterator[Neighbour]:
@@ -203,28 +222,39 @@ class Neighbourhood:
         fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
         if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
-            if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
+            if viewer is None or self._silent.seen(name, pose.stamp_ns, seen, viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is None and not me.may_fly(name):
             return
         elif mission_from_theirs is not None and me.local_from_mission is not None:
-            sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
-            viewer = me.viewer(me.local_from_mission)
-            plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
-            yield from (Neighbour(name, plan, False) for plan in plans)
+            launch, viewer = self._before_jump(name, pose, mission_from_theirs), me.viewer(me.local_from_mission)
+            frames = [bare(one) for one in (mission_from_theirs, launch) if one is not None]
+            sigma_m = min(hypot(me.place_sigma_m, self._sigma_m(name, pose, mission_from_theirs)), WORST_SIGMA_M)
+            plans = self._silent.plans(name, peer, pose, frames, sigma_m, viewer)
             circled = peer.status is not None and peer.status.stage in CIRCLING
             oldest_ns = LEAVING_NS if circled else OLDEST_NS
             last = self._following.plan(name, peer, pose, me.now_ns, oldest_ns)
-            if last is not None:
-                theirs = viewer.local_from_mission @ bare(mission_from_theirs)
-                yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
+            for frame in frames if last is not None else ():
+                plans.append(planned(name, last, viewer.local_from_mission @ frame, sigma_m, me.now_ns))
+            yield from (Neighbour(name, plan, False) for plan in plans)
 
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
-        launch = self.frames.before_jump(name, pose)
-        if launch is None or me.local_from_mission is None or not may_be_elsewhere(pose, mission_from_theirs, launch):
+        launch = self._before_jump(name, pose, mission_from_theirs)
+        if launch is None or me.local_from_mission is None:
             return None
         return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
+
+    def _before_jump(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
+        """The frame by which it is elsewhere, if it is in doubt (``doubted``)."""
+        launch = self.frames.before_jump(name, pose)
+        return launch if launch is not None and may_be_elsewhere(pose, mission_from_theirs, launch) else None
+
+    def _sigma_m(self, name: str, pose: Pose, mission_from_theirs: Transform) -> float:
+        """1 sigma of either of the places where it may be."""
+        launch = self.frames.before_jump(name, pose)
+        doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
+        return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
@@ -264,9 +294,7 @@ class Neighbourhood:
             alone = placed_by_sightings(name, peer.sightings, speed_of_mps(pose), me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
-            launch = self.frames.before_jump(name, pose)
-            doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
-            sigma_m = hypot(me.place_sigma_m, unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m))
+            sigma_m = hypot(me.place_sigma_m, self._sigma_m(name, pose, mission_from_theirs))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)

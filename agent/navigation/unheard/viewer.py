@@ -10,7 +10,11 @@ from msgspec import Struct
 from agent.frames.transform import Transform
 from agent.geometry import Array
 from agent.motion.reference import PeerState
-from agent.navigation.unheard.contact import Circle
+from agent.motion.separation import PeerPlan
+from agent.navigation.peers.placing import blind_plan
+from agent.navigation.unheard.contact import Circle, Wall
+
+_BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 
 
 class Viewer(Struct, frozen=True):
@@ -37,6 +41,17 @@ class Viewer(Struct, frozen=True):
     def local(self, places: Array) -> Array:
         """Places (K, 3) of places (K, 2) of the mission frame in its own."""
         return self.local_from_mission.apply(np.column_stack((places, np.zeros(len(places)))))
+
+    def expects(self, name: str, places: Array, sigma_m: float = 0.0) -> PeerPlan:
+        """One that may be at places (K, 2) of the mission frame at these times, and does not know of this drone."""
+        return blind_plan(name, self.now_ns, self.step_s, self.local(places), sigma_m)
+
+    def beyond(self, name: str, wall: Wall, sigma_m: float) -> PeerPlan:
+        """One that may be anywhere beyond a line, where that is nearest to the own plan."""
+        normal, ahead = np.array(wall.normal), self.way()[:, :2]
+        places = ahead - (ahead @ normal - (wall.offset - _BEHIND_M))[:, None] * normal
+        u, v, _ = self.local_from_mission.rotate_direction((*wall.normal, 0.0))
+        return blind_plan(name, self.now_ns, self.step_s, self.local(places), sigma_m, away=np.tile((u, v), (len(places), 1)))
 
     def in_mission(self, local: PeerState) -> PeerState:
         """A motion in its own frame in the mission frame."""
