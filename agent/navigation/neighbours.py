@@ -43,7 +43,6 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.myself import Self
 from agent.navigation.peers.doubted import doubt_m as doubt_between_m
-from agent.navigation.peers.doubted import may_be_elsewhere
 from agent.navigation.peers.following import Following
 from agent.navigation.peers.newest import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.peers.placing import (
@@ -63,9 +62,9 @@ from agent.navigation.peers.placing import (
 )
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
-from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Silent
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -227,8 +226,8 @@ class Neighbourhood:
         elif peer.status is None and not me.may_fly(name):
             return
         elif mission_from_theirs is not None and me.local_from_mission is not None:
-            launch, viewer = self._before_jump(name, pose, mission_from_theirs), me.viewer(me.local_from_mission)
-            frames = [bare(one) for one in (mission_from_theirs, launch) if one is not None]
+            other, viewer = self.frames.elsewhere(name, pose, mission_from_theirs), me.viewer(me.local_from_mission)
+            frames = [bare(one) for one in (mission_from_theirs, other) if one is not None]
             sigma_m = min(hypot(me.place_sigma_m, self._sigma_m(name, pose, mission_from_theirs)), WORST_SIGMA_M)
             plans = self._silent.plans(name, peer, pose, frames, sigma_m, viewer)
             circled = peer.status is not None and peer.status.stage in CIRCLING
@@ -240,20 +239,15 @@ class Neighbourhood:
 
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
-        launch = self._before_jump(name, pose, mission_from_theirs)
-        if launch is None or me.local_from_mission is None:
+        other = self.frames.elsewhere(name, pose, mission_from_theirs)
+        if other is None or me.local_from_mission is None:
             return None
-        return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
-
-    def _before_jump(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
-        """The frame by which it is elsewhere, if it is in doubt (``doubted``)."""
-        launch = self.frames.before_jump(name, pose)
-        return launch if launch is not None and may_be_elsewhere(pose, mission_from_theirs, launch) else None
+        return blind(name, pose, bare(me.local_from_mission) @ other, me.now_ns)
 
     def _sigma_m(self, name: str, pose: Pose, mission_from_theirs: Transform) -> float:
         """1 sigma of either of the places where it may be."""
-        launch = self.frames.before_jump(name, pose)
-        doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
+        other = self.frames.elsewhere(name, pose, mission_from_theirs)
+        doubt_theirs_m = 0.0 if other is None else doubt_between_m(pose, mission_from_theirs, other)
         return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:

@@ -114,8 +114,9 @@ class Silent:
         return name in self._unhearing
 
     def seen(self, name: str, heard_ns: int | None, seen: PeerPlan, me: Viewer) -> bool:
-        """It is not heard since ``heard_ns`` (None: never was), but seen, own local frame. Whether it may fly: not if that is near
-        the ground, and it has been silent for so long that its vehicle must be down: others land beside it.
+        """It is not heard since ``heard_ns`` (None: never was), but seen, own local frame. Whether it may fly: not if that is
+        near the ground, and it has been silent for so long that its vehicle must be down. There it would keep others from homes
+        beside it for good.
         """
         self._unhearing.discard(name)
         self._homes.pop(name, None)
@@ -179,9 +180,7 @@ class Silent:
         statuses = (peers[partner].status for partner in partners)
         return any(status is not None and name in status.delays_ns for status in statuses)
 
-    def plans(
-        self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer
-    ) -> list[PeerPlan]:
+    def plans(self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer) -> list[PeerPlan]:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan.
 
         ``frames``: mission from its own: by which it flies, and, if it is in doubt (``peers.doubted``), by which it may be

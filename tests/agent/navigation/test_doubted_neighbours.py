@@ -157,6 +157,22 @@ def test_one_in_doubt_that_falls_silent_is_still_in_either_of_two_places(along_m
 
 def test_one_in_doubt_itself_goes_around_the_homes_of_silent_ones_as_they_lie_from_both_of_its_places():
     """It stood before one of them until that drone had to be down."""
-    around, found, _ = silent_in_doubt(0.0, 10.0, otherwise=Transform(translation=(5.0, 0.0, 0.0)), doubt_m=5.0)
+    around, _, _ = silent_in_doubt(0.0, 10.0, otherwise=Transform(translation=(5.0, 0.0, 0.0)), doubt_m=5.0)
     homes = sorted(round(home.place[0], 1) for home in around.absence.homes)
     assert homes == [5.0, 10.0]
+
+
+@pytest.mark.parametrize("announced_m", [-35.0, 25.0])
+def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
+    """The second place was taken for that by the frame of the launch, and with it the doubt for one about the first place."""
+    around, peers = jumped_m(20.0, told=True)
+    around.around(peers, Self(NOW_NS, 0, 0.3, Transform()))
+    frames, later_ns = around.frames._graph, 2 * NOW_NS
+    before = frames.mission_from_local("b", 1)
+    frames.place("b", 2, before @ Transform(translation=(-announced_m, 0.0, 0.0)))
+    now = replace(pose(later_ns, 20.0 / 2**0.5, epoch=2), position_m=(1.4 + 20.0 + announced_m, 0.0, 3.0))
+    assert peers.receive(now, later_ns) is None
+    found = around.around(peers, Self(later_ns, 0, 0.3, Transform()))
+    expected = [pytest.approx((10.0, 1.4), abs=0.1), pytest.approx((10.0, 21.4), abs=0.1)]
+    assert [one.plan.state(later_ns).position[:2] for one in found] == expected
+    assert max(one.plan.sigma_m for one in found) < 1.0

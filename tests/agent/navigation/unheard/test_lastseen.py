@@ -25,7 +25,9 @@ def at(second):
 
 
 def me(second, **more):
-    return Self(round(second * SECOND), 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0, **more)
+    return Self(
+        round(second * SECOND), 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0, **more
+    )
 
 
 def seen_after(heard=(), until_s=HIDDEN_S, **more):
