@@ -5,8 +5,9 @@ from __future__ import annotations
 from msgspec import Struct
 
 from agent.motion.reference import PeerState
-from agent.motion.separation import DOUBT_SIGMAS, PeerPlan
+from agent.motion.separation import PeerPlan
 from agent.navigation.peers.placing import WORST_SIGMA_M
+from agent.navigation.peers.relative import UNKNOWN_MPS
 
 
 class LastSeen(Struct, frozen=True):
@@ -19,9 +20,11 @@ class LastSeen(Struct, frozen=True):
 
     @classmethod
     def by(cls, seen: PeerPlan, moves: PeerState, epoch: int) -> LastSeen:
-        """As it is placed by its sightings now; ``moves``: by the newest of them."""
-        return cls(seen.stamp_ns - round(moves.age_s * 1e9), epoch, PeerState(moves.position, moves.velocity), seen.sigma_m)
+        """From where it is now by its sightings, ``seen``; ``moves``: by the newest of them."""
+        stamp_ns = seen.stamp_ns - round(moves.age_s * 1e9)
+        sigma_m = max(0.0, seen.sigma_m - UNKNOWN_MPS * moves.age_s)
+        return cls(stamp_ns, epoch, PeerState(moves.position, moves.velocity), sigma_m)
 
-    def sigma_after_m(self, seconds: float, fastest_mps: float) -> float:
-        """Of its place so long after, if it was where it stops: it may have flown on anywhere meanwhile, at that speed."""
-        return min(self.sigma_m + fastest_mps * seconds / DOUBT_SIGMAS, WORST_SIGMA_M)
+    def sigma_after_m(self, seconds: float) -> float:
+        """Of where it has stopped so long after, if it has: it may have flown on; as it grows while it is seen."""
+        return min(self.sigma_m + UNKNOWN_MPS * seconds, WORST_SIGMA_M)

@@ -75,7 +75,6 @@ class Silent:
         self._agentless = Agentless(mission)
         self._above_m = _ABOVE * mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
-        self._fastest_mps = mission.limits.speed_mps
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
         self._courses: dict[str, tuple[int, list[Course]]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
@@ -122,7 +121,8 @@ class Silent:
         self._homes.pop(name, None)
         place = seen.positions[0]
         x, y, _ = me.local_from_mission.inverse().apply_point(place)
-        self._courses[name] = heard_ns or me.now_ns, [Course(Stretch((x, y), (x, y)), LEFT_S)]
+        if heard_ns is not None:
+            self._courses[name] = heard_ns, [Course(Stretch((x, y), (x, y)), LEFT_S)]
         above_ground_m = place[2] - (float(me.ahead()[0, 2]) - me.height_m)
         may_fly = heard_ns is not None and me.now_ns - heard_ns < self._agentless.longest_s(name) * 1e9
         flies = above_ground_m > _LOW_M or may_fly
@@ -213,8 +213,8 @@ class Silent:
             if course.way is not None and silent_s < course.down_s:
                 self._keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
-                hidden = last is not None and stretch.start == course.stop.start and not is_late
-                place_m = last.sigma_after_m(silent_s, self._fastest_mps) if last is not None and hidden else doubt_m
+                hidden = course.way is not None and stretch.start == course.stop.start and not is_late  # else it holds
+                place_m = last.sigma_after_m(silent_s) if last is not None and hidden else doubt_m
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
 
