@@ -63,11 +63,11 @@ from agent.navigation.peers.placing import (
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.again import Again
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
 from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Silent
 from agent.navigation.unheard.viewer import Viewer
-from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
@@ -95,7 +95,7 @@ class Neighbourhood:
         self.frames = TheirFrames(mission, frames)
         self._members = {member.id: member for member in mission.drones}
         self._following = Following()
-        self._silent = Silent(mission, drone)
+        self._silent, self._again = Silent(mission, drone), Again()
         self._id, self._fastest_mps = drone, mission.limits.speed_mps
         # The stage of each that hears this drone, and the circle of this one then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
@@ -112,17 +112,10 @@ class Neighbourhood:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
             found += [replace(one, takes_part=False) for one in new]
-            if self.absence is not None:
-                self.absence = replace(self.absence, homes=(*self.absence.homes, *self._homes_from(elsewhere, me)))
+            if self.absence is not None and me.local_from_mission is not None and elsewhere.local_from_mission is not None:
+                moved = bare(me.local_from_mission).inverse() @ bare(elsewhere.local_from_mission)
+                self.absence = self.absence.with_homes(self._silent.homes, moved)
         return found
-
-    def _homes_from(self, elsewhere: Self, me: Self) -> Iterator[KeptPlace]:
-        """The homes to keep clear of as they lie if this drone is elsewhere: where that is if its frame is right."""
-        assert me.local_from_mission is not None
-        assert elsewhere.local_from_mission is not None
-        moved = bare(me.local_from_mission).inverse() @ bare(elsewhere.local_from_mission)
-        for home in self._silent.homes:
-            yield replace(home, place=moved.apply_point((*home.place, 0.0))[:2])
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
         """All drones as they lie to this one if its frame is right; and who is missing."""
@@ -133,6 +126,7 @@ class Neighbourhood:
             on_ground = peer.sources.is_on_ground(me.now_ns)
             if peer.pose is None or on_ground:
                 self._silent.heard(name)
+                self._again.forget(name)
                 if not on_ground and me.may_fly(name):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
                 if not on_ground and me.local_from_mission is not None:
@@ -145,6 +139,8 @@ class Neighbourhood:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
                 missing += [name] if took_part or (peer.status is None and me.may_fly(name)) else []
                 continue
+            is_carried = name in self.frames.epochs
+            self._again.follow(name, peer.pose.stamp_ns, self._silent.flown(name), is_carried=is_carried)
             apart = self._silent.excluded(name) if me.revoked else self._unhearing(name, peer, mission_from_theirs, me)
             if apart is None:
                 self._silent.heard(name)
@@ -161,12 +157,19 @@ class Neighbourhood:
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
+            found += self._of_unplaced(name, plan, me)
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
             as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
             second = self._second_place(name, peer, me)
             elsewhere = (self._elsewhere(name, peer.pose, mission_from_theirs, me), second, as_planned, stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         return found, missing
+
+    def _of_unplaced(self, name: str, plan: PeerPlan | None, me: Self) -> Iterator[Neighbour]:
+        """Where else one may be that is heard again, and is not placed (``again``)."""
+        if me.local_from_mission is not None and (plan is None or plan.sigma_m >= WORST_SIGMA_M):
+            for one in self._again.plans(name, me.viewer(me.local_from_mission)):
+                yield Neighbour(name, one, False)
 
     def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
@@ -210,8 +213,9 @@ class Neighbourhood:
         seen = placed_by_sightings(name, peer.sightings, self._fastest_mps, me.epoch, me.now_ns, former=True)
         if seen is not None and self._silent.seen(name, None, seen, viewer):
             yield Neighbour(name, replace(seen, blind=True), False)
-        elif me.may_fly(name):
-            yield from (Neighbour(name, plan, False) for plan in self._silent.unknown(name, viewer, excluded=name in me.excluded))
+            return
+        plans = self._silent.unknown(name, viewer, excluded=name in me.excluded) if me.may_fly(name) else []
+        yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
 
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self

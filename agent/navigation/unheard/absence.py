@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from msgspec import Struct
+from collections.abc import Sequence
 
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.frames.transform import Transform
 from agent.geometry import Array
 from agent.navigation.unheard.contact import Wall
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -42,3 +46,8 @@ class Absence(Struct, frozen=True):
     def may_circle(self) -> bool:
         """Whether one may circle with no line between it and this drone: until its vehicle must be down, if its agent is gone."""
         return any(name not in self.walls for name in self.coming_home)
+
+    def with_homes(self, homes: Sequence[KeptPlace], moved: Transform) -> Absence:
+        """With these, too, as they lie if this drone is elsewhere; ``moved``: from there to where it takes itself to be."""
+        others = (replace(home, place=moved.apply_point((*home.place, 0.0))[:2]) for home in homes)
+        return replace(self, homes=(*self.homes, *others))

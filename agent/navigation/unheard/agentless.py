@@ -85,6 +85,10 @@ class Course(Struct, frozen=True):
         back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
 
+    def is_stop(self, stretch: Stretch) -> bool:
+        """Whether one of these stretches is that on which it stops."""
+        return (stretch.start, stretch.end) == (self.stop.start, self.stop.end)
+
     def _leaves_s(self, below_m: float) -> float:
         """When it leaves for home at the latest if it returns no higher than this; higher, it has climbed out of the way by then.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
@@ -28,3 +29,25 @@ class LastSeen(Struct, frozen=True):
     def sigma_after_m(self, seconds: float) -> float:
         """Of where it has stopped so long after, if it has: it may have flown on; as it grows while it is seen."""
         return min(self.sigma_m + UNKNOWN_MPS * seconds, WORST_SIGMA_M)
+
+
+class Sights:
+    """Of each, where it was seen last."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, LastSeen] = {}
+
+    def shift(self, by_ns: int) -> None:
+        """Move all stamps: the own clock was set."""
+        self._last = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._last.items()}
+
+    def note(self, name: str, seen: PeerPlan, epoch: int, *, flies: bool) -> None:
+        """It is seen now, own local frame of this epoch."""
+        self._last.pop(name, None)
+        if flies and seen.measured is not None:
+            self._last[name] = LastSeen.by(seen, seen.measured, epoch)
+
+    def of(self, name: str, heard_ns: int, epoch: int) -> LastSeen | None:
+        """Where it was seen after it was heard last; None where it was not, or in another local frame."""
+        last = self._last.get(name)
+        return last if last is not None and last.epoch == epoch and last.stamp_ns > heard_ns else None

@@ -38,7 +38,7 @@ from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
 from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of, wall_between
 from agent.navigation.unheard.crossing import is_over_m
-from agent.navigation.unheard.lastseen import LastSeen
+from agent.navigation.unheard.lastseen import LastSeen, Sights
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -79,7 +79,7 @@ class Silent:
         self._courses: dict[str, tuple[int, list[Course]]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
-        self._seen: dict[str, LastSeen] = {}  # counts until it is heard again
+        self._sights = Sights()
         self._homes: dict[str, dict[Point2, KeptPlace]] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
@@ -92,7 +92,7 @@ class Silent:
             self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
             self._courses = {name: (stamp_ns + by_ns, courses) for name, (stamp_ns, courses) in self._courses.items()}
             self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
-            self._seen = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._seen.items()}
+            self._sights.shift(by_ns)
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
@@ -103,6 +103,10 @@ class Silent:
         self._contacts.pop(name, None)
         self._homes.pop(name, None)
         self._unhearing.discard(name)
+
+    def flown(self, name: str) -> tuple[int, list[Course]] | None:
+        """What its vehicle does if its agent is gone, and since when; None where it is heard, or on the ground."""
+        return self._courses.get(name)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """It is revoked, and on its way home."""
@@ -126,10 +130,7 @@ class Silent:
         above_ground_m = place[2] - (float(me.ahead()[0, 2]) - me.height_m)
         may_fly = heard_ns is not None and me.now_ns - heard_ns < self._agentless.longest_s(name) * 1e9
         flies = above_ground_m > _LOW_M or may_fly
-        if flies and seen.measured is not None:
-            self._seen[name] = LastSeen.by(seen, seen.measured, me.epoch)
-        else:
-            self._seen.pop(name, None)
+        self._sights.note(name, seen, me.epoch, flies=flies)
         return flies
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
@@ -191,7 +192,7 @@ class Silent:
         wall = self._wall_now(name, peer, pose, frames[0], me)
         found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
         found += self._coming_down(name, self._agentless.home(name, peer, frames[-1]), me)
-        last = self._last_seen(name, pose.stamp_ns, me)
+        last = self._sights.of(name, pose.stamp_ns, me.epoch)
         courses = self._flown(name, peer, pose, frames, last, me)
         return found + self._along(name, courses, pose.stamp_ns, last, sigma_m, me)
 
@@ -213,15 +214,10 @@ class Silent:
             if course.way is not None and silent_s < course.down_s:
                 self._keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
-                hidden = course.way is not None and stretch.start == course.stop.start and not is_late  # else it holds
+                hidden = course.way is not None and course.is_stop(stretch) and not is_late  # else it holds
                 place_m = last.sigma_after_m(silent_s) if last is not None and hidden else doubt_m
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
-
-    def _last_seen(self, name: str, heard_ns: int, me: Viewer) -> LastSeen | None:
-        """Where it was seen after it was heard last; None where it was not, or in another local frame."""
-        last = self._seen.get(name)
-        return last if last is not None and last.epoch == me.epoch and last.stamp_ns > heard_ns else None
 
     def _flown(
         self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], last: LastSeen | None, me: Viewer
@@ -296,10 +292,14 @@ class Silent:
         if excluded:
             silent_s = (me.now_ns - self._excluded_ns.setdefault(name, me.now_ns)) * 1e-9
             found = [self._over(name, home, me)] if silent_s < self._agentless.longest_s(name) else found
-        if (last := self._last_seen(name, 0, me)) is not None:
-            course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, home)
-            found += self._along(name, [course], 0, last, 0.0, me)
         return found
+
+    def hidden(self, name: str, me: Viewer) -> list[PeerPlan]:
+        """Where one may be that was never heard, but was seen to fly."""
+        if (last := self._sights.of(name, 0, me.epoch)) is None:
+            return []
+        course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
+        return self._along(name, [course], 0, last, 0.0, me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""

@@ -12,6 +12,7 @@ from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
+from agent.navigation.peers.placing import WORST_SIGMA_M
 from protocol.messages import Stage
 
 FAR = replace(pose(), position_m=(-40.0, 0.0, 3.0))  # at (10, -40)
@@ -66,7 +67,7 @@ def test_its_place_is_the_more_doubtful_the_longer_it_is_hidden():
         second = HIDDEN_S + hidden_s
         stops = min(hood.around(peers, me(second)), key=lambda one: dist(one.plan.at(round(second * SECOND)), LAST))
         sigmas.append(stops.plan.sigma_m)
-    assert sigmas == sorted(sigmas)
+    assert 1.0 < sigmas[0] < sigmas[1] < sigmas[2] <= WORST_SIGMA_M
     assert hood.around(peers, me(HIDDEN_S + 300.0)) == []
 
 
@@ -97,7 +98,7 @@ def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
     assert dist(one.plan.at(round(until_s * SECOND)), LAST) < 2.0
     assert one.plan.blind
     hidden = hood.around(peers, me(HIDDEN_S + 4.0, resumed=resumed))
-    assert [nearest_m(hidden, HIDDEN_S + 4.0, LAST) < 1.5] if resumed else hidden == []
+    assert nearest_m(hidden, HIDDEN_S + 4.0, LAST) < 1.5
 
 
 def test_one_that_was_never_heard_and_stands_on_the_ground_is_in_nobody_s_way():
