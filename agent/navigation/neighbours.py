@@ -16,11 +16,12 @@ publishes plans no more, and never gives way.
 
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
 revoked before, or is out of reach. It counts as missing, like one that is not heard any more; and so does one of which poses were
-heard for a moment, but never a status.
+heard for a moment, but never a status. Where this drone sees it fly, that is where it is.
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
 as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
-although its agent steers it: one of them is false.
+although its agent steers it: one of them is false. One whose localisation has jumped while it was not heard may have flown home
+meanwhile (``again``).
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
@@ -236,9 +237,8 @@ class Neighbourhood:
             plans = self._silent.plans(name, peer, pose, frames, sigma_m, viewer)
             circled = peer.status is not None and peer.status.stage in CIRCLING
             oldest_ns = LEAVING_NS if circled else OLDEST_NS
-            last = self._following.plan(name, peer, pose, me.now_ns, oldest_ns)
-            for frame in frames if last is not None else ():
-                plans.append(planned(name, last, viewer.local_from_mission @ frame, sigma_m, me.now_ns))
+            if (last := self._following.plan(name, peer, pose, me.now_ns, oldest_ns)) is not None:
+                plans += [planned(name, last, viewer.local_from_mission @ frame, sigma_m, me.now_ns) for frame in frames]
             yield from (Neighbour(name, plan, False) for plan in plans)
 
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:

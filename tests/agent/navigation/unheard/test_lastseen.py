@@ -43,7 +43,7 @@ def seen_after(heard=(), until_s=HIDDEN_S, **more):
 
 
 def nearest_m(found, second, place):
-    """From a place to where b is expected then, at most so many sigmas nearer."""
+    """From a place to the nearest one where b is expected then."""
     now_ns = round(second * SECOND)
     return min(dist(one.plan.at(now_ns), place) for one in found)
 
