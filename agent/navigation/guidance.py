@@ -24,11 +24,11 @@ from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
 from agent.navigation.surveying import InformedSearch, Search
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.crossing import WayHome
 from agent.navigation.unheard.sharing import SharedCircle
-from agent.navigation.unheard.silent import Absence
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage

@@ -13,7 +13,7 @@ from agent.geometry import Array
 from agent.motion.reference import PeerState
 from agent.navigation.peers.placing import bare, unexplained_m
 from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.silent import Viewer
+from agent.navigation.unheard.viewer import Viewer
 
 # So long one that is revoked, and returns, gives way to all that may be there if it is not where it takes itself to be. Kept for
 # longer from its own home by the homes of others, as they lie to it then, it came down when they took it to have landed.
@@ -79,4 +79,4 @@ class Self(Struct, frozen=True):
     def viewer(self, local_from_mission: Transform) -> Viewer:
         """As one that keeps clear of drones that are not heard; its frame is known."""
         moves = self.ahead, self.motion_at, self.circle, self.height_m, self.returning_s, self.revoked
-        return Viewer(self.now_ns, self.step_s, bare(local_from_mission), *moves)
+        return Viewer(self.now_ns, self.epoch, self.step_s, bare(local_from_mission), *moves)

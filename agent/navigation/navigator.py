@@ -27,7 +27,7 @@ from agent.navigation.passing import passing
 from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import InformedSearch, Search
-from agent.navigation.unheard.silent import Absence
+from agent.navigation.unheard.absence import Absence
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage

@@ -16,11 +16,12 @@ publishes plans no more, and never gives way.
 
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
 revoked before, or is out of reach. It counts as missing, like one that is not heard any more; and so does one of which poses were
-heard for a moment, but never a status.
+heard for a moment, but never a status. Where this drone sees it fly, that is where it is.
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
 as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
-although its agent steers it: one of them is false.
+although its agent steers it: one of them is false. One whose localisation has jumped while it was not heard may have flown home
+meanwhile (``again``).
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
@@ -43,7 +44,6 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.myself import Self
 from agent.navigation.peers.doubted import doubt_m as doubt_between_m
-from agent.navigation.peers.doubted import may_be_elsewhere
 from agent.navigation.peers.following import Following
 from agent.navigation.peers.newest import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.peers.placing import (
@@ -63,9 +63,12 @@ from agent.navigation.peers.placing import (
 )
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
+from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.again import Again
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
-from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
+from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Silent
+from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Pose, Stage
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
@@ -93,7 +96,7 @@ class Neighbourhood:
         self.frames = TheirFrames(mission, frames)
         self._members = {member.id: member for member in mission.drones}
         self._following = Following()
-        self._silent = Silent(mission, drone)
+        self._silent, self._again = Silent(mission, drone), Again()
         self._id, self._fastest_mps = drone, mission.limits.speed_mps
         # The stage of each that hears this drone, and the circle of this one then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
@@ -110,6 +113,9 @@ class Neighbourhood:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
             found += [replace(one, takes_part=False) for one in new]
+            if self.absence is not None and me.local_from_mission is not None and elsewhere.local_from_mission is not None:
+                moved = bare(me.local_from_mission).inverse() @ bare(elsewhere.local_from_mission)
+                self.absence = self.absence.with_homes(self._silent.homes, moved)
         return found
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
@@ -121,12 +127,11 @@ class Neighbourhood:
             on_ground = peer.sources.is_on_ground(me.now_ns)
             if peer.pose is None or on_ground:
                 self._silent.heard(name)
+                self._again.forget(name)
                 if not on_ground and me.may_fly(name):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
-                    if me.local_from_mission is not None:
-                        viewer = me.viewer(me.local_from_mission)
-                        unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
-                        found += [Neighbour(name, plan, False) for plan in unknown]
+                if not on_ground and me.local_from_mission is not None:
+                    found += self._of_unknown(name, peer, me.viewer(me.local_from_mission), me)
                 continue
             self._following.compare(name, peer, peer.pose)
             mission_from_theirs = self.frames.of(name, peer.pose)
@@ -135,6 +140,8 @@ class Neighbourhood:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
                 missing += [name] if took_part or (peer.status is None and me.may_fly(name)) else []
                 continue
+            is_carried = name in self.frames.epochs
+            self._again.follow(name, peer.pose.stamp_ns, self._silent.flown(name), is_carried=is_carried)
             apart = self._silent.excluded(name) if me.revoked else self._unhearing(name, peer, mission_from_theirs, me)
             if apart is None:
                 self._silent.heard(name)
@@ -151,12 +158,19 @@ class Neighbourhood:
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
+            found += self._of_unplaced(name, plan, me)
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
             as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
             second = self._second_place(name, peer, me)
             elsewhere = (self._elsewhere(name, peer.pose, mission_from_theirs, me), second, as_planned, stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         return found, missing
+
+    def _of_unplaced(self, name: str, plan: PeerPlan | None, me: Self) -> Iterator[Neighbour]:
+        """Where else one may be that is heard again, and is not placed (``again``)."""
+        if me.local_from_mission is not None and (plan is None or plan.sigma_m >= WORST_SIGMA_M):
+            for one in self._again.plans(name, me.viewer(me.local_from_mission)):
+                yield Neighbour(name, one, False)
 
     def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
@@ -195,6 +209,15 @@ class Neighbourhood:
             if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
                 self.frames.of(name, peer.pose)
 
+    def _of_unknown(self, name: str, peer: Peer, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
+        """One that was never heard: where it is seen to fly, or where it may come down."""
+        seen = placed_by_sightings(name, peer.sightings, self._fastest_mps, me.epoch, me.now_ns, former=True)
+        if seen is not None and self._silent.seen(name, None, seen, viewer):
+            yield Neighbour(name, replace(seen, blind=True), False)
+            return
+        plans = self._silent.unknown(name, viewer, excluded=name in me.excluded) if me.may_fly(name) else []
+        yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
+
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
     ) -> Iterator[Neighbour]:
@@ -203,28 +226,33 @@ class Neighbourhood:
         fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
         if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
-            if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
+            if viewer is None or self._silent.seen(name, pose.stamp_ns, seen, viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is None and not me.may_fly(name):
             return
         elif mission_from_theirs is not None and me.local_from_mission is not None:
-            sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
-            viewer = me.viewer(me.local_from_mission)
-            plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
-            yield from (Neighbour(name, plan, False) for plan in plans)
+            other, viewer = self.frames.elsewhere(name, pose, mission_from_theirs), me.viewer(me.local_from_mission)
+            frames = [bare(one) for one in (mission_from_theirs, other) if one is not None]
+            sigma_m = min(hypot(me.place_sigma_m, self._sigma_m(name, pose, mission_from_theirs)), WORST_SIGMA_M)
+            plans = self._silent.plans(name, peer, pose, frames, sigma_m, viewer)
             circled = peer.status is not None and peer.status.stage in CIRCLING
             oldest_ns = LEAVING_NS if circled else OLDEST_NS
-            last = self._following.plan(name, peer, pose, me.now_ns, oldest_ns)
-            if last is not None:
-                theirs = viewer.local_from_mission @ bare(mission_from_theirs)
-                yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
+            if (last := self._following.plan(name, peer, pose, me.now_ns, oldest_ns)) is not None:
+                plans += [planned(name, last, viewer.local_from_mission @ frame, sigma_m, me.now_ns) for frame in frames]
+            yield from (Neighbour(name, plan, False) for plan in plans)
 
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
-        launch = self.frames.before_jump(name, pose)
-        if launch is None or me.local_from_mission is None or not may_be_elsewhere(pose, mission_from_theirs, launch):
+        other = self.frames.elsewhere(name, pose, mission_from_theirs)
+        if other is None or me.local_from_mission is None:
             return None
-        return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
+        return blind(name, pose, bare(me.local_from_mission) @ other, me.now_ns)
+
+    def _sigma_m(self, name: str, pose: Pose, mission_from_theirs: Transform) -> float:
+        """1 sigma of either of the places where it may be."""
+        other = self.frames.elsewhere(name, pose, mission_from_theirs)
+        doubt_theirs_m = 0.0 if other is None else doubt_between_m(pose, mission_from_theirs, other)
+        return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
@@ -264,9 +292,7 @@ class Neighbourhood:
             alone = placed_by_sightings(name, peer.sightings, speed_of_mps(pose), me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
-            launch = self.frames.before_jump(name, pose)
-            doubt_theirs_m = 0.0 if launch is None else doubt_between_m(pose, mission_from_theirs, launch)
-            sigma_m = hypot(me.place_sigma_m, unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m))
+            sigma_m = hypot(me.place_sigma_m, self._sigma_m(name, pose, mission_from_theirs))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)

@@ -15,25 +15,17 @@ from math import dist, sqrt
 
 from agent.frames.transform import Transform
 from agent.localization.knownframe import SAME_M
-from agent.navigation.peers.placing import WORST_SIGMA_M
 from protocol.messages import Pose
 
 
-def doubt_m(pose: Pose, mission_from_theirs: Transform, launch: Transform) -> float:
+def doubt_m(pose: Pose, mission_from_theirs: Transform, other: Transform) -> float:
     """Distance between the two places of a drone, as it tells with its frame; 0 without that doubt.
 
     Args:
         pose: of an epoch after the first.
         mission_from_theirs: its frame of that epoch.
-        launch: its frame in its first epoch, mission from local.
+        other: the frame by which it is elsewhere: that of its first epoch, gone on by continuity where jumps were announced.
     """
-    apart_m = dist(mission_from_theirs.apply_point(pose.position_m)[:2], launch.apply_point(pose.position_m)[:2])
+    apart_m = dist(mission_from_theirs.apply_point(pose.position_m)[:2], other.apply_point(pose.position_m)[:2])
     told_m = sqrt(2.0) * mission_from_theirs.sigmas_at(pose.position_m)[0]
     return apart_m if told_m >= SAME_M and abs(apart_m - told_m) < SAME_M else 0.0
-
-
-def may_be_elsewhere(pose: Pose, mission_from_theirs: Transform | None, launch: Transform) -> bool:
-    """Whether it may be where its localisation says; until it has told its frame, its pose tells that it may be anywhere."""
-    if pose.position_sigma_m >= WORST_SIGMA_M:
-        return True
-    return mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, launch) > 0.0

@@ -20,6 +20,7 @@ _FLOOR_M = 0.2  # common error of one sensor's sightings
 _SPAN_S = 0.8  # sightings must span this time to give a velocity
 _CHANGE_MPS = 3.0  # so far a velocity of the window is off at its end: half of what a vehicle changes until then
 _NEAR_NS = 1_200_000_000  # the longer before, the farther from it a false sighting may be and yet agree
+UNKNOWN_MPS = 0.5  # growth of the error (1 sigma) of a place whose velocity is known
 _STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
@@ -112,7 +113,7 @@ def placed_alone(
     velocity = straight
     if straight is not None or speed_mps > 0.5:  # else it hovers
         velocity = _velocity(agreeing) or straight
-    unknown_mps = 0.5 if velocity is not None else speed_mps
+    unknown_mps = UNKNOWN_MPS if velocity is not None else speed_mps
     state = PeerState(place.position, velocity or _STILL, age_s)
     return state, place.sigma_m + unknown_mps * age_s
 

@@ -13,7 +13,8 @@ from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.localization.continuity import carried_on
-from agent.navigation.peers.placing import WORST_SIGMA_M
+from agent.navigation.peers.doubted import doubt_m
+from agent.navigation.peers.placing import WORST_SIGMA_M, bare
 from protocol.messages import Pose
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -26,6 +27,7 @@ class TheirFrames:
         self._graph, self._drift = graph, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
+        self._left: dict[str, list[Transform]] = {}  # by which those that have jumped may be elsewhere
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
         self._remembered: Mapping[str, KeptFrame] = {}
 
@@ -59,6 +61,7 @@ class TheirFrames:
         before, until the log tells it; one that has become unknown with a large covariance.
         """
         known = self.told(name, pose.epoch)
+        self._note_jump(name, pose)
         if known is not None:
             self._placed[name] = pose, known
             self._carried.pop(name, None)
@@ -77,10 +80,28 @@ class TheirFrames:
         self._placed[name] = pose, transform
         return transform
 
-    def before_jump(self, name: str, pose: Pose) -> Transform | None:
-        """The frame of the first epoch of a drone that is in a later one, where the mission knows it exactly."""
-        is_known = self._members[name].is_exact and pose.epoch != LAUNCH_EPOCH
-        return self.told(name, LAUNCH_EPOCH) if is_known else None
+    def elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
+        """The frame by which a drone that is in doubt is elsewhere (``doubted``): the one that its jumps leave, and that explains
+        the doubt of which it tells with its frame; until it has told that, its pose tells that it may be anywhere. None without a
+        doubt, or where the mission does not know its frame.
+        """
+        launch = self.told(name, LAUNCH_EPOCH)
+        if launch is None or not self._members[name].is_exact or pose.epoch == LAUNCH_EPOCH:
+            return None
+        left = self._left.get(name, [launch])
+        told = (one for one in left if mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, one) > 0.0)
+        return next(told, left[0] if pose.position_sigma_m >= WORST_SIGMA_M else None)
+
+    def _note_jump(self, name: str, pose: Pose) -> None:
+        """Where its localisation jumps, the frame by which it is elsewhere stays what it is; or goes on by continuity as well, if
+        the jump was announced. Nobody but itself knows that, but the doubt of which it tells shows it.
+        """
+        before, frame = self._placed.get(name, (pose, None))
+        if before.epoch == pose.epoch or frame is None or not self._members[name].is_exact:
+            return
+        frame = self._as_told(name, before.epoch, frame)
+        other = bare(self.elsewhere(name, before, frame) or frame)
+        self._left[name] = [other, carried_on(other, before, pose)]
 
     def _of_before_restart(self, name: str, pose: Pose) -> tuple[Pose, Transform] | None:
         """The frame stored before this agent was restarted, with a pose of then; None where the other one has jumped since."""

@@ -16,8 +16,9 @@ from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.localization.continuity import ONWARD_S
+from agent.motion.reference import PeerState
 from agent.navigation.peers.newest import Peer
-from protocol.messages import Pose, Stage
+from protocol.messages import Stage
 
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
 _STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
@@ -84,6 +85,10 @@ class Course(Struct, frozen=True):
         back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
 
+    def is_stop(self, stretch: Stretch) -> bool:
+        """Whether one of these stretches is that on which it stops."""
+        return (stretch.start, stretch.end) == (self.stop.start, self.stop.end)
+
     def _leaves_s(self, below_m: float) -> float:
         """When it leaves for home at the latest if it returns no higher than this; higher, it has climbed out of the way by then.
 
@@ -111,19 +116,20 @@ class Agentless:
         self._return_m = {member.id: height for member, height in zip(mission.drones, mission.return_heights_m, strict=True)}
         self._corners = mission.area.polygon_m
 
-    def course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
-        """What it does from its last pose on, which is in its own frame."""
-        x, y, z = mission_from_theirs.apply_point(pose.position_m)
-        u, v, _ = mission_from_theirs.rotate_direction(pose.velocity_mps)
+    def course(self, name: str, moves: PeerState, stage: Stage, home: Vector3, *, steered: bool = False) -> Course:
+        """What it does from a place where it moved so, mission frame, when its agent was at that stage.
+
+        ``steered``: by its agent until then, as its last pose tells.
+        """
+        (x, y, z), (u, v, _) = moves.position, moves.velocity
         stop = Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
-        stage = peer.status.stage if peer.status is not None else Stage.SURVEY
         reaction = self._reaction(name, stage)
-        goes_on_m = _NEAREST_S * hypot(u, v) if pose.steered and stage in _STEERED else 0.0
+        goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in _STEERED else 0.0
         if reaction == "hold":
             return Course(stop, inf, goes_on_m=goes_on_m)
         if reaction == "land":
             return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
-        home_x, home_y, home_z = self.home(name, peer, mission_from_theirs)
+        home_x, home_y, home_z = home
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + ONWARD_S * u, y + ONWARD_S * v), (home_x, home_y)

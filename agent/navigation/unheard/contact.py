@@ -6,10 +6,11 @@ from math import hypot
 
 from msgspec import Struct
 
+from agent.frames.transform import Transform
 from agent.geometry import Point2
 from agent.motion.reference import PeerState
 from agent.navigation.unheard.agentless import Course
-from protocol.messages import Stage
+from protocol.messages import Pose, Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 # So near to the circle, and so near to the velocity of those that fly along it or stand on it, a drone is on it, and no longer on
@@ -58,6 +59,11 @@ class Contact(Struct, frozen=True):
     stage: Stage
     theirs: PeerState
     circled: bool
+
+
+def motion_of(pose: Pose, mission_from_theirs: Transform) -> PeerState:
+    """How a drone moves by its pose, mission frame."""
+    return PeerState(mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps))
 
 
 def wall_between(mine: PeerState, theirs: PeerState) -> Wall:

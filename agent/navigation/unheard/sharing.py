@@ -16,9 +16,9 @@ from agent.motion.orbit import ring_lift_m, ring_radius_m
 from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
 from agent.navigation.peers.placing import blind_plan
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from agent.navigation.unheard.sides import is_next
-from agent.navigation.unheard.silent import Absence
 
 _ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it

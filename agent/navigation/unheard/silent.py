@@ -7,6 +7,9 @@ Nobody can tell which of two things has happened:
   different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (even if
   it was just crossing it), both keep to their own side of the line half-way between the places where they get until they notice.
 
+Where it was seen after it was heard last, and is hidden now, all this begins there (``lastseen``). Its last pose may be minutes
+old: it was expected 20 m and more beside where it flew.
+
 One that is revoked, and has told that it obeys, climbs where it is and goes home: its circle is free. Without that it may
 circle as before.
 
@@ -19,11 +22,10 @@ Positions are horizontal, mission frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
@@ -32,11 +34,13 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
-from agent.navigation.peers.placing import blind_plan
+from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.unheard.contact import Circle, Contact, Wall, wall_between
+from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of, wall_between
 from agent.navigation.unheard.crossing import is_over_m
+from agent.navigation.unheard.lastseen import LastSeen, Sights
 from agent.navigation.unheard.sides import ring_of, side
+from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
@@ -58,65 +62,8 @@ _ABOVE = 2.0
 # clear of for longer, homes in rows would let nobody past. Of one that is revoked the others return later, at any time: until it
 # is down itself it keeps clear of their homes, which its own is apart from; while it crosses, for no longer than others.
 COMING_DOWN_S = 45.0
-_BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
-
-
-class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
-
-    ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
-    the circle is kept;
-    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
-    ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
-    stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
-    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
-    of the missing that are revoked, obey, and have climbed from the circle.
-    """
-
-    missing: tuple[str, ...]
-    unhearing: tuple[str, ...]
-    ring: int
-    kept: tuple[str, ...]
-    walls: dict[str, Wall]
-    alone: bool
-    stops: Array
-    coming_home: tuple[str, ...]
-    homes: tuple[KeptPlace, ...] = ()
-    left: tuple[str, ...] = ()
-
-    @property
-    def unheard(self) -> tuple[str, ...]:
-        """Those that are not heard."""
-        return tuple(name for name in self.missing if name not in self.unhearing)
-
-    @property
-    def may_circle(self) -> bool:
-        """Whether one may circle with no line between it and this drone: until its vehicle must be down, if its agent is gone."""
-        return any(name not in self.walls for name in self.coming_home)
-
-
-class Viewer(Struct, frozen=True):
-    """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and how
-    it moved at a stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground;
-    ``returning_s``: since it began to return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
-    """
-
-    now_ns: int
-    step_s: float
-    local_from_mission: Transform
-    ahead: Callable[[], Array]
-    motion_at: Callable[[int], PeerState | None]
-    circle: Circle | None
-    height_m: float
-    returning_s: float | None
-    revoked: bool = False
-
-    def way(self) -> Array:
-        """Its planned positions (K, 3), mission frame."""
-        return self.local_from_mission.inverse().apply(self.ahead())
 
 
 class Silent:
@@ -129,10 +76,11 @@ class Silent:
         self._above_m = _ABOVE * mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
-        self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
+        self._courses: dict[str, tuple[int, list[Course]]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
-        self._homes: dict[str, KeptPlace] = {}  # that are kept clear of at present
+        self._sights = Sights()
+        self._homes: dict[str, dict[Point2, KeptPlace]] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
         self._set_ns = 0
@@ -142,8 +90,9 @@ class Silent:
         by_ns, self._set_ns = set_ns - self._set_ns, set_ns
         if by_ns != 0:
             self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
-            self._courses = {name: (stamp_ns + by_ns, course) for name, (stamp_ns, course) in self._courses.items()}
+            self._courses = {name: (stamp_ns + by_ns, courses) for name, (stamp_ns, courses) in self._courses.items()}
             self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
+            self._sights.shift(by_ns)
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
@@ -155,6 +104,10 @@ class Silent:
         self._homes.pop(name, None)
         self._unhearing.discard(name)
 
+    def flown(self, name: str) -> tuple[int, list[Course]] | None:
+        """What its vehicle does if its agent is gone, and since when; None where it is heard, or on the ground."""
+        return self._courses.get(name)
+
     def obeys(self, name: str, now_ns: int) -> None:
         """It is revoked, and on its way home."""
         self._obeys_ns.setdefault(name, now_ns)
@@ -163,17 +116,22 @@ class Silent:
         """Whether it is heard, but was last known not to hear this drone."""
         return name in self._unhearing
 
-    def seen(self, name: str, pose: Pose, place: Vector3, me: Viewer) -> bool:
-        """It is not heard, but seen at this place, own local frame. Whether it may fly: not if that is near the ground, and it
-        has been silent for so long that its vehicle must be down. There it would keep others from homes beside it for good.
+    def seen(self, name: str, heard_ns: int | None, seen: PeerPlan, me: Viewer) -> bool:
+        """It is not heard since ``heard_ns`` (None: never was), but seen, own local frame. Whether it may fly: not if that is
+        near the ground, and it has been silent for so long that its vehicle must be down. There it would keep others from homes
+        beside it for good.
         """
         self._unhearing.discard(name)
         self._homes.pop(name, None)
+        place = seen.positions[0]
         x, y, _ = me.local_from_mission.inverse().apply_point(place)
-        self._courses[name] = pose.stamp_ns, Course(Stretch((x, y), (x, y)), LEFT_S)
+        if heard_ns is not None:
+            self._courses[name] = heard_ns, [Course(Stretch((x, y), (x, y)), LEFT_S)]
         above_ground_m = place[2] - (float(me.ahead()[0, 2]) - me.height_m)
-        silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
-        return above_ground_m > _LOW_M or silent_s < self._agentless.longest_s(name)
+        may_fly = heard_ns is not None and me.now_ns - heard_ns < self._agentless.longest_s(name) * 1e9
+        flies = above_ground_m > _LOW_M or may_fly
+        self._sights.note(name, seen, me.epoch, flies=flies)
+        return flies
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
         """What follows from the silence of these drones. ``partners``: those that take part and are heard."""
@@ -184,11 +142,13 @@ class Silent:
         walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
         stops: list[Point2] = []
         coming_home = []
-        last = {name: (one.stamp_ns, one.course) for name, one in self._contacts.items() if name in self._unhearing}
-        for name, (stamp_ns, course) in sorted({**self._courses, **last}.items()):
+        last = {name: (one.stamp_ns, [one.course]) for name, one in self._contacts.items() if name in self._unhearing}
+        for name, (stamp_ns, courses) in sorted({**self._courses, **last}.items()):
             silent_s = (now_ns - stamp_ns) * 1e-9
-            stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
-            coming_home += [name] if name in self._courses and silent_s < course.down_s else []
+            for course in courses:
+                stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
+            is_coming = name in self._courses and any(silent_s < course.down_s for course in courses)
+            coming_home += [name] if is_coming else []
         return Absence(
             tuple(missing),
             unhearing,
@@ -198,9 +158,14 @@ class Silent:
             not partners,
             np.array(stops).reshape(-1, 2),
             tuple(coming_home),
-            tuple(home for _, home in sorted(self._homes.items())),
+            self.homes,
             left,
         )
+
+    @property
+    def homes(self) -> tuple[KeptPlace, ...]:
+        """Those that are kept clear of at present, as others may come down there; mission frame."""
+        return tuple(home for _, homes in sorted(self._homes.items()) for home in homes.values())
 
     def _has_left(self, name: str, now_ns: int) -> bool:
         """Whether one that is revoked, and obeys, has climbed from the circle."""
@@ -216,46 +181,66 @@ class Silent:
         statuses = (peers[partner].status for partner in partners)
         return any(status is not None and name in status.delays_ns for status in statuses)
 
-    def plans(
-        self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, sigma_m: float, me: Viewer
-    ) -> list[PeerPlan]:
-        """Where it may be along the horizon, as far as that is nearest to this drone's own plan."""
-        stage = peer.status.stage if peer.status is not None else Stage.SURVEY
+    def plans(self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer) -> list[PeerPlan]:
+        """Where it may be along the horizon, as far as that is nearest to this drone's own plan.
+
+        ``frames``: mission from its own: by which it flies, and, if it is in doubt (``peers.doubted``), by which it may be
+        elsewhere.
+        """
         self._unhearing.discard(name)
         self._homes.pop(name, None)
-        silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
-        own_way = me.way()
+        wall = self._wall_now(name, peer, pose, frames[0], me)
+        found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
+        found += self._coming_down(name, self._agentless.home(name, peer, frames[-1]), me)
+        last = self._sights.of(name, pose.stamp_ns, me.epoch)
+        courses = self._flown(name, peer, pose, frames, last, me)
+        return found + self._along(name, courses, pose.stamp_ns, last, sigma_m, me)
+
+    def _along(
+        self, name: str, courses: list[Course], heard_ns: int, last: LastSeen | None, sigma_m: float, me: Viewer
+    ) -> list[PeerPlan]:
+        """Where it may be if its vehicle flies one of these courses since it was heard, or seen, last."""
+        since_ns = heard_ns if last is None else last.stamp_ns
+        self._courses[name] = since_ns, courses
+        own_way, silent_s = me.way(), (me.now_ns - since_ns) * 1e-9
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
-        course = self._agentless.course(name, peer, pose, mission_from_theirs)
-        self._courses[name] = pose.stamp_ns, course
-        contact = self._contacts.get(name)
-        if contact is None:
-            mine = me.motion_at(pose.stamp_ns)
-            contact = self._contacts[name] = self.contact(name, peer, pose, mission_from_theirs, stage, me.circle, mine)
-        contact = replace(contact, circled=contact.circled and me.circle is not None)
-        wall = None
-        if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
-            self._walls.pop(name, None)
-        elif me.now_ns - contact.stamp_ns < APART_NS:
-            wall = self._wall(name, contact, me)
-        crosses = me.height_m > self._is_over_m  # above all that search
-        walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
-        places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
-        walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
-        # Homes are apart. Pushed from its own by the doubt about the others' until all had to be down, one that is revoked came
-        # down when the others took it to have landed.
-        sigma_m = 0.0 if me.revoked and silent_s >= course.arrives_s else hypot(sigma_m, _SIGMA_M)
-        if course.way is not None and silent_s < course.down_s:
-            self._homes[name] = KeptPlace(course.way[1], sigma_m)
-        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
+        found = []
+        for course in courses:
+            # Homes are apart. Pushed from its own by the doubt about the others' until all had to be down, one that is revoked
+            # came down when the others took it to have landed.
+            is_late = me.revoked and me.now_ns - heard_ns >= course.arrives_s * 1e9
+            doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
+            if course.way is not None and silent_s < course.down_s:
+                self._keep(name, course.way[1], doubt_m)
+            for stretch in course.stretches(times, below_m):
+                hidden = course.way is not None and course.is_stop(stretch) and not is_late  # else it holds
+                place_m = last.sigma_after_m(silent_s) if last is not None and hidden else doubt_m
+                found.append(me.expects(name, stretch.nearest(ahead), place_m))
+        return found
+
+    def _flown(
+        self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], last: LastSeen | None, me: Viewer
+    ) -> list[Course]:
+        """What its vehicle does if its agent is gone: from where it was seen last, or else by its last pose; by each frame.
+
+        Its autopilot flies home by its localisation, as that is: where that is wrong, to beside its home.
+        """
+        home = self._agentless.home(name, peer, frames[-1])
+        found = []
+        for frame in frames:
+            moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
+            there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
+            steered = pose.steered and last is None
+            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=steered))
+        return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
         ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
-        places = self._agentless.course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
-        return blind_plan(name, me.now_ns, me.step_s, _local(places, me), _SIGMA_M)
+        places = self._course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
+        return me.expects(name, places, _SIGMA_M)
 
     def contact(
         self,
@@ -268,11 +253,14 @@ class Silent:
         mine: PeerState | None,
     ) -> Contact:
         """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
-        course = self._agentless.course(name, peer, pose, mission_from_theirs)
-        place, moves = mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps)
-        theirs = PeerState(place, moves)
+        course, theirs = self._course(name, peer, pose, mission_from_theirs), motion_of(pose, mission_from_theirs)
         circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
         return Contact(pose.stamp_ns, course, stage, theirs, circled)
+
+    def _course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
+        """What its vehicle does from this pose on if its agent is gone."""
+        home = self._agentless.home(name, peer, mission_from_theirs)
+        return self._agentless.course(name, motion_of(pose, mission_from_theirs), _stage(peer), home, steered=pose.steered)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -285,8 +273,7 @@ class Silent:
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
             return []
         wall = self._wall(name, known, me)
-        ahead = me.way()[:, :2]
-        return [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
+        return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
     def excluded(self, name: str) -> list[PeerPlan]:
         """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
@@ -301,11 +288,18 @@ class Silent:
         """
         home = self._agentless.launch(name)
         self._homes.pop(name, None)
+        found = self._coming_down(name, home, me)
         if excluded:
-            since_ns = self._excluded_ns.setdefault(name, me.now_ns)
-            if me.now_ns - since_ns < self._agentless.longest_s(name) * 1e9:
-                return [self._over(name, home, me)]
-        return self._coming_down(name, home, me)
+            silent_s = (me.now_ns - self._excluded_ns.setdefault(name, me.now_ns)) * 1e-9
+            found = [self._over(name, home, me)] if silent_s < self._agentless.longest_s(name) else found
+        return found
+
+    def hidden(self, name: str, me: Viewer) -> list[PeerPlan]:
+        """Where one may be that was never heard, but was seen to fly."""
+        if (last := self._sights.of(name, 0, me.epoch)) is None:
+            return []
+        course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
+        return self._along(name, [course], 0, last, 0.0, me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""
@@ -318,8 +312,25 @@ class Silent:
 
     def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
         """Over its home, at whatever height."""
-        self._homes[name] = KeptPlace(home[:2])
-        return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
+        self._keep(name, home[:2])
+        return me.expects(name, np.tile(home[:2], (len(me.ahead()), 1)))
+
+    def _keep(self, name: str, home: Point2, sigma_m: float = 0.0) -> None:
+        """It may come down there."""
+        self._homes.setdefault(name, {})[home] = KeptPlace(home, sigma_m)
+
+    def _wall_now(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> Wall | None:
+        """The line between this drone and one that is not heard any more, as long as they keep to it."""
+        contact = self._contacts.get(name)
+        if contact is None:
+            mine = me.motion_at(pose.stamp_ns)
+            contact = self.contact(name, peer, pose, mission_from_theirs, _stage(peer), me.circle, mine)
+            self._contacts[name] = contact
+        if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
+            self._walls.pop(name, None)
+            return None
+        contact = replace(contact, circled=contact.circled and me.circle is not None)
+        return self._wall(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both were on the circle when they last heard of each other."""
@@ -334,14 +345,5 @@ class Silent:
         return wall
 
 
-def _local(places: Array, me: Viewer) -> Array:
-    """Places (K, 3) of places (K, 2) of the mission frame in the viewer's."""
-    return me.local_from_mission.apply(np.column_stack((places, np.zeros(len(places)))))
-
-
-def _beyond(name: str, wall: Wall, ahead: Array, sigma_m: float, me: Viewer) -> PeerPlan:
-    """Anywhere beyond a wall."""
-    normal = np.array(wall.normal)
-    places = ahead - (ahead @ normal - (wall.offset - _BEHIND_M))[:, None] * normal
-    u, v, _ = me.local_from_mission.rotate_direction((*wall.normal, 0.0))
-    return blind_plan(name, me.now_ns, me.step_s, _local(places, me), sigma_m, away=np.tile((u, v), (len(places), 1)))
+def _stage(peer: Peer) -> Stage:
+    return peer.status.stage if peer.status is not None else Stage.SURVEY

@@ -131,3 +131,48 @@ def test_one_that_is_not_heard_keeps_clear_of_silent_ones_from_its_other_place_f
     without = around.around(peers, Self(now_ns, 1, 0.0, OWN.inverse(), returning_s=returning_s, revoked=revoked))
     assert len(found) == (2 if both else 1) * len(without)
     assert max(one.plan.sigma_m for one in found) < 1.0
+
+
+def silent_in_doubt(along_m, seconds, **more):
+    """b, at (10, 1.2) m, or so far along y from there, is not heard any more."""
+    around, peers = jumped_m(along_m, told=True)
+    peers.receive(status(Stage.SURVEY), NOW_NS)
+    now_ns = NOW_NS + round(seconds * SECOND)
+    me = Self(now_ns, 0, 0.1, Transform(), ahead=lambda: np.zeros((21, 3)), height_m=3.0, **more)
+    return around, [one.plan for one in around.around(peers, me)], now_ns
+
+
+@pytest.mark.parametrize("along_m", [8.0, 30.0])
+def test_one_in_doubt_that_falls_silent_is_still_in_either_of_two_places(along_m):
+    """Its vehicle may stop at each of them; and go home from there, which is beside its home where its localisation is wrong."""
+    around, found, now_ns = silent_in_doubt(along_m, 2.5)
+    stops = [one.at(now_ns) for one in found]
+    for y in (1.2, 1.2 + along_m):
+        assert min(np.hypot(10.0 - u, min(abs(y - v), abs(y + 4.0 - v))) for u, v in stops) < 1.1
+    assert max(one.sigma_m for one in found) < 1.0
+    assert len(around.absence.stops) == 4
+    homes = {(round(x, 1), round(y, 1)) for x, y in (home.place for home in around.absence.homes)}
+    assert homes == {(10.0, 0.0), (10.0, -along_m)}
+
+
+def test_one_in_doubt_itself_goes_around_the_homes_of_silent_ones_as_they_lie_from_both_of_its_places():
+    """It stood before one of them until that drone had to be down."""
+    around, _, _ = silent_in_doubt(0.0, 10.0, otherwise=Transform(translation=(5.0, 0.0, 0.0)), doubt_m=5.0)
+    homes = sorted(round(home.place[0], 1) for home in around.absence.homes)
+    assert homes == [5.0, 10.0]
+
+
+@pytest.mark.parametrize("announced_m", [-35.0, 25.0])
+def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
+    """The second place was taken for that by the frame of the launch, and with it the doubt for one about the first place."""
+    around, peers = jumped_m(20.0, told=True)
+    around.around(peers, Self(NOW_NS, 0, 0.3, Transform()))
+    frames, later_ns = around.frames._graph, 2 * NOW_NS
+    before = frames.mission_from_local("b", 1)
+    frames.place("b", 2, before @ Transform(translation=(-announced_m, 0.0, 0.0)))
+    now = replace(pose(later_ns, 20.0 / 2**0.5, epoch=2), position_m=(1.4 + 20.0 + announced_m, 0.0, 3.0))
+    assert peers.receive(now, later_ns) is None
+    found = around.around(peers, Self(later_ns, 0, 0.3, Transform()))
+    expected = [pytest.approx((10.0, 1.4), abs=0.1), pytest.approx((10.0, 21.4), abs=0.1)]
+    assert [one.plan.state(later_ns).position[:2] for one in found] == expected
+    assert max(one.plan.sigma_m for one in found) < 1.0

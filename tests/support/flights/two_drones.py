@@ -1,11 +1,14 @@
 """Two drones, a and b, whose frames the mission knows: what b tells, and what a makes of it."""
 
+from math import hypot
+
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
+from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Status
 
 SECOND = 1_000_000_000
@@ -44,3 +47,24 @@ def seen(*messages, now_ns=0, own_sigma_m=0.0):
         assert peers.receive(message, now_ns) is None
     me = Self(now_ns, 0, own_sigma_m, Transform())
     return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
+
+
+def sighting(seconds, place):
+    """a, at the origin of its frame and 3 m above the ground, sees b at a place of that frame."""
+    away = [part - own for part, own in zip(place, (0.0, 0.0, 3.0), strict=True)]
+    range_m = hypot(*away)
+    x, y, z = (part / range_m for part in away)
+    return Sighting(
+        stamp_ns=round(seconds * SECOND),
+        drone="a",
+        mission="0" * 16,
+        boot="1" * 16,
+        sequence=round(seconds * 100),
+        epoch=0,
+        target="b",
+        position_m=(0.0, 0.0, 3.0),
+        direction=(x, y, z),
+        direction_sigma_rad=0.035,
+        range_m=range_m,
+        range_sigma_m=0.3,
+    )

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
-from agent.frames.transform import Transform
-from agent.navigation.peers.newest import Peer
+from agent.motion.reference import PeerState
 from agent.navigation.unheard.agentless import Agentless
-from protocol.messages import Pose, Stage, Status
+from protocol.messages import Stage
 
 HOME = (0.0, 0.0, 0.0)
 NOW = np.array([3.0, 5.0, 7.0])
@@ -30,19 +29,7 @@ def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), 
 
 
 def flown_by(agentless, name, stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), *, steered=True):
-    pose = Pose(
-        stamp_ns=0,
-        drone=name,
-        epoch=0,
-        position_m=place,
-        velocity_mps=velocity,
-        quaternion=(1.0, 0.0, 0.0, 0.0),
-        position_sigma_m=0.1,
-        yaw_sigma_rad=0.01,
-        steered=steered,
-    )
-    peer = Peer(pose=pose, status=Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage))
-    return agentless.course(name, peer, pose, Transform())
+    return agentless.course(name, PeerState(place, velocity), stage, agentless.launch(name), steered=steered)
 
 
 def test_it_stops_climbs_and_goes_home():

@@ -1,0 +1,52 @@
+"""Where one may be that is heard again, but whose localisation has jumped meanwhile, as long as nobody knows its frame.
+
+By continuity it is where it was heard last, or a little further on (``localization.continuity``). If its agent was gone, its
+vehicle may as well have been on its way home, or there, when the agent was started again; it waits there until it is placed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from agent.motion.separation import PeerPlan
+from agent.navigation.unheard.agentless import Course
+from agent.navigation.unheard.viewer import Viewer
+
+
+class Again:
+    """Those that are heard again, and how long they have been on one of their courses by then, in seconds."""
+
+    def __init__(self) -> None:
+        self._ended: dict[str, tuple[float, Sequence[Course]]] = {}
+
+    def follow(self, name: str, stamp_ns: int, silent: tuple[int, Sequence[Course]] | None, *, is_carried: bool) -> None:
+        """It is heard.
+
+        Args:
+            name: its id.
+            stamp_ns: of its newest pose.
+            silent: its courses until now, and since when; None where it was heard before, too.
+            is_carried: its frame is one by continuity.
+        """
+        if not is_carried:
+            self.forget(name)
+        elif silent is not None:
+            self._ended[name] = (stamp_ns - silent[0]) * 1e-9, silent[1]
+
+    def forget(self, name: str) -> None:
+        """It is on the ground, or its frame is known."""
+        self._ended.pop(name, None)
+
+    def plans(self, name: str, me: Viewer) -> list[PeerPlan]:
+        """Where it may be beside its place by continuity, as far as that is nearest to this drone's own plan."""
+        silent_s, courses = self._ended.get(name, (0.0, ()))
+        ahead = me.way()[:, :2]
+        found = []
+        for course in courses:
+            times = np.full(len(ahead), min(silent_s, course.arrives_s))
+            ways = (way for way in course.stretches(times, inf) if not course.is_stop(way))
+            found += [me.expects(name, way.nearest(ahead)) for way in ways]
+        return found

@@ -1,0 +1,55 @@
+"""Drones that are heard again, but whose localisation has jumped while they were not."""
+
+from math import dist
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from two_drones import MISSION, SECOND, pose, status
+
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
+from agent.navigation.peers.newest import Peers
+from protocol.messages import Stage
+
+HEARD = replace(pose(), position_m=(-40.0, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0))  # at (10, -40); home is at (10, 0)
+
+
+def heard_again(silent_s, epoch=1, stage=Stage.SURVEY):
+    """b is silent for so long, in a place that its new localisation does not tell, and heard again for half a second."""
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    me = Self(0, 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0)
+    for message in (HEARD, status(stage)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, me)
+    for tenth in range(1, round(10 * silent_s)):
+        hood.around(peers, replace(me, now_ns=tenth * SECOND // 10))
+    for tenth in range(5):
+        now_ns = round(silent_s * SECOND) + tenth * SECOND // 10
+        assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=epoch), now_ns) is None
+        assert peers.receive(replace(status(Stage.HOLD), stamp_ns=now_ns), now_ns) is None
+        found = hood.around(peers, replace(me, now_ns=now_ns))
+    return [one.plan.at(now_ns) for one in found], hood, peers, replace(me, now_ns=now_ns)
+
+
+@pytest.mark.parametrize(("silent_s", "there"), [(9.0, (10.0, 0.0)), (60.0, (10.0, 0.0))])
+def test_one_may_have_flown_home_while_it_was_not_heard_and_its_localisation_jumped(silent_s, there):
+    """By continuity alone it was expected where it was heard last, 40 m from there."""
+    found, *_ = heard_again(silent_s)
+    assert min(dist(one, (10.0, -40.0)) for one in found) < 1.0
+    assert min(dist(one, there) for one in found) < 6.0
+
+
+@pytest.mark.parametrize(("silent_s", "epoch", "stage"), [(9.0, 0, Stage.SURVEY), (3.0, 1, Stage.SURVEY), (9.0, 1, Stage.HOLD)])
+def test_it_is_where_it_was_if_it_has_not_jumped_or_had_no_time_or_held(silent_s, epoch, stage):
+    found, *_ = heard_again(silent_s, epoch, stage)
+    assert max(dist(one, (10.0, -40.0)) for one in found) < 13.0
+
+
+def test_it_is_where_its_frame_tells_once_that_is_known():
+    _, hood, peers, me = heard_again(60.0)
+    hood.frames._graph.place("b", 1, Transform(np.pi / 2, (10.0, 45.0, 0.0)))
+    (one,) = hood.around(peers, me)
+    assert one.plan.at(me.now_ns) == pytest.approx((10.0, 5.0), abs=0.1)
