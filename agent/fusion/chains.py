@@ -17,10 +17,10 @@ Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step 
 class Chains:
     """The present chain of states, and the replay that is to take its place.
 
-    The present chain goes first, and the replay gets what is left of each slice of work. Where that is so little that it hardly gains
-    on the present, as on a computer that is not much faster than what is new takes, it takes the place of the present chain before
-    it has come to its end: what there is to be computed is computed once then. Nor is anything replayed beside a chain that
-    ``lags``, as after the start of an agent in flight: its end is too old to tell a hypothesis, so it goes back itself.
+    The present chain goes first, and the replay gets what is left of each slice of work. Where that is so little that it hardly
+    gains on the present, as on a computer that is not much faster than what is new takes, it takes the place of the present chain
+    before its end: what there is to be computed is computed once then. Nor is anything replayed beside a chain that ``lags``, as
+    after the start of an agent in flight: its end is too old to tell a hypothesis, so it goes back itself.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:
