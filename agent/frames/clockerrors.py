@@ -45,10 +45,14 @@ class ClockErrors:
         self._told = [told for told in self._told if told[1] >= stamp_ns]
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
-    @property
-    def reach_ns(self) -> int:
-        """How long before an exposure the error may change that ``at`` tells."""
-        return _LEARNED_NS + _TOLD_NS if self._wrong else 0
+    def reach_ns(self, exposure: Exposure) -> int:
+        """How long before an exposure that is held the error that ``at`` tells may depend on it: only where it tells an error, or
+        one does that is told with it by all of a while.
+        """
+        if not self._wrong:
+            return 0
+        beside = self._within(exposure.stamp_ns - _TOLD_NS, exposure.end_ns + _TOLD_NS)
+        return _LEARNED_NS + _TOLD_NS if any(error_s > 0.0 for _, _, error_s in beside) else 0
 
     def at(self, stamp_ns: int) -> float:
         """The error (s) at a stamp, as told with the exposures of its time or of a while later; 0 where none was told."""
@@ -63,9 +67,13 @@ class ClockErrors:
         Of several exposures at one time the least error counts: else one that lies could spare itself all sightings by
         exposures of its own for that, while its measurements come with others. One with a wrong clock tells it with all.
         """
+        return min((error_s for _, _, error_s in self._within(from_ns, until_ns)), default=0.0)
+
+    def _within(self, from_ns: int, until_ns: int) -> list[_Told]:
+        """What the exposures tell that lie in that time, at least partly."""
         first = bisect_left(self._told, (from_ns - LONGEST_EXPOSURE_NS,))
         begun = self._told[first : bisect_right(self._told, until_ns, key=_begin_ns)]
-        return min((error_s for _, end_ns, error_s in begun if from_ns <= end_ns), default=0.0)
+        return [told for told in begun if from_ns <= told[1]]
 
 
 def _begin_ns(told: _Told) -> int:

@@ -136,7 +136,7 @@ class Intake:
 
     def _touch_clock(self, number: int, exposure: Exposure) -> None:
         """As far back as an exposure that is held says how wrong its drone's clock was."""
-        from_ns = exposure.stamp_ns - self._clock_errors[number].reach_ns
+        from_ns = exposure.stamp_ns - self._clock_errors[number].reach_ns(exposure)
         self._touch(self._index(max(from_ns, self._earliest_ns)))
 
     def _bucket(self, stamp_ns: int) -> _Bucket:

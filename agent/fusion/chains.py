@@ -17,9 +17,10 @@ Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step 
 class Chains:
     """The present chain of states, and the replay that is to take its place.
 
-    The present chain goes first, and the replay gets what is left of each slice of work. Nothing is replayed beside a chain that
-    ``lags``, as after the start of an agent in flight: its end is too old to tell a hypothesis, so it goes back itself, and what
-    there is to be computed is computed once.
+    The present chain goes first, and the replay gets what is left of each slice of work. Where that is so little that it hardly
+    gains on the present, as on a computer that is not much faster than what is new takes, it takes the place of the present chain
+    before its end: what there is to be computed is computed once then. Nor is anything replayed beside a chain that ``lags``, as
+    after the start of an agent in flight: its end is too old to tell a hypothesis, so it goes back itself.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:
@@ -29,11 +30,14 @@ class Chains:
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._replay: dict[int, Any] | None = None
         self._calls = 0  # of the present replay
+        self._watched = NEVER, NEVER  # since which due step it has been watched, and its end then
+        self._catches_up = False  # whether it has taken the place of the present chain before its end
+        self.goes_back = False  # whether it did so in the last call
         self._lagged = 0  # calls for which the chain has lagged
 
     def begin(self, base: Any) -> None:
         """Begin anew, with the state before the first step."""
-        self._base, self._replay = base, None
+        self._base, self._replay, self._catches_up = base, None, False
         self._states.clear()
 
     @property
@@ -49,7 +53,7 @@ class Chains:
     @property
     def is_replaying(self) -> bool:
         """Whether a replay is unfinished."""
-        return self._replay is not None
+        return self._replay is not None or self._catches_up
 
     def rewind(self, step: int) -> None:
         """Discard the states from the step on."""
@@ -59,27 +63,47 @@ class Chains:
 
     def replay(self, step: int) -> None:
         """Compute the states from the step on again, beside the present ones if these are of use."""
-        if self._replay is None and self.lags:
+        if self._replay is None and (self.lags or self._catches_up):
             self._batches.took(self._lagged)  # so the pauses double: however often it begins again, it comes to the end
             undo(self._states, step)
             return
         if self._replay is None:
-            self._replay, self._calls = dict(self._states), 0
+            self._replay, self._calls, self._watched = dict(self._states), 0, (NEVER, NEVER)
         undo(self._replay, step)
+        since, from_step = self._watched
+        self._watched = since, min(from_step, next(reversed(self._replay), NEVER))
 
     def extend(self, due: int, oldest: int, budget: int) -> bool:
         """Compute what is missing up to the due step, within the budget; whether the present chain is complete.
 
         ``oldest``: where the chain ends before that step, it lags.
         """
+        self.goes_back = False
         complete, left = self._extended(self._states, due, budget)
         if self._replay is not None:
             self._calls += 1
             if complete and left > 0 and self._extended(self._replay, due, left)[0]:
                 self._states, self._replay = self._replay, None
                 self._batches.took(self._calls)
+            elif self._is_too_slow(self._replay, due, due - oldest):
+                self._states, self._replay, self._catches_up, self.goes_back = self._replay, None, True, True
+        elif self._catches_up:
+            self._calls += 1
+            if complete:
+                self._catches_up = False
+                self._batches.took(self._calls)
         self._lagged = 0 if complete or self.newest[0] >= oldest else self._lagged + 1
         return complete
+
+    def _is_too_slow(self, replay: dict[int, Any], due: int, while_steps: int) -> bool:
+        """Whether a replay has, for a while, come less than one step nearer to the due one with each that became due."""
+        (since, from_step), end = self._watched, next(reversed(replay), NEVER)
+        if since == NEVER or due < since:
+            self._watched = due, end
+        elif due - since >= while_steps:
+            self._watched = due, end
+            return end - from_step < 2 * (due - since)
+        return False
 
     def _extended(self, states: dict[int, Any], due: int, budget: int) -> tuple[bool, int]:
         """Compute the states of a chain up to the due step; whether it is complete, and what is left of the budget."""

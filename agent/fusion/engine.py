@@ -149,7 +149,7 @@ class Fusion:
             self._first_step = first_step
             self._timeline.drop_before(self._first_step)
             self._chains.begin(self.estimator.initial(stamp_ns))
-            self._stale = True
+            self._told, self._stale = (NEVER, None, NEVER), True
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
@@ -223,7 +223,7 @@ class Fusion:
         are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=takes_late and not was_replaying)
         if self._revision != self._frames.revision:
             self._apply_frame_changes(begins=takes_late or was_replaying)
-        begins = self._chains.is_replaying and not was_replaying
+        begins = (self._chains.is_replaying and not was_replaying) or self._chains.goes_back
         self._take_waiting(before, are_due or begins)
         if self._put_at is None and not self._waits and self._revision == self._frames.revision:
             self._put_at = now_ns, self._due_step
@@ -291,8 +291,10 @@ class Fusion:
         complete = self._chains.extend(self._due_step, self._oldest_step, budget)
         self._stale = not complete or self._chains.is_replaying
         (newest, state), (told, told_state, told_at) = self._chains.newest, self._told
-        waited = (self._due_step - told_at) * self._grid_ns > UNTOLD_NS
-        tells = complete or (waited and newest > told and not self._chains.lags)
+        if not complete and newest <= told:
+            newest, state = told, told_state  # the newest is what was told; from now on it is an older one
+        waited = (self._due_step - told_at) * self._grid_ns > UNTOLD_NS and state is not None
+        tells = complete or (waited and not (self._chains.lags and told == NEVER))
         if tells and (state is not told_state or self._due_step != told_at):
             self._told = newest, state, self._due_step
             if isinstance(self.estimator, Deferred):

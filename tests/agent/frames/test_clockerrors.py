@@ -1,5 +1,7 @@
 """What a drone tells of its wrong clock, by the time of its exposures."""
 
+from random import Random
+
 import pytest
 
 from agent.frames.clockerrors import ClockErrors
@@ -40,7 +42,28 @@ def test_what_all_exposures_of_a_while_later_tell_counts_for_the_time_before():
     for second in range(20):
         errors.add(exposure(second, 6.0 if second == 10 or second >= 14 else 0.0))
     assert at(errors, 5.5, 7.5, 9.5, 11.5, 13.5, 14.5) == pytest.approx([0.0, 0.0, 0.0, 2.0, 2.0, 2.0])
-    assert errors.reach_ns > 4 * SECOND
+
+
+def test_an_exposure_changes_nothing_before_its_reach():
+    for seed in range(20):
+        rng, errors = Random(seed), ClockErrors()
+        grid_ns = range(0, 20 * SECOND, SECOND // 10)
+        for _ in range(40):
+            begin_s, sigma_m = rng.uniform(5.0, 20.0), rng.choice((0.0, 0.0, 3.0, 6.0))
+            one, before = exposure(begin_s, sigma_m), [errors.at(ns) for ns in grid_ns]
+            errors.add(one)
+            changed_ns = [ns for ns, told in zip(grid_ns, before, strict=True) if errors.at(ns) != told]
+            assert not changed_ns or one.stamp_ns - errors.reach_ns(one) <= changed_ns[0]
+
+
+def test_once_a_clock_is_right_again_its_exposures_reach_no_further_back_than_those_of_any_other():
+    """Else five keyframes and more were computed again with each of them, to the end of the flight."""
+    errors = ClockErrors()
+    told = [exposure(second, 3.0 if second < 10 else 0.0) for second in range(20)]
+    for one in told:
+        errors.add(one)
+    assert min(errors.reach_ns(one) for one in told[:12]) > 4 * SECOND
+    assert max(errors.reach_ns(one) for one in told[12:]) == 0
 
 
 def test_an_exposure_beside_others_for_the_sake_of_its_clock_error_alone_tells_nothing():

@@ -102,3 +102,21 @@ def test_one_that_is_started_late_begins_again_instead_of_folding_twice(kit, mis
         if age_s(kit, START_S + LOG_S, fusion.complete_ns) < 0.0
     ]
     assert complete_s[0] < START_S + LOG_S + 20.0
+
+
+@pytest.mark.parametrize(("times", "most_s"), [(2.3, 30.0), (1.5, 25.0), (1.15, 35.0)])
+def test_what_came_late_is_computed_again_however_little_time_is_left(kit, mission, cones, times, most_s):
+    """25 cones come 9 s late, and it has time for 2.3, 1.5 or 1.15 times what is new: beside a chain that goes on without them it
+    would take half a minute with the first, and never come to an end with the others. What is told is of now all the time.
+    """
+    late = {cone.stamp_ns for cone in [cone for cone in cones if cone.stamp_ns >= kit.T0_NS + 2 * 10**9][:25]}
+    arrivals = [(cone.stamp_ns + (cone.stamp_ns in late) * 9 * 10**9, cone) for cone in cones]
+    come_s = (max(late) - kit.T0_NS) * 1e-9 + 9.0
+    complete_s = []
+    for time_s, fusion in flown(kit, mission, arrivals, budget=6.6 * times):
+        if time_s > 6.0:
+            assert age_s(kit, time_s, fusion.hypothesis.stamp_ns) <= 1.0
+        if age_s(kit, come_s, fusion.complete_ns) < 0.0:
+            complete_s.append(time_s)
+    assert complete_s[0] < come_s + most_s
+    assert agrees_in_the_end(kit, mission, fusion, cones)
