@@ -218,13 +218,11 @@ class Pilot:
         """
         self._news.keep_time(now_ns)
         self._numbers.keep_time(now_ns)
-        if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
-            self._sensors.begin_anew()
-            self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
         self._world.advance(self._clocks.followed_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
         """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
+        self._take_back(now_ns)
         self.advance(now_ns)
         stage, finding = self.stage, self.finding
         act = self._executive.step(now_ns, self._peers)
@@ -238,6 +236,14 @@ class Pilot:
         self._record(entries, now_ns)
         self._telling.tell(now_ns)
         return Step(self._outbox.take(), act.command)
+
+    def _take_back(self, now_ns: int) -> None:
+        """Take back what was measured at wrong times or places; in a step, as its record has the signature for a replay."""
+        if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
+            self._sensors.begin_anew()
+            self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
+        if (span_ns := self._own.elsewhere()) is not None and (doubted := self._numbers.since(span_ns[0])) is not None:
+            self._record([self._observer.measured_elsewhere(now_ns, span_ns[1], *doubted)], now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""

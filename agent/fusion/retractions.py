@@ -1,4 +1,4 @@
-"""What its own drone has taken back: which entries of a log do not count, because the clock that stamped them was wrong.
+"""What its own drone has taken back: which entries of a log do not count, as clock or localisation were wrong.
 
 That depends on the retractions held alone, not on when they came. A drone can take back only what it has published itself.
 """

@@ -13,6 +13,9 @@ from agent.vehicle.interface import VehicleState
 # Two places, and two headings, nearer to each other than this are one: so much the continuity is off after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
 _SIGMAS = 3.0
+# A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
+# measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.
+SLIDE_MPS = 1.0
 
 
 class KnownFrame:
@@ -21,12 +24,14 @@ class KnownFrame:
     A jump that was announced begins another frame, which continues the motion. One that was not has two explanations: the
     position is wrong from then on, or it was wrong until then, as that of a vehicle whose satellites are not spoofed any more;
     nothing can tell which. The drone flies on by continuity, but may as well be where its localisation says, ``otherwise`` (None:
-    no such doubt). An announced jump by no more than a localisation that was not trusted had stated as its error puts that right:
-    it has found its satellites again, and the frame is what it was.
+    no such doubt), and takes back what it measured while it may have slid away (``elsewhere``). An announced jump by no more than
+    a localisation that was not trusted had stated as its error puts that right: it has found its satellites again, and the frame
+    is what it was.
     """
 
     def __init__(self) -> None:
         self.otherwise: Transform | None = None
+        self.elsewhere: tuple[int, int] | None = None  # as ``OwnPose.elsewhere`` tells
 
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
@@ -42,6 +47,9 @@ class KnownFrame:
             self.otherwise = None  # the jump has undone the one before it
             return otherwise
         self.otherwise = otherwise
+        if not announced:
+            slid_s = _apart_m(onward, old, vehicle) / SLIDE_MPS
+            self.elsewhere = vehicle.stamp_ns - round(1e9 * slid_s), vehicle.stamp_ns
         return onward
 
     def doubt_m(self, frame: Transform | None, vehicle: VehicleState) -> float:

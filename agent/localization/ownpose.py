@@ -257,6 +257,13 @@ class OwnPose:
         vehicle = self.vehicle
         return 0.0 if vehicle is None else self._exact.doubt_m(self._mission_from_local(vehicle.epoch), vehicle)
 
+    def elsewhere(self) -> tuple[int, int] | None:
+        """Stamps between which this drone may have been elsewhere than its localisation said, as that has then jumped without
+        announcing it: told once for each such jump; None without any.
+        """
+        told_once, self._exact.elsewhere = self._exact.elsewhere, None
+        return told_once
+
     def carried(self, epoch: int) -> CarriedFrame | None:
         """How the frame of a recent epoch lies in that of the launch, for a drone whose frame the mission knows exactly; None
         where the frame is that of the launch, or estimated.

@@ -1,4 +1,4 @@
-"""Sequence numbers of the own log entries, and which of them were given while the clock was wrong.
+"""Sequence numbers of the own log entries: which of them were given since a time, and which while the clock was wrong.
 
 When a clock is set back, it may have been wrong before, or be wrong from then on. Once the others' clocks tell that it is right
 now, the entries that it stamped wrongly are taken back: if it had been set ahead by the same step, all since then; otherwise
@@ -79,6 +79,12 @@ class Numbering(Iterator[int]):
         while len(self._ahead) > alike[-1]:
             self._ahead.pop()
         return first
+
+    def since(self, stamp_ns: int) -> tuple[int, int] | None:
+        """The first and the last number given since that time, or up to a second earlier; None without any."""
+        earlier = [number for noted_ns, number in self._noted if noted_ns <= stamp_ns]
+        first = earlier[-1] if earlier else 1
+        return (first, self._next - 1) if first < self._next else None
 
     def wrong(self) -> tuple[int, int] | None:
         """The first and the last number of the entries that the clock has stamped wrongly, told once, where it is known to be

@@ -64,6 +64,7 @@ class Observer:
         self._end_ns = 0
         self._unused_ns = 0  # end of the last stretch if it was not used: nothing else will come of that time
         self._heard_ns: int | None = None  # end of the last stretch; before the first, since when it is waited for
+        self._elsewhere_ns = 0  # until then this drone may have been elsewhere
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
         self._spectrum = CoarseSpectrum()
@@ -88,6 +89,17 @@ class Observer:
         self._waiting.clear()
         self._end_ns = self._unused_ns = 0
         self._empty()
+        return self._retraction(stamp_ns, first, last)
+
+    def measured_elsewhere(self, stamp_ns: int, until_ns: int, first: int, last: int) -> Retraction:
+        """The log entry that takes back those of these numbers, as this drone may have been elsewhere until ``until_ns``. What it
+        has measured by then, but not logged yet, is dropped.
+        """
+        self._empty()
+        self._elsewhere_ns = until_ns
+        return self._retraction(stamp_ns, first, last)
+
+    def _retraction(self, stamp_ns: int, first: int, last: int) -> Retraction:
         return Retraction(
             stamp_ns=stamp_ns,
             drone=self._drone,
@@ -169,7 +181,7 @@ class Observer:
     def _is_placed(self, state: VehicleState, start_ns: int, end_ns: int) -> bool:
         """Whether this drone knows where it was between two stamps; ``state``: the telemetry at the first."""
         span_ns = self._history.span_ns
-        if span_ns is None or not state.position_trusted:
+        if span_ns is None or not state.position_trusted or start_ns < self._elsewhere_ns:
             return False
         return span_ns[0] - HELD_NS <= start_ns and end_ns <= span_ns[1] + HELD_NS
 

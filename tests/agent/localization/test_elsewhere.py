@@ -1,0 +1,88 @@
+"""What a drone measured before its localisation jumped without saying so is taken back, as far as it may have slid until then."""
+
+import numpy as np
+import pytest
+from members import AUTHORITY
+from one_pilot import MISSION, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
+
+from agent.config.drone import DroneConfig
+from agent.detector.readout import PixelHits, Readout
+from agent.flight.header import FlightHeader
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.flight.replay import replay
+from agent.localization.knownframe import SLIDE_MPS
+from protocol.entries import Exposure, Retraction
+
+HITS = 1_000_000 * np.arange(1, 4)  # of each readout, in pixels that differ: none is taken for noisy, and the camera not for mute
+JUMPED_S, FLOWN_S = 15.0, 20.0
+
+
+def hits(tick):
+    pixels = (7919 * (tick + np.arange(3))) % 65536
+    return PixelHits(HITS, pixels.astype(np.uint16), np.full(3, 80, np.uint16))
+
+
+def flown(one, jump_m, back_m=0.0, epoch=0):
+    """Retractions told in 20 s of hovering.
+
+    ``jump_m``: by which the localisation jumps after 15 s, into that epoch of the vehicle's; ``back_m``: back again after 16 s.
+    """
+    told = []
+    for tick in range(round(FLOWN_S * 20)):
+        now_ns, x = START_NS + tick * TICK_NS, 0.0
+        if tick >= JUMPED_S * 20:
+            x = jump_m - (back_m if tick >= (JUMPED_S + 1.0) * 20 else 0.0)
+        one.observe_vehicle(state(now_ns, position=(x, 0.0, 3.0), epoch=epoch if tick >= JUMPED_S * 20 else 0))
+        if tick % 4 == 0 and tick:
+            one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, now_ns - 4 * TICK_NS, 0.2, hits(tick)))
+        one.advance(now_ns)  # as its shell does where messages have come
+        told += messages(one.step(now_ns), Retraction)
+    return told
+
+
+def counting_s(one):
+    """Stamps (s) of the exposures that count."""
+    log = one.fusion.log
+    return [1e-9 * (exposure.stamp_ns - START_NS) for exposure in log.entries(Exposure) if log.counts(exposure.entry_id)]
+
+
+@pytest.mark.parametrize("jump_m", [4.0, 9.0])
+def test_as_far_as_it_may_have_slid(jump_m):
+    one = pilot()
+    assert len(flown(one, jump_m)) == 1
+    stamps_s = counting_s(one)
+    before_s = [stamp_s for stamp_s in stamps_s if stamp_s < JUMPED_S]
+    after_s = [stamp_s for stamp_s in stamps_s if stamp_s >= JUMPED_S]
+    first_s = JUMPED_S - jump_m / SLIDE_MPS
+    assert before_s[0] == 0.0
+    assert first_s - 2.5 < before_s[-1] < first_s  # numbers are noted once a second, and exposures get theirs when they end
+    assert after_s[0] == pytest.approx(JUMPED_S, abs=0.2)  # from the first readout on that begins then
+    assert after_s[-1] > FLOWN_S - 1.5
+
+
+def test_all_of_it_where_the_jump_is_wide():
+    one = pilot()
+    flown(one, 40.0)
+    assert min(counting_s(one)) >= JUMPED_S
+
+
+def test_once_for_a_jump_and_not_when_it_is_undone():
+    assert len(flown(pilot(), 9.0, back_m=9.0)) == 1
+
+
+def test_nothing_of_an_announced_jump_or_without_one():
+    for jump_m, epoch in ((9.0, 1), (0.0, 0)):
+        one = pilot()
+        assert flown(one, jump_m, epoch=epoch) == []
+        assert len(counting_s(one)) > (FLOWN_S - 2.0) / 0.6
+
+
+def test_in_a_replay_it_is_signed_as_in_flight(tmp_path):
+    """What is published with a step is signed in it: only there the replay has the signature."""
+    trust, boot = AUTHORITY.trust("d1"), boot_of("d1")
+    header = FlightHeader.of(MISSION, DroneConfig(id="d1"), boot, START_NS, None, trust, nonce_key=nonce_key_of(boot))
+    recorder = FlightRecorder(tmp_path, 100, header)
+    assert len(flown(RecordedPilot(header.pilot(tmp_path, trust), recorder), 9.0)) == 1
+    recorder.close()
+    assert replay(tmp_path).identical
