@@ -302,7 +302,7 @@ def test_a_frame_that_jumps_does_not_move_the_drone():
 def test_what_cannot_be_sent_is_counted_and_the_flight_goes_on():
     one = started()
     now_ns = START_NS + 2 * SECOND
-    one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, velocity_mps=(900.0, 0.0, 0.0)))
+    one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, yaw_sigma_rad=900.0))
     assert one.step(now_ns).command.setpoint is not None
     assert one.counters["unsendable_pose"] == 1
 
