@@ -242,8 +242,12 @@ class Pilot:
         if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
             self._sensors.begin_anew()
             self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
-        if (span_ns := self._own.elsewhere()) is not None and (doubted := self._numbers.since(span_ns[0])) is not None:
-            self._record([self._observer.measured_elsewhere(now_ns, span_ns[1], *doubted)], now_ns)
+        if (span_ns := self._own.elsewhere()) is not None:
+            first_ns, until_ns = span_ns
+            self._observer.drop_until(until_ns)
+            self._sensors.drop_until(until_ns)
+            if (doubted := self._numbers.since(first_ns)) is not None:
+                self._record([self._observer.retraction(now_ns, *doubted)], now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""

@@ -44,12 +44,13 @@ class KnownFrame:
         if announced:
             otherwise = carried_on(otherwise, last, vehicle, turning_rps)
         if _apart_m(onward, otherwise, vehicle) < SAME_M and abs(_turned_rad(onward, otherwise)) < SAME_RAD:
-            self.otherwise = None  # the jump has undone the one before it
+            self.otherwise = self.elsewhere = None  # the jump has undone the one before it
             return otherwise
         self.otherwise = otherwise
         if not announced:
-            slid_s = _apart_m(onward, old, vehicle) / SLIDE_MPS
-            self.elsewhere = vehicle.stamp_ns - round(1e9 * slid_s), vehicle.stamp_ns
+            since_ns = vehicle.stamp_ns - round(1e9 * _apart_m(onward, old, vehicle) / SLIDE_MPS)
+            untold_ns = since_ns if self.elsewhere is None else self.elsewhere[0]  # of a jump since the last step
+            self.elsewhere = min(since_ns, untold_ns), vehicle.stamp_ns
         return onward
 
     def doubt_m(self, frame: Transform | None, vehicle: VehicleState) -> float:

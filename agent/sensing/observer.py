@@ -87,19 +87,17 @@ class Observer:
         stamps from now on is used.
         """
         self._waiting.clear()
-        self._end_ns = self._unused_ns = 0
+        self._end_ns = self._unused_ns = self._elsewhere_ns = 0
         self._empty()
-        return self._retraction(stamp_ns, first, last)
+        return self.retraction(stamp_ns, first, last)
 
-    def measured_elsewhere(self, stamp_ns: int, until_ns: int, first: int, last: int) -> Retraction:
-        """The log entry that takes back those of these numbers, as this drone may have been elsewhere until ``until_ns``. What it
-        has measured by then, but not logged yet, is dropped.
-        """
+    def drop_until(self, until_ns: int) -> None:
+        """Drop what was measured until then, but not logged yet: this drone may have been elsewhere."""
         self._empty()
         self._elsewhere_ns = until_ns
-        return self._retraction(stamp_ns, first, last)
 
-    def _retraction(self, stamp_ns: int, first: int, last: int) -> Retraction:
+    def retraction(self, stamp_ns: int, first: int, last: int) -> Retraction:
+        """The log entry that takes back the measurements with these numbers."""
         return Retraction(
             stamp_ns=stamp_ns,
             drone=self._drone,

@@ -38,6 +38,7 @@ class PositionSensors:
         self._mission, self._boot = mission_id, boot
         self._history, self._numbers, self._counters = history, numbers, counters
         self._newest_ns = 0  # of the sightings logged
+        self._elsewhere_ns = 0  # until then this drone may have been elsewhere
         self._taken: dict[str, tuple[int, int]] = {}  # by target: a second, and the number taken in it
 
     def fix(self, fix: GnssFix) -> Fix | None:
@@ -63,14 +64,18 @@ class PositionSensors:
 
     def begin_anew(self) -> None:
         """What was logged of later stamps is taken back."""
-        self._newest_ns = 0
+        self._newest_ns = self._elsewhere_ns = 0
+
+    def drop_until(self, until_ns: int) -> None:
+        """Log no sighting of before: this drone may have been elsewhere."""
+        self._elsewhere_ns = until_ns
 
     def sighting(self, seen: SeenDrone) -> Sighting | None:
         """The log entry of a relative observation, its direction in the local frame; None where it cannot be used.
 
         Where the clock was set back, the log holds this drone's poses of those stamps already, and that they are right: what it
         sees of the others now would contradict where they were then. Such a sighting is ``NOT_LOGGED``, until these are taken
-        back (``begin_anew``).
+        back (``begin_anew``). So is one of a time at which this drone may have been elsewhere (``drop_until``).
         """
         if seen.target not in self._others:
             self._counters["sightings_of_nobody"] += 1
@@ -89,7 +94,7 @@ class PositionSensors:
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
-            sequence=NOT_LOGGED if is_overlapping else next(self._numbers),
+            sequence=NOT_LOGGED if is_overlapping or seen.stamp_ns < self._elsewhere_ns else next(self._numbers),
             epoch=pose.epoch,
             target=seen.target,
             position_m=pose.position_m,

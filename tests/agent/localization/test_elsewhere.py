@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from members import AUTHORITY
-from one_pilot import MISSION, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
 
 from agent.config.drone import DroneConfig
 from agent.detector.readout import PixelHits, Readout
@@ -12,7 +12,8 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.localization.knownframe import SLIDE_MPS
-from protocol.entries import Exposure, Retraction
+from agent.vehicle.interface import SeenDrone
+from protocol.entries import Exposure, Retraction, Sighting
 
 HITS = 1_000_000 * np.arange(1, 4)  # of each readout, in pixels that differ: none is taken for noisy, and the camera not for mute
 JUMPED_S, FLOWN_S = 15.0, 20.0
@@ -23,14 +24,19 @@ def hits(tick):
     return PixelHits(HITS, pixels.astype(np.uint16), np.full(3, 80, np.uint16))
 
 
-def flown(one, jump_m, back_m=0.0, epoch=0):
+def flown(one, jump_m, back_m=0.0, epoch=0, before_m=None, set_back_s=0):
     """Retractions told in 20 s of hovering.
 
-    ``jump_m``: by which the localisation jumps after 15 s, into that epoch of the vehicle's; ``back_m``: back again after 16 s.
+    ``jump_m``: by which the localisation jumps after 15 s, into that epoch of the vehicle's; ``back_m``: back again after 16 s;
+    ``before_m``: place to which it jumps first, half a step earlier. ``set_back_s``: by which its clock is set back after 17 s.
     """
     told = []
     for tick in range(round(FLOWN_S * 20)):
         now_ns, x = START_NS + tick * TICK_NS, 0.0
+        if tick >= (JUMPED_S + 2.0) * 20:
+            now_ns -= set_back_s * SECOND
+        if tick == JUMPED_S * 20 and before_m is not None:
+            one.observe_vehicle(state(now_ns - TICK_NS // 2, position=(before_m, 0.0, 3.0)))
         if tick >= JUMPED_S * 20:
             x = jump_m - (back_m if tick >= (JUMPED_S + 1.0) * 20 else 0.0)
         one.observe_vehicle(state(now_ns, position=(x, 0.0, 3.0), epoch=epoch if tick >= JUMPED_S * 20 else 0))
@@ -69,6 +75,42 @@ def test_all_of_it_where_the_jump_is_wide():
 
 def test_once_for_a_jump_and_not_when_it_is_undone():
     assert len(flown(pilot(), 9.0, back_m=9.0)) == 1
+
+
+def test_of_two_jumps_between_two_steps_as_far_as_the_wider_one():
+    one = pilot()
+    assert len(flown(one, 17.0, before_m=12.0)) == 1
+    assert 0.0 < max(stamp_s for stamp_s in counting_s(one) if stamp_s < JUMPED_S) < JUMPED_S - 12.0 / SLIDE_MPS
+
+
+def test_nothing_of_a_jump_that_is_undone_before_the_next_step():
+    one = pilot()
+    assert flown(one, 0.0, before_m=40.0) == []
+    assert min(counting_s(one)) == 0.0
+
+
+def test_what_is_measured_after_the_clock_was_set_back_counts():
+    """It was dropped until the time of the jump had come again: for a minute here."""
+    one = pilot()
+    assert len(flown(one, 4.0, set_back_s=60)) == 2
+    assert any(stamp_s < 0.0 for stamp_s in counting_s(one))
+
+
+def test_what_was_measured_before_but_not_logged_yet_is_dropped():
+    """Readouts and sightings come late. Here nothing has been logged before the jump, so there is nothing to take back."""
+    one, jump_ns = pilot(), START_NS + 10 * TICK_NS
+    for tick in range(40):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, position=(9.0 if now_ns >= jump_ns else 0.0, 0.0, 3.0)))
+        if tick % 4 == 0 and tick:
+            one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, now_ns - 4 * TICK_NS, 0.2, hits(tick)))
+        if tick in (15, 16):
+            stamp_ns = now_ns - 5 * TICK_NS - TICK_NS // 2
+            one.observe_sightings([SeenDrone(stamp_ns=stamp_ns, target="d2", range_m=6.0, range_sigma_m=0.1)])
+        assert not messages(one.step(now_ns), Retraction)
+    log = one.fusion.log
+    assert [sighting.stamp_ns for sighting in log.entries(Sighting)] == [jump_ns + TICK_NS // 2]
+    assert [exposure.stamp_ns >= jump_ns for exposure in log.entries(Exposure)] == [True, True]
 
 
 def test_nothing_of_an_announced_jump_or_without_one():
