@@ -161,4 +161,4 @@ def _content(observation: Observation) -> tuple[object, ...]:
     if isinstance(observation, ConeObservation):
         return *entry, *common, observation.readings, observation.energy_kev
     counted = observation.live_time_s, observation.counts.tobytes(), observation.spectrum
-    return *entry, *common, observation.middle_ns, observation.position, observation.facing, *counted
+    return *entry, *common, observation.middle_ns, observation.position, observation.facing, observation.way_m, *counted

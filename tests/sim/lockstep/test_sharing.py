@@ -108,6 +108,8 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, live_time_s=0.4),
         replace(counts, counts=np.array((1.0, 1.0, 2.0))),
         replace(counts, spectrum=(SpectrumBin(3, 1, 0),)),
+        replace(counts, facing=(0.6, 0.8)),
+        replace(counts, way_m=1.0),
         replace(counts, position_sigma_m=0.2),
         replace(counts, yaw_sigma_rad=0.02),
         replace(counts, identity=counts.identity._replace(sequence=2)),
