@@ -77,9 +77,8 @@ class Executive:
         self.finding, self._revoked = "", False
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
-        self._remembered = (
-            memory if memory is not None and memory.flies else None
-        )  # until telemetry shows whether that flight goes on
+        # Until telemetry shows whether that flight goes on.
+        self._remembered = memory if memory is not None and memory.flies else None
 
     @property
     def stage(self) -> Stage:

@@ -54,6 +54,6 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
-        if not self.flies or self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
+        if self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
             return False
         return True if vehicle.in_air or self.stage in _FROM_THE_GROUND else None
