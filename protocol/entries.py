@@ -234,7 +234,7 @@ class Coverage(Entry, frozen=True, kw_only=True):
 
 class Retraction(Entry, frozen=True, kw_only=True):
     """The drone takes back its measurements with the numbers ``first`` to ``last`` of this boot: the clock that stamped them was
-    wrong, or its localisation may have been. They stay in the log, and do not count. Coverage does.
+    wrong, or its localisation may have been. They stay in the log, and do not count. Coverage is not taken back.
     """
 
     first: Count
