@@ -36,6 +36,7 @@ class Numbering(Iterator[int]):
         self._noted: deque[tuple[int, int]] = deque(maxlen=_MOST_NOTED)  # a time of each second, and the next number then
         self._ahead: deque[tuple[int, int]] = deque(maxlen=_MOST_STEPS)  # the next number at a step ahead, and the step
         self._doubted: _Doubted | None = None
+        self._told = 1, 1  # the first number that ``since`` told, and the next one after that and its retraction
 
     def __next__(self) -> int:
         """The next number."""
@@ -81,10 +82,18 @@ class Numbering(Iterator[int]):
         return first
 
     def since(self, stamp_ns: int) -> tuple[int, int] | None:
-        """The first and the last number given since that time, or up to a second earlier; None without any."""
+        """The first and the last number given since that time, or up to a second earlier; None without any but those told before.
+
+        They are taken back with the next number, so that a localisation that jumps all the time has nothing told again and again.
+        """
         earlier = [number for noted_ns, number in self._noted if noted_ns <= stamp_ns]
-        first = earlier[-1] if earlier else 1
-        return (first, self._next - 1) if first < self._next else None
+        first, (told_first, told_next) = earlier[-1] if earlier else 1, self._told
+        if told_first <= first < told_next:
+            first = told_next
+        if first >= self._next:
+            return None
+        self._told = told_first if first == told_next else first, self._next + 1
+        return first, self._next - 1
 
     def wrong(self) -> tuple[int, int] | None:
         """The first and the last number of the entries that the clock has stamped wrongly, told once, where it is known to be

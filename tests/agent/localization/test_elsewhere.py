@@ -89,6 +89,25 @@ def test_nothing_of_a_jump_that_is_undone_before_the_next_step():
     assert min(counting_s(one)) == 0.0
 
 
+def test_a_localisation_that_jumps_all_the_time_has_nothing_taken_back_again_and_again():
+    """Once it jumps often nothing is measured by it any more: there were 20 retractions a second of nothing but retractions."""
+    one, told = pilot(), []
+    flown(one, 0.0)
+    for tick in range(200):
+        now_ns = START_NS + round(FLOWN_S * SECOND) + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, position=(12.0 * (tick + 1), 0.0, 3.0)))
+        told += messages(one.step(now_ns), Retraction)
+    assert [entry.last - entry.first > 10 for entry in told] == [True]
+    assert max(counting_s(one)) < FLOWN_S - 11.0
+
+
+def test_what_is_measured_between_two_jumps_is_taken_back_too():
+    one = pilot()
+    first, second = flown(one, 30.0, back_m=12.0)
+    assert (first.first, first.last, second.first) == (1, first.last, first.sequence + 1)
+    assert not [stamp_s for stamp_s in counting_s(one) if stamp_s < JUMPED_S + 1.0]
+
+
 def test_what_is_measured_after_the_clock_was_set_back_counts():
     """It was dropped until the time of the jump had come again: for a minute here."""
     one = pilot()
