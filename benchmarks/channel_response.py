@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
-from agent.fusion.bayes.response import turned
+from agent.fusion.bayes.response import edge_factor
 from agent.fusion.facing import Facing
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.materials import air_attenuation_per_m
@@ -128,7 +128,7 @@ def edge(areas: Array) -> Array:
     """(4,), of areas (H, 4) by HEADINGS_DEG: ``edge`` of ``Channel``."""
     headings, level = np.deg2rad(HEADINGS_DEG), math.cos(math.radians(BELOW_DEG))
     facing = Facing.of(np.array(level), np.array(0.0), np.array(1.0), np.cos(2.0 * headings), np.sin(2.0 * headings)).cosine()
-    design = np.stack((np.ones(len(facing)), turned(facing)), axis=1)
+    design = np.stack((np.ones(len(facing)), edge_factor(facing)), axis=1)
     (mean, slope), *_ = np.linalg.lstsq(design, areas, rcond=None)
     result: Array = slope / mean
     return result

@@ -1,7 +1,8 @@
 """How far a camera turns its sensor's face, and not its edge, to a source: f, the cosine of the angle to the face's normal.
 
-The camera looks along the drone's x axis. Of its heading psi in an exposure only the means C of cos 2 psi and S of sin 2 psi are
-known (``CountObservation.facing``), and f is that of a level camera, root mean square.
+The camera is taken to look along the drone's x axis, either way: entries do not tell how it is mounted. Of its heading psi
+in an exposure only the means C of cos 2 psi and S of sin 2 psi are known (``CountObservation.facing``), and f is that of a level
+camera, root mean square.
 """
 
 from __future__ import annotations

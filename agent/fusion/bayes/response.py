@@ -8,9 +8,9 @@ and a channel of effective area F = ``area_mm2`` counts, per second, with build-
 
     S + B,    S = phi(D) F (direct + scattered mu D + edge (``_MEAN_EDGE`` - exp(-f / 0.2))),    B = ``background_ps``.
 
-F is the mean over the heading. f is the cosine between the source and the normal of the sensor's face: with its edge towards the
-source it counts 20 % fewer direct photons of Cs-137 than from the face. The figures come from this project's own photon transport
-(sim/radiation) and detector chain, not from measurements.
+F is the mean over the heading. f is the cosine of the angle between the source and the normal of the sensor's face: with its edge
+towards the source it counts 20 % fewer direct photons of Cs-137 than with its face. The figures come from this project's own
+photon transport (sim/radiation) and detector chain, not from measurements.
 
 Left out: two photons of one decay in the sensor at once (Co-60, Na-22 and others; a second one meets it with a probability of
 about 1e-6 at a metre); that air attenuates a nuclide's softer lines more (one mu for all; the channels' rates fit
@@ -34,7 +34,7 @@ _EDGE_FACING = 0.2  # f up to which the edge tells
 _MEAN_EDGE = 0.154  # mean of exp(-f / 0.2) over all headings, the source 5 to 45 degrees below the horizon
 
 
-def turned(facing: Array) -> Array:
+def edge_factor(facing: Array) -> Array:
     """What ``edge`` is multiplied by: how far a camera is turned to the source, more than in the mean over the heading.
 
     facing: f of any shape.
@@ -135,7 +135,7 @@ class Response:
         """
         area_mm2, direct, scattered, edge = self._terms
         depth, unscattered = self.air_per_m * distance_m, area_mm2 * fluence[..., None]
-        straight = (1.0 + edge * turned(facing)[..., None]) * unscattered
+        straight = (1.0 + edge * edge_factor(facing)[..., None]) * unscattered
         return straight, (direct - 1.0 + scattered * depth[..., None]) * unscattered
 
 
