@@ -210,12 +210,15 @@ class Neighbourhood:
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
-        """One that was never heard: where it is seen to fly, or where it may come down."""
+        """One that was never heard: where it is seen to fly, or where it may come down; also if it was revoked before this agent
+        was started, on the ground.
+        """
         seen = placed_by_sightings(name, peer.sightings, self._fastest_mps, me.epoch, me.now_ns, former=True)
         if seen is not None and self._silent.seen(name, None, seen, viewer):
             yield Neighbour(name, replace(seen, blind=True), False)
             return
-        plans = self._silent.unknown(name, viewer, excluded=name in me.excluded) if me.may_fly(name) else []
+        excluded = name in me.excluded
+        plans = self._silent.unknown(name, viewer, excluded=excluded) if excluded or me.may_fly(name) else []
         yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
 
     def _of_silent(
