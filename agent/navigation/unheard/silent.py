@@ -277,8 +277,9 @@ class Silent:
 
     def excluded(self, name: str) -> list[PeerPlan]:
         """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
-        self._unhearing.add(name)
+        self._courses.pop(name, None)
         self._homes.pop(name, None)
+        self._unhearing.add(name)
         return []
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
