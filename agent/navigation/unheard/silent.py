@@ -300,7 +300,7 @@ class Silent:
         if (last := self._sights.of(name, 0, me.epoch)) is None:
             return []
         course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
-        return self._along(name, [course], 0, last, 0.0, me)
+        return self._along(name, [course], last.stamp_ns, last, 0.0, me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""

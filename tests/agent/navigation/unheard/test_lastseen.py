@@ -101,6 +101,15 @@ def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
     assert nearest_m(hidden, HIDDEN_S + 4.0, LAST) < 1.5
 
 
+def test_to_a_revoked_drone_too_one_that_was_never_heard_is_the_more_doubtful_the_longer_it_is_hidden():
+    """It was taken for one that had been silent for so long that it had to be home by then: its place seemed to be exact."""
+    peers, hood = seen_after(revoked=True)
+    second = HIDDEN_S + 4.0
+    found = hood.around(peers, me(second, revoked=True))
+    stops = min(found, key=lambda one: dist(one.plan.at(round(second * SECOND)), LAST))
+    assert stops.plan.sigma_m > 1.0
+
+
 def test_one_that_was_never_heard_and_stands_on_the_ground_is_in_nobody_s_way():
     peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     for second in np.arange(0.0, 3.0, 0.2).tolist():
