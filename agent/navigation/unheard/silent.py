@@ -214,8 +214,9 @@ class Silent:
             if course.way is not None and silent_s < course.down_s:
                 self._keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
-                hidden = course.way is not None and course.is_stop(stretch) and not is_late  # else it holds
-                place_m = last.sigma_after_m(silent_s) if last is not None and hidden else doubt_m
+                place_m = doubt_m
+                if last is not None and course.is_stop(stretch) and not is_late:
+                    place_m = last.sigma_after_m(silent_s if course.way is not None else 0.0)  # one that holds stays there
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
 
@@ -231,8 +232,7 @@ class Silent:
         for frame in frames:
             moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
-            steered = pose.steered and last is None
-            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=steered))
+            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=pose.steered and last is None))
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
