@@ -18,7 +18,7 @@ from agent.navigation.unheard.viewer import Viewer
 
 
 class Again:
-    """Those that are heard again, how long (s) they had been silent then, and what their vehicles may have done (mission frame)."""
+    """Those that are heard again: how long they had been silent then, in seconds, and what their vehicles may have done."""
 
     def __init__(self) -> None:
         self._ended: dict[str, tuple[float, Sequence[Course]]] = {}

@@ -44,7 +44,7 @@ def test_one_may_have_flown_home_while_it_was_not_heard_and_its_localisation_jum
 
 
 def test_it_may_still_be_on_its_way_home_if_it_is_silent_once_more():
-    """It holds then, and a hold leads nowhere: after two seconds without a message it was expected where it was heard first only."""
+    """It holds then, and a hold leads nowhere: after a second without a message it was expected by continuity only."""
     _, hood, peers, me = heard_again(60.0)
     for tenth in range(1, 21):
         now_ns = me.now_ns + tenth * SECOND // 10
