@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from math import dist, hypot
+from math import dist, hypot, inf
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -158,7 +158,7 @@ class Neighbourhood:
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
-            found += self._of_unplaced(name, plan, me)
+            found += self._of_unplaced(name, inf if plan is None else plan.sigma_m, me)
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
             as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
             second = self._second_place(name, peer, me)
@@ -166,9 +166,9 @@ class Neighbourhood:
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         return found, missing
 
-    def _of_unplaced(self, name: str, plan: PeerPlan | None, me: Self) -> Iterator[Neighbour]:
-        """Where else one may be that is heard again, and is not placed (``again``)."""
-        if me.local_from_mission is not None and (plan is None or plan.sigma_m >= WORST_SIGMA_M):
+    def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
+        """Where else one may be that was heard again, and is not placed (``again``), by its error (1 sigma)."""
+        if me.local_from_mission is not None and sigma_m >= WORST_SIGMA_M:
             for one in self._again.plans(name, me.viewer(me.local_from_mission)):
                 yield Neighbour(name, one, False)
 
@@ -210,12 +210,15 @@ class Neighbourhood:
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
-        """One that was never heard: where it is seen to fly, or where it may come down."""
+        """One that was never heard: where it is seen to fly, or where it may come down; also if it was revoked before this agent
+        was started, on the ground.
+        """
         seen = placed_by_sightings(name, peer.sightings, self._fastest_mps, me.epoch, me.now_ns, former=True)
         if seen is not None and self._silent.seen(name, None, seen, viewer):
             yield Neighbour(name, replace(seen, blind=True), False)
             return
-        plans = self._silent.unknown(name, viewer, excluded=name in me.excluded) if me.may_fly(name) else []
+        excluded = name in me.excluded
+        plans = self._silent.unknown(name, viewer, excluded=excluded) if excluded or me.may_fly(name) else []
         yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
 
     def _of_silent(
@@ -225,6 +228,7 @@ class Neighbourhood:
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
         if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
+            self._again.forget(name)
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
             if viewer is None or self._silent.seen(name, pose.stamp_ns, seen, viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
@@ -240,6 +244,7 @@ class Neighbourhood:
             if (last := self._following.plan(name, peer, pose, me.now_ns, oldest_ns)) is not None:
                 plans += [planned(name, last, viewer.local_from_mission @ frame, sigma_m, me.now_ns) for frame in frames]
             yield from (Neighbour(name, plan, False) for plan in plans)
+            yield from self._of_unplaced(name, sigma_m, me)
 
     def _elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""

@@ -2,6 +2,7 @@
 
 By continuity it is where it was heard last, or a little further on (``localization.continuity``). If its agent was gone, its
 vehicle may as well have been on its way home, or there, when the agent was started again; it waits there until it is placed.
+That it may be silent once more meanwhile changes nothing: a vehicle that holds stays where it is.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from agent.navigation.unheard.viewer import Viewer
 
 
 class Again:
-    """Those that are heard again, and how long they have been on one of their courses by then, in seconds."""
+    """Those that are heard again: how long they had been silent then, in seconds, and what their vehicles may have done."""
 
     def __init__(self) -> None:
         self._ended: dict[str, tuple[float, Sequence[Course]]] = {}
@@ -28,16 +29,16 @@ class Again:
         Args:
             name: its id.
             stamp_ns: of its newest pose.
-            silent: its courses until now, and since when; None where it was heard before, too.
+            silent: since when it was silent, and its courses; None where it was heard before, too.
             is_carried: its frame is one by continuity.
         """
         if not is_carried:
             self.forget(name)
-        elif silent is not None:
+        elif silent is not None and any(course.way is not None for course in silent[1]):
             self._ended[name] = (stamp_ns - silent[0]) * 1e-9, silent[1]
 
     def forget(self, name: str) -> None:
-        """It is on the ground, or its frame is known."""
+        """It is on the ground, or seen, or its frame is known."""
         self._ended.pop(name, None)
 
     def plans(self, name: str, me: Viewer) -> list[PeerPlan]:

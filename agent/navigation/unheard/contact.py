@@ -16,7 +16,7 @@ SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 # So near to the circle, and so near to the velocity of those that fly along it or stand on it, a drone is on it, and no longer on
 # its way there. With a velocity that differs by so much it is half a metre from its place on it (``agent.motion.encirclement``).
 # Two that crossed the circle at 4 and 6 m/s, against its turn, were taken to circle, and met on their ways to two others: 1.4 m.
-_ON_M, _ON_MPS = 3.0, 1.5
+ON_M, _ON_MPS = 3.0, 1.5
 _NOTICES_S = SILENT_NS * 1e-9
 
 
@@ -46,7 +46,7 @@ class Circle(Struct, frozen=True):
         far_m = max(hypot(dx, dy), 1e-6)
         outward_mps, along_mps = (dx * u + dy * v) / far_m, (dx * v - dy * u) / far_m
         beside_mps = along_mps - min(max(along_mps, 0.0), self.speed_mps)
-        return abs(far_m - self.radius_m) < _ON_M and hypot(outward_mps, beside_mps) < _ON_MPS
+        return abs(far_m - self.radius_m) < ON_M and hypot(outward_mps, beside_mps) < _ON_MPS
 
 
 class Contact(Struct, frozen=True):

@@ -17,6 +17,7 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
 from agent.navigation.peers.placing import blind_plan
 from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.contact import ON_M
 from agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from agent.navigation.unheard.sides import is_next
 
@@ -24,7 +25,6 @@ _ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
 # brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
-_ON_M = 3.0  # not farther inside of the circle a drone is on it
 _PASSES_MPS, _PASSED_M = 1.5, 8.0  # faster than this one flies past; so far outside of the circle it is none of its business
 
 
@@ -95,14 +95,12 @@ class SharedCircle:
     def middle(
         self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, radius_m: float
     ) -> list[PeerPlan]:
-        """What is inside of the circle, while vehicles may hover on it whose agents are gone; ``radius_m``: of the circle, the
-        others as in ``others``.
-
-        Two sides that evade them through the middle meet there, and neither reckons with it; outward they part.
+        """What is inside of the circle, to a drone on it or outside, while vehicles may hover anywhere whose agents are gone:
+        nobody is there, but two sides that evade those vehicles through the middle meet, and neither reckons with it; outward
+        they part. ``radius_m``: of the circle that all share; the others as in ``others``.
         """
-        outward = ahead[:, :2] - centre[:2]
-        far, within_m = np.hypot(outward[:, 0], outward[:, 1]), radius_m - CLEAR_M
-        if len(absence.stops) == 0 or within_m <= 0.0 or far[0] < radius_m - _ON_M:
+        far_m, within_m = float(np.hypot(*(ahead[0, :2] - centre[:2]))), radius_m - CLEAR_M
+        if len(absence.stops) == 0 or within_m <= 0.0 or far_m < radius_m - ON_M:
             return []
         return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 

@@ -214,8 +214,9 @@ class Silent:
             if course.way is not None and silent_s < course.down_s:
                 self._keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
-                hidden = course.way is not None and course.is_stop(stretch) and not is_late  # else it holds
-                place_m = last.sigma_after_m(silent_s) if last is not None and hidden else doubt_m
+                place_m = doubt_m
+                if last is not None and course.is_stop(stretch) and not is_late:
+                    place_m = last.sigma_after_m(silent_s if course.way is not None else 0.0)  # one that holds stays there
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
 
@@ -231,8 +232,7 @@ class Silent:
         for frame in frames:
             moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
-            steered = pose.steered and last is None
-            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=steered))
+            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=pose.steered and last is None))
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
@@ -277,8 +277,9 @@ class Silent:
 
     def excluded(self, name: str) -> list[PeerPlan]:
         """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
-        self._unhearing.add(name)
+        self._courses.pop(name, None)
         self._homes.pop(name, None)
+        self._unhearing.add(name)
         return []
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
@@ -299,7 +300,7 @@ class Silent:
         if (last := self._sights.of(name, 0, me.epoch)) is None:
             return []
         course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
-        return self._along(name, [course], 0, last, 0.0, me)
+        return self._along(name, [course], last.stamp_ns, last, 0.0, me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""

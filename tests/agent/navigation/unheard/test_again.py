@@ -14,19 +14,20 @@ from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
 from protocol.messages import Stage
 
-HEARD = replace(pose(), position_m=(-40.0, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0))  # at (10, -40); home is at (10, 0)
+HEARD = replace(pose(), position_m=(-40.0, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0))  # at (10, -40)
+HOME = (10.0, 0.0)
 
 
-def heard_again(silent_s, epoch=1, stage=Stage.SURVEY):
+def heard_again(silent_s, epoch=1, stage=Stage.SURVEY, heard_s=0.5, **more):
     """b is silent for so long, in a place that its new localisation does not tell, and heard again for half a second."""
     peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    me = Self(0, 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0)
+    me = Self(0, 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0, **more)
     for message in (HEARD, status(stage)):
         assert peers.receive(message, 0) is None
     hood.around(peers, me)
     for tenth in range(1, round(10 * silent_s)):
         hood.around(peers, replace(me, now_ns=tenth * SECOND // 10))
-    for tenth in range(5):
+    for tenth in range(round(10 * heard_s)):
         now_ns = round(silent_s * SECOND) + tenth * SECOND // 10
         assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=epoch), now_ns) is None
         assert peers.receive(replace(status(Stage.HOLD), stamp_ns=now_ns), now_ns) is None
@@ -34,12 +35,30 @@ def heard_again(silent_s, epoch=1, stage=Stage.SURVEY):
     return [one.plan.at(now_ns) for one in found], hood, peers, replace(me, now_ns=now_ns)
 
 
-@pytest.mark.parametrize(("silent_s", "there"), [(9.0, (10.0, 0.0)), (60.0, (10.0, 0.0))])
-def test_one_may_have_flown_home_while_it_was_not_heard_and_its_localisation_jumped(silent_s, there):
+@pytest.mark.parametrize("silent_s", [9.0, 60.0])
+def test_one_may_have_flown_home_while_it_was_not_heard_and_its_localisation_jumped(silent_s):
     """By continuity alone it was expected where it was heard last, 40 m from there."""
     found, *_ = heard_again(silent_s)
     assert min(dist(one, (10.0, -40.0)) for one in found) < 1.0
-    assert min(dist(one, there) for one in found) < 6.0
+    assert min(dist(one, HOME) for one in found) < 6.0
+
+
+def test_it_may_still_be_on_its_way_home_if_it_is_silent_once_more():
+    """It holds then, and a hold leads nowhere: after a second without a message it was expected by continuity only."""
+    _, hood, peers, me = heard_again(60.0)
+    for tenth in range(1, 21):
+        now_ns = me.now_ns + tenth * SECOND // 10
+        found = hood.around(peers, replace(me, now_ns=now_ns))
+        assert min(dist(one.plan.at(now_ns), HOME) for one in found) < 6.0
+    assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=1), now_ns) is None
+    found = hood.around(peers, replace(me, now_ns=now_ns))
+    assert min(dist(one.plan.at(now_ns), HOME) for one in found) < 6.0
+
+
+def test_it_waits_where_it_was_on_its_way_home_to_a_revoked_drone_as_well():
+    """To that one it seemed to fly on home for as long as it was heard again."""
+    found, *_ = heard_again(5.0, heard_s=20.0, revoked=True)
+    assert max(y for _, y in found) < -15.0
 
 
 @pytest.mark.parametrize(("silent_s", "epoch", "stage"), [(9.0, 0, Stage.SURVEY), (3.0, 1, Stage.SURVEY), (9.0, 1, Stage.HOLD)])

@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, pose, sighting, status
 
+from agent.config.mission import SafetyConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.navigation.myself import Self
@@ -31,9 +32,9 @@ def me(second, **more):
     )
 
 
-def seen_after(heard=(), until_s=HIDDEN_S, **more):
+def seen_after(heard=(), until_s=HIDDEN_S, mission=MISSION, **more):
     """What a makes of it while it sees b for 5 s, which it has heard at 0, if at all."""
-    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers, hood = Peers(["b"]), Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a")
     for message in heard:
         assert peers.receive(message, 0) is None
     for second in np.arange(HIDDEN_S - 5.0, until_s, 0.2).tolist():
@@ -99,6 +100,26 @@ def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
     assert one.plan.blind
     hidden = hood.around(peers, me(HIDDEN_S + 4.0, resumed=resumed))
     assert nearest_m(hidden, HIDDEN_S + 4.0, LAST) < 1.5
+
+
+def test_to_a_revoked_drone_too_one_that_was_never_heard_is_the_more_doubtful_the_longer_it_is_hidden():
+    """It was taken for one that had been silent for so long that it had to be home by then: its place seemed to be exact."""
+    peers, hood = seen_after(revoked=True)
+    second = HIDDEN_S + 4.0
+    found = hood.around(peers, me(second, revoked=True))
+    stops = min(found, key=lambda one: dist(one.plan.at(round(second * SECOND)), LAST))
+    assert stops.plan.sigma_m > 1.0
+
+
+@pytest.mark.parametrize("heard", [(), (FAR, status(Stage.SURVEY))])
+def test_the_place_of_one_that_holds_without_its_agent_is_as_doubtful_as_it_was_seen(heard):
+    """It was taken for one that had been placed by its pose, at 0.3 m. Its doubt does not grow: it would drive the swarm away."""
+    peers, hood = seen_after(heard, mission=replace(MISSION, safety=SafetyConfig(agent_lost="hold")))
+    for hidden_s in (4.0, 300.0):
+        second = HIDDEN_S + hidden_s
+        found = [one for one in hood.around(peers, me(second)) if one.plan.away is None]
+        assert nearest_m(found, second, LAST) < 1.5
+        assert [one.plan.sigma_m for one in found] == [pytest.approx(1.0, abs=0.1)]
 
 
 def test_one_that_was_never_heard_and_stands_on_the_ground_is_in_nobody_s_way():
