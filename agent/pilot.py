@@ -106,8 +106,7 @@ class Pilot:
         history, self._numbers = self._own.history, Numbering()
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
         self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters)
-        self._camera = Camera(mission, drone.calibration, self._observer, self.counters)
-        self._peers = Peers(others)
+        self._camera, self._peers = Camera(mission, drone.calibration, self._observer, self.counters), Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id, mission.safety.battery_reserve)
         verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
@@ -137,8 +136,7 @@ class Pilot:
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
         """Take a satellite fix. Returns the resulting log entry, to be published at once."""
-        entry = self._sensors.fix(fix)
-        if entry is not None:
+        if (entry := self._sensors.fix(fix)) is not None:
             self._record([entry], entry.stamp_ns)
         return self._outbox.take()
 
@@ -188,8 +186,7 @@ class Pilot:
             return verdict
         if isinstance(message, Revocation | Revoked):
             return self._revoking.hear(message, now_ns)
-        reason = self._dispatch(message, payload, now_ns)
-        if reason is not None:
+        if (reason := self._dispatch(message, payload, now_ns)) is not None:
             self.counters[f"dropped_{reason}"] += 1
         return None
 
@@ -243,10 +240,9 @@ class Pilot:
             self._sensors.begin_anew()
             self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
         if (span_ns := self._own.elsewhere()) is not None:
-            first_ns, until_ns = span_ns
-            self._observer.drop_until(until_ns)
-            self._sensors.drop_until(until_ns)
-            if (doubted := self._numbers.since(first_ns)) is not None:
+            self._observer.drop_until(span_ns[1])
+            self._sensors.drop_until(span_ns[1])
+            if (doubted := self._numbers.since(span_ns[0])) is not None:
                 self._record([self._observer.retraction(now_ns, *doubted)], now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
