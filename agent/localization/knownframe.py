@@ -16,6 +16,7 @@ _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
 # measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.
 SLIDE_MPS = 1.0
+_LONGEST_S = 30.0  # taken back at most: one that jumps by hundreds of metres is rather wrong from then on
 
 
 class KnownFrame:
@@ -48,7 +49,7 @@ class KnownFrame:
             return otherwise
         self.otherwise = otherwise
         if not announced:
-            since_ns = vehicle.stamp_ns - round(1e9 * _apart_m(onward, old, vehicle) / SLIDE_MPS)
+            since_ns = vehicle.stamp_ns - round(1e9 * min(_LONGEST_S, _apart_m(onward, old, vehicle) / SLIDE_MPS))
             untold_ns = since_ns if self.elsewhere is None else self.elsewhere[0]  # of a jump since the last step
             self.elsewhere = min(since_ns, untold_ns), vehicle.stamp_ns
         return onward

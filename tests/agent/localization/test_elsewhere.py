@@ -11,7 +11,8 @@ from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
-from agent.localization.knownframe import SLIDE_MPS
+from agent.frames.transform import Transform
+from agent.localization.knownframe import SLIDE_MPS, KnownFrame
 from agent.vehicle.interface import SeenDrone
 from protocol.entries import Exposure, Retraction, Sighting
 
@@ -71,6 +72,15 @@ def test_all_of_it_where_the_jump_is_wide():
     one = pilot()
     flown(one, 40.0)
     assert min(counting_s(one)) >= JUMPED_S
+
+
+@pytest.mark.parametrize(("jump_m", "slid_s"), [(12.0, 12.0), (300.0, 30.0)])
+def test_of_half_a_minute_at_most(jump_m, slid_s):
+    """A localisation that jumps by hundreds of metres is rather wrong from then on."""
+    frame, before, after = KnownFrame(), state(START_NS), state(START_NS + TICK_NS, position=(jump_m, 0.0, 3.0))
+    frame.after_jump(Transform(), before, after, 0.0, announced=False)
+    assert frame.elsewhere is not None
+    assert 1e-9 * (frame.elsewhere[1] - frame.elsewhere[0]) == pytest.approx(slid_s)
 
 
 def test_once_for_a_jump_and_not_when_it_is_undone():
