@@ -21,7 +21,7 @@ heard for a moment, but never a status. Where this drone sees it fly, that is wh
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
 as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
 although its agent steers it: one of them is false. One whose localisation has jumped while it was not heard may have flown home
-meanwhile (``again``).
+meanwhile (``heardagain``).
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
@@ -64,9 +64,9 @@ from agent.navigation.peers.placing import (
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.again import Again
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
+from agent.navigation.unheard.heardagain import HeardAgain
 from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Silent
 from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Pose, Stage
@@ -96,7 +96,7 @@ class Neighbourhood:
         self.frames = TheirFrames(mission, frames)
         self._members = {member.id: member for member in mission.drones}
         self._following = Following()
-        self._silent, self._again = Silent(mission, drone), Again()
+        self._silent, self._heard_again = Silent(mission, drone), HeardAgain()
         self._id, self._fastest_mps = drone, mission.limits.speed_mps
         # The stage of each that hears this drone, and the circle of this one then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
@@ -127,7 +127,7 @@ class Neighbourhood:
             on_ground = peer.sources.is_on_ground(me.now_ns)
             if peer.pose is None or on_ground:
                 self._silent.heard(name)
-                self._again.forget(name)
+                self._heard_again.forget(name)
                 if not on_ground and me.may_fly(name):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
                 if not on_ground and me.local_from_mission is not None:
@@ -141,7 +141,7 @@ class Neighbourhood:
                 missing += [name] if took_part or (peer.status is None and me.may_fly(name)) else []
                 continue
             is_carried = name in self.frames.epochs
-            self._again.follow(name, peer.pose.stamp_ns, self._silent.flown(name), is_carried=is_carried)
+            self._heard_again.follow(name, peer.pose.stamp_ns, self._silent.agentless(name), is_carried=is_carried)
             apart = self._silent.excluded(name) if me.revoked else self._unhearing(name, peer, mission_from_theirs, me)
             if apart is None:
                 self._silent.heard(name)
@@ -167,9 +167,9 @@ class Neighbourhood:
         return found, missing
 
     def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
-        """Where else one may be that was heard again, and is not placed (``again``), by its error (1 sigma)."""
+        """Where else one may be that was heard again, and is not placed (``heardagain``), by its error (1 sigma)."""
         if me.local_from_mission is not None and sigma_m >= WORST_SIGMA_M:
-            for one in self._again.plans(name, me.viewer(me.local_from_mission)):
+            for one in self._heard_again.plans(name, me.viewer(me.local_from_mission)):
                 yield Neighbour(name, one, False)
 
     def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
@@ -228,7 +228,7 @@ class Neighbourhood:
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
         if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
-            self._again.forget(name)
+            self._heard_again.forget(name)
             viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
             if viewer is None or self._silent.seen(name, pose.stamp_ns, seen, viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)

@@ -27,7 +27,7 @@ class TheirFrames:
         self._graph, self._drift = graph, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._left: dict[str, list[Transform]] = {}  # by which those that have jumped may be elsewhere
+        self._otherwise: dict[str, list[Transform]] = {}  # by which those that have jumped may be elsewhere
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
         self._remembered: Mapping[str, KeptFrame] = {}
 
@@ -88,9 +88,9 @@ class TheirFrames:
         launch = self.told(name, LAUNCH_EPOCH)
         if launch is None or not self._members[name].is_exact or pose.epoch == LAUNCH_EPOCH:
             return None
-        left = self._left.get(name, [launch])
-        told = (one for one in left if mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, one) > 0.0)
-        return next(told, left[0] if pose.position_sigma_m >= WORST_SIGMA_M else None)
+        otherwise = self._otherwise.get(name, [launch])
+        told = (one for one in otherwise if mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, one) > 0.0)
+        return next(told, otherwise[0] if pose.position_sigma_m >= WORST_SIGMA_M else None)
 
     def _note_jump(self, name: str, pose: Pose) -> None:
         """Where its localisation jumps, the frame by which it is elsewhere stays what it is; or goes on by continuity as well, if
@@ -101,7 +101,7 @@ class TheirFrames:
             return
         frame = self._as_told(name, before.epoch, frame)
         other = bare(self.elsewhere(name, before, frame) or frame)
-        self._left[name] = [other, carried_on(other, before, pose)]
+        self._otherwise[name] = [other, carried_on(other, before, pose)]
 
     def _of_before_restart(self, name: str, pose: Pose) -> tuple[Pose, Transform] | None:
         """The frame stored before this agent was restarted, with a pose of then; None where the other one has jumped since."""

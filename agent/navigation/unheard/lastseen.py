@@ -31,7 +31,7 @@ class LastSeen(Struct, frozen=True):
         return min(self.sigma_m + UNKNOWN_MPS * seconds, WORST_SIGMA_M)
 
 
-class Sights:
+class LastSightings:
     """Of each, where it was seen last."""
 
     def __init__(self) -> None:

@@ -38,7 +38,7 @@ from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
 from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of, wall_between
 from agent.navigation.unheard.crossing import is_over_m
-from agent.navigation.unheard.lastseen import LastSeen, Sights
+from agent.navigation.unheard.lastseen import LastSeen, LastSightings
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -79,7 +79,7 @@ class Silent:
         self._courses: dict[str, tuple[int, list[Course]]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
-        self._sights = Sights()
+        self._sights = LastSightings()
         self._homes: dict[str, dict[Point2, KeptPlace]] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
@@ -104,7 +104,7 @@ class Silent:
         self._homes.pop(name, None)
         self._unhearing.discard(name)
 
-    def flown(self, name: str) -> tuple[int, list[Course]] | None:
+    def agentless(self, name: str) -> tuple[int, list[Course]] | None:
         """What its vehicle does if its agent is gone, and since when; None where it is heard, or on the ground."""
         return self._courses.get(name)
 

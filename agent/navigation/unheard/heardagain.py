@@ -17,7 +17,7 @@ from agent.navigation.unheard.agentless import Course
 from agent.navigation.unheard.viewer import Viewer
 
 
-class Again:
+class HeardAgain:
     """Those that are heard again: how long they had been silent then, in seconds, and what their vehicles may have done."""
 
     def __init__(self) -> None:
