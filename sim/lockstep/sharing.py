@@ -4,9 +4,8 @@ What one has computed from a state and observations, the others need not again.
 
 An estimator's step is a pure function of a state that never changes and of observations (``agent.fusion.estimator``), and all
 agents of a flight begin with the same state. So agents with equal logs walk along one chain of states. Where their logs differ
-they part; once the logs are equal again, they replay from where they parted, and one chain remains: also where one does so after
-the states of the others at that place have been forgotten, as soon as it comes to one that is remembered. Nothing else is shared:
-every agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
+they part; once the logs are equal again, they replay from where they parted, and one chain remains. Nothing else is shared: every
+agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
 
 In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the
 others.
@@ -14,11 +13,9 @@ others.
 
 from __future__ import annotations
 
-import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import partial
-from operator import itemgetter
 from typing import Any, Generic, TypeVar, cast
 
 from agent.config.mission import MissionConfig
@@ -35,7 +32,6 @@ MOST_READ = 512  # messages: those of a second and more of six drones, which the
 
 S = TypeVar("S")
 R = TypeVar("R")
-_Key = tuple[int, tuple[tuple[object, ...], ...]]  # number of a step, and the contents of its observations
 
 
 class Folds:
@@ -64,7 +60,6 @@ class SharedFold(Generic[S]):
         self.name, self.reads = estimator.name, estimator.reads
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
         self._steps, self._hypotheses = Results(MOST_STEPS), Results(MOST_HYPOTHESES)
-        self._states = States()
         self._initial: dict[int | None, S] = {}  # there is one for each start command
 
     def __getattr__(self, name: str) -> Any:
@@ -80,7 +75,7 @@ class SharedFold(Generic[S]):
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
         """As ``Estimator``."""
         key = step.index, tuple(map(_content, observations))
-        return self._steps.get(state, key, lambda: self._states.only(key, self._estimator.step(state, step, observations)))
+        return self._steps.get(state, key, lambda: self._estimator.step(state, step, observations))
 
     def work(self, state: S, observations: int) -> int:
         """As ``Estimator``: as if nobody had computed the step yet, so that an agent's slices are those that it has alone."""
@@ -125,30 +120,6 @@ class Results(Shared):
         else:
             self._known.move_to_end(place)
         return cast(R, known[1])
-
-
-class States(Shared):
-    """The states after the latest steps: of all that have one content, one object. By it agents that have parted share again."""
-
-    def __init__(self) -> None:
-        self._made: dict[_Key, list[object]] = {}  # the different states after a step, by what went into it
-
-    def only(self, key: _Key, state: S) -> S:
-        """The one object of a state's content."""
-        made = self._made.setdefault(key, [])
-        if len(self._made) > MOST_STEPS:
-            del self._made[min(self._made, key=itemgetter(0))]
-        if made:
-            content = _written(state)
-            same = next((one for one in made if _written(one) == content), None)
-            if same is not None:
-                return cast(S, same)
-        made.append(state)
-        return state
-
-
-def _written(state: object) -> bytes:
-    return pickle.dumps(state, pickle.HIGHEST_PROTOCOL)
 
 
 def _content(observation: Observation) -> tuple[object, ...]:

@@ -125,24 +125,6 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
     assert fold.step(first, step, [counts]) is not first
 
 
-def test_agents_that_have_parted_share_again_where_one_comes_to_a_state_that_is_remembered(counts, monkeypatch):
-    """The other one's states at the place from which it replays have been forgotten."""
-    monkeypatch.setattr("sim.lockstep.sharing.MOST_STEPS", 4)
-    fold = SharedFold(estimator_named("bayes", load_scenario("demo").mission))
-    steps = [GridStep(10 + k, (10 + k) * 10**8, (11 + k) * 10**8) for k in range(6)]
-
-    def chain():
-        states = [fold.initial(None)]
-        for step in steps:
-            seen = [replace(counts, stamp_ns=step.start_ns, identity=counts.identity._replace(sequence=step.index))]
-            states.append(fold.step(states[-1], step, seen))
-        return states[1:]
-
-    first, second = chain(), chain()
-    assert first[0] is not second[0]
-    assert first[-1] is second[-1]
-
-
 def test_results_are_bounded_and_those_in_use_stay():
     results, state, computed = Results(10), object(), []
 
