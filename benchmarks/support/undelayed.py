@@ -22,6 +22,7 @@ from protocol.entries import Entry
 from protocol.messages import DRONE_KINDS, Stage, Status
 
 _EVERY_NS = 100_000_000
+_ON_ITS_WAY_NS = 100_000_000  # what was sent so shortly before the last that an agent had
 _ENTRIES = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, Entry)}
 
 
@@ -34,9 +35,9 @@ class _Arrival(NamedTuple):
 
 
 class Lateness(NamedTuple):
-    """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that one never had.
-    moved_m: by how much the delays moved the hypotheses while all tracked (median, largest). None: nothing to tell it by, as
-    where an agent ended early or never tracked.
+    """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that one never had, without those
+    that were on their way at the end. moved_m: by how much the delays moved the hypotheses while all tracked (median, largest).
+    None: nothing to tell it by, as where an agent ended early or never tracked.
     """
 
     delays_s: tuple[float, float, float] | None
@@ -57,9 +58,15 @@ def lateness(found: dict[str, RecordedFlight]) -> Lateness:
     ]
     return Lateness(
         (float(np.median(delays_s)), float(np.quantile(delays_s, 0.99)), max(delays_s)) if delays_s else None,
-        sum(len(sent.keys() - arrivals.keys()) for arrivals in heard.values()),
+        sum(_missing(sent, arrivals) for arrivals in heard.values()),
         _moved_m(found, list(sent.values()), [list(arrivals.values()) for arrivals in heard.values()]),
     )
+
+
+def _missing(sent: dict[bytes, _Arrival], arrivals: dict[bytes, _Arrival]) -> int:
+    """How many of the entries sent an agent lacks."""
+    until_ns = max((arrival.at_ns for arrival in arrivals.values()), default=0) - _ON_ITS_WAY_NS
+    return sum(payload not in arrivals and arrival.at_ns < until_ns for payload, arrival in sent.items())
 
 
 def _moved_m(found: dict[str, RecordedFlight], sent: list[_Arrival], heard: list[list[_Arrival]]) -> tuple[float, float] | None:
