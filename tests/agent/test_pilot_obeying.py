@@ -122,6 +122,17 @@ def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_b
     assert believed(one) == ()
 
 
+def hears_that_the_copied_one_obeys(one, now_ns, *, copies):
+    """It finds the revocation, is told by d3 that d2 obeys, and does not believe it. ``copies``: it hears two sources before."""
+    if copies:
+        hear_two_sources(one)
+    one.receive(*revocation(), now_ns + 2 * SECOND)
+    message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
+    one.receive(*keyed(message), now_ns + 3 * SECOND)
+    one.step(now_ns + 3 * SECOND)
+    assert believed(one) == ()
+
+
 def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
     """Each finds the revocation in a file of its own, and hears the word again; the two sources are silent by then."""
     memory = Memory(mission=MISSION.mission_id, stamp_ns=START_NS, started_ns=START_NS, stage=Stage.SURVEY, resume=Stage.SURVEY)
@@ -129,13 +140,7 @@ def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
         now_ns = START_NS + 5 * restart * SECOND
         one = trusting(memory=memory)
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
-        if restart == 0:
-            hear_two_sources(one)
-        one.receive(*revocation(), now_ns + 2 * SECOND)
-        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
-        one.receive(*keyed(message), now_ns + 3 * SECOND)
-        one.step(now_ns + 3 * SECOND)
-        assert believed(one) == ()
+        hears_that_the_copied_one_obeys(one, now_ns, copies=restart == 0)
         memory = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
 
 
@@ -146,13 +151,7 @@ def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts_on_the_grou
         now_ns = START_NS + 5 * restart * SECOND
         one = trusting(memory=memory)
         one.observe_vehicle(state(now_ns, **down))
-        if restart == 0:
-            hear_two_sources(one)
-        one.receive(*revocation(), now_ns + 2 * SECOND)
-        message = Revoked(stamp_ns=now_ns, drone="d3", held=(), obeying=(word(one.revocations[0]),))
-        one.receive(*keyed(message), now_ns + 3 * SECOND)
-        one.step(now_ns + 3 * SECOND)
-        assert believed(one) == ()
+        hears_that_the_copied_one_obeys(one, now_ns, copies=restart == 0)
         kept = one.memory
         one.step(now_ns + 60 * SECOND)
         assert one.memory is kept  # nothing new to write

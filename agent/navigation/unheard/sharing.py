@@ -74,7 +74,7 @@ class SharedCircle:
         """
         if self._crossing.is_over and not climbs:
             return []
-        far_m = float(np.hypot(*(ahead[0, :2] - centre[:2])))
+        far_m = _far_m(ahead, centre)
         if self._crossing.climbs or climbs:
             circles = self._circles(absence, fits_hypothesis, kept=False)
             within = [one for one in circles if one.radius_m < far_m][-1:]
@@ -99,8 +99,8 @@ class SharedCircle:
         nobody is there, but two sides that evade those vehicles through the middle meet, and neither reckons with it; outward
         they part. ``radius_m``: of the circle that all share; the others as in ``others``.
         """
-        far_m, within_m = float(np.hypot(*(ahead[0, :2] - centre[:2]))), radius_m - CLEAR_M
-        if len(absence.stops) == 0 or within_m <= 0.0 or far_m < radius_m - ON_M:
+        within_m = radius_m - CLEAR_M
+        if len(absence.stops) == 0 or within_m <= 0.0 or _far_m(ahead, centre) < radius_m - ON_M:
             return []
         return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 
@@ -195,6 +195,11 @@ class SharedCircle:
             c, s = cos(angle), sin(angle)
             found[name] = PeerState((x + radius_m * c, y + radius_m * s, z), (u - speed_mps * s, v + speed_mps * c, 0.0))
         return found
+
+
+def _far_m(ahead: Array, centre: Vector3) -> float:
+    """Horizontal distance from the centre now, at the first of the planned positions (K, 3)."""
+    return float(np.hypot(*(ahead[0, :2] - centre[:2])))
 
 
 def _beside(name: str, now_ns: int, step_s: float, ahead: Array, centre: Vector3, radius_m: float, *, inside: bool) -> PeerPlan:
