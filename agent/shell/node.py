@@ -151,7 +151,8 @@ class Node:
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id, encrypted=self._identity is not None)
         ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
         lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id))
-        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact, lost=lost)
+        launch = saved.launch_in(self._mission.mission_id)
+        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, launch, exact=exact, lost=lost)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(contained("telemetry", self._pilot.observe_vehicle, None))
         self._publish = contained("publications", self._mesh.publish, None)
@@ -309,10 +310,9 @@ class Node:
         self._save()
 
     def _save(self) -> None:
-        memory = self._pilot.memory
-        # On the ground the launch place changes all the time, and is not needed.
-        launch = self._vehicle.launch if memory is not None and memory.flies else None
-        self._store.save(State(memory=memory, launch=launch))
+        launch = self._vehicle.launch
+        kept = None if launch is None else msgspec.structs.replace(launch, mission=self._mission.mission_id)
+        self._store.save(State(memory=self._pilot.memory, launch=kept))
 
     def _warnings(self) -> Iterator[str | None]:
         yield from no_contact(self._drone, self._mission, self._mesh.alive)

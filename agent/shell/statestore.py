@@ -1,4 +1,4 @@
-"""State that survives a restart of the agent in flight: kept in one file, written beside the steps when it has changed."""
+"""State that survives a restart of the agent: kept in one file, written beside the steps when it has changed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 from msgspec import Raw, Struct
+from msgspec.structs import replace
 
 from agent.mission.memory import Memory
 from agent.outputs import write_durably
@@ -23,6 +24,12 @@ class State(Struct, frozen=True, kw_only=True):
 
     memory: Memory | None = None
     launch: LaunchPlace | None = None
+
+    def launch_in(self, mission: str) -> LaunchPlace | None:
+        """The launch place for this mission: for another one it is measured again once the vehicle stands."""
+        if self.launch is None or self.launch.mission == mission:
+            return self.launch
+        return replace(self.launch, flown=False)
 
 
 class _Written(Struct, frozen=True, kw_only=True):

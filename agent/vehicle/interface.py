@@ -100,7 +100,8 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
 
     A restarted agent recognises the frame by its geodetic origin or, where there is none because the autopilot flies without
     satellites, by the boot time of the autopilot. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its
-    estimator's resets by then (None: not reported).
+    estimator's resets by then (None: not reported); ``flown``: whether the vehicle has been in the air since;
+    ``mission``: the one that it was launched for.
     """
 
     north_m: float
@@ -112,6 +113,8 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
     booted_ns: int | None = None
     epoch: int = 0
     resets: int | None = None
+    flown: bool = False
+    mission: str = ""
 
     @property
     def origin(self) -> Origin | None:

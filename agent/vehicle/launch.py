@@ -1,4 +1,4 @@
-"""Where the drone's local frame lies in the autopilot's: measured on the ground, or stored over a restart in flight."""
+"""Where the drone's local frame lies in the autopilot's: measured on the ground, or stored over a restart of the agent."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ class LaunchSurvey:
 
     After the first flight it never changes, also after a landing elsewhere: later measurements belong to the same frame.
 
-    An agent that starts with the vehicle armed has nothing to average: it uses the stored place, provided that the autopilot's
-    frame still has the same geodetic origin. A horizontal shift of the origin in flight invalidates the place: setpoints and
-    cones would be wrong by as much. (The autopilot may correct the origin's altitude without moving its frame: a warning.)
+    An agent that starts with the vehicle armed has nothing to average, and one whose vehicle has flown meanwhile may find it
+    elsewhere: they use the stored place, provided that the autopilot's frame still has the same geodetic origin. A horizontal
+    shift of the origin in flight invalidates the place: setpoints and cones would be wrong by as much. (The autopilot may correct
+    the origin's altitude without moving its frame: a warning.)
 
     An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until it is rebooted;
     an origin that appears later, because a receiver has found satellites, does not move the frame.
@@ -51,8 +52,10 @@ class LaunchSurvey:
 
     @property
     def to_keep(self) -> LaunchPlace | None:
-        """The place to store for a restarted agent: this one's, or before it is known the one that was stored."""
-        return self._place or self._stored
+        """The place to store for a restarted agent, once it does not change any more; before one is known, the stored one."""
+        if self._place is None:
+            return self._stored
+        return replace(self._place, flown=self._flown) if self._frozen else None
 
     def take_origin(self, origin: GlobalOrigin) -> None:
         """Take the geodetic origin of the autopilot's local frame."""
@@ -68,6 +71,8 @@ class LaunchSurvey:
         resets: int | None = None,
     ) -> None:
         """Take the autopilot's local position (NED, m), its boot time (UTC), and its present count of resets."""
+        if not self._flown and self._stored is not None and self._stored.flown and self._is_same_frame(self._stored, booted_ns):
+            self._place, self._flown = self._stored, True
         self._frozen = armed or in_air or self._flown
         if self._origin is None and self._gnss:
             self.problem = "the autopilot has not reported the origin of its local frame yet (no position fix?)"

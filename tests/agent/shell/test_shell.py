@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 import structlog
+from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, command, pilot, state
 
 from agent.config.drone import DroneConfig
@@ -86,7 +87,8 @@ def test_the_state_of_an_older_release_is_read(tmp_path: Path) -> None:
 def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_path: Path, log: Logger) -> None:
     """An agent that was killed within half a second of its start knew neither of the flight nor of its launch place."""
     node = Node(DroneConfig(id="d1", state=str(tmp_path)), MISSION, InForce(MISSION), Heartbeat(), log)
-    node._pilot, node._vehicle = pilot(), SimpleNamespace(launch=STATE.launch)  # type: ignore[assignment]
+    vehicle = SimpleNamespace(launch=None)
+    node._pilot, node._vehicle = pilot(), vehicle  # type: ignore[assignment]
     node._send_command = node._publish = lambda *_: None
 
     async def step() -> State:
@@ -96,11 +98,22 @@ def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_pa
         return StateFile(str(tmp_path), "d1").load()
 
     assert asyncio.run(step()) == State()
+    vehicle.launch = STATE.launch
     node._pilot.observe_vehicle(state(START_NS))
     node._pilot.receive(*command(), START_NS)
     saved = asyncio.run(step())
-    assert saved == State(memory=node._pilot.memory, launch=STATE.launch)
+    assert STATE.launch is not None
+    assert saved == State(memory=node._pilot.memory, launch=replace(STATE.launch, mission=MISSION.mission_id))
     assert saved.memory is not None
+
+
+def test_a_launch_place_is_flown_from_in_its_mission_only() -> None:
+    """For another mission the vehicle may have been carried to another launch place."""
+    assert STATE.launch is not None
+    flown = State(launch=replace(STATE.launch, flown=True, mission="m1"))
+    assert flown.launch_in("m1") == flown.launch
+    assert flown.launch_in("m2") == replace(STATE.launch, mission="m1")
+    assert State().launch_in("m1") is None
 
 
 def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:

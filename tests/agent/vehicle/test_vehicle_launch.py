@@ -110,7 +110,36 @@ def test_without_anything_stored_an_armed_vehicle_has_no_launch_place() -> None:
     assert "land" in str(survey.problem)
 
 
-def test_on_the_ground_what_was_stored_is_void() -> None:
+def test_an_agent_restarted_after_a_landing_elsewhere_keeps_the_frame_of_the_launch() -> None:
+    place = surveyed(3.0, stored=replace(STORED, flown=True)).place
+    assert place == replace(STORED, flown=True)
+    booted_since = surveyed(3.0, stored=replace(STORED, flown=True, origin_longitude_deg=8.5456)).place
+    assert booted_since is not None
+    assert booted_since.north_m == pytest.approx(10.0, abs=0.01)
+
+
+def test_without_satellites_too_once_it_is_known_when_the_autopilot_was_booted() -> None:
+    stored = replace(STORED, origin_latitude_deg=None, booted_ns=BOOTED_NS, resets=4, flown=True)
+    survey = without_satellites(stored)
+    for step in range(60):
+        survey.observe(step / 30, (10.0, -20.0, 0.3), **ON_GROUND)
+    assert survey.place != stored
+    stand(survey, 2.0, 0.1)
+    assert survey.place == stored
+
+
+def test_what_is_kept_tells_whether_it_was_flown_from() -> None:
+    survey = surveyed(3.0)
+    assert survey.to_keep is None  # it may still change
+    survey.observe(3.0, (10.0, -20.0, 0.3), armed=True, in_air=False)
+    assert survey.to_keep == survey.place
+    survey.observe(4.0, (10.0, -20.0, -3.0), **FLYING)
+    survey.observe(60.0, (60.0, 70.0, 0.3), **ON_GROUND)
+    assert survey.place is not None
+    assert survey.to_keep == replace(survey.place, flown=True)
+
+
+def test_on_the_ground_what_was_stored_before_it_flew_is_void() -> None:
     place = surveyed(3.0, stored=STORED).place
     assert place is not None
     assert place.north_m == pytest.approx(10.0, abs=0.01)
@@ -123,7 +152,8 @@ def test_an_origin_that_moves_in_flight_takes_the_place_away_and_keeps_it_for_a_
     survey.observe(4.0, (50.0, 50.0, 0.0), **FLYING)
     assert "origin" in str(survey.problem)
     assert survey.place is None
-    assert survey.to_keep == before
+    assert before is not None
+    assert survey.to_keep == replace(before, flown=True)
     survey.take_origin(ORIGIN)
     survey.observe(5.0, (50.0, 50.0, 0.0), **FLYING)
     assert (survey.place, survey.problem) == (before, None)
@@ -162,6 +192,7 @@ def test_without_satellites_it_needs_no_origin_and_one_that_comes_later_moves_no
 def test_without_satellites_a_restarted_agent_knows_the_frame_by_when_the_autopilot_was_booted() -> None:
     survey = without_satellites()
     stand(survey, 0.0, 3.0)
+    survey.observe(3.0, (10.0, -20.0, 0.3), armed=True, in_air=False, booted_ns=BOOTED_NS, resets=4)
     stored = survey.to_keep
     again = without_satellites(stored)
     again.observe(0.0, (5.0, 5.0, -5.0), **FLYING, booted_ns=BOOTED_NS + 5_000_000, resets=4)
@@ -185,7 +216,7 @@ def test_a_jump_in_flight_begins_an_epoch_that_a_restarted_agent_goes_on_from() 
     again = without_satellites(survey.to_keep)
     again.observe(0.0, (30.0, 5.0, -5.0), **FLYING, booted_ns=BOOTED_NS, resets=5)
     again.jumped()
-    assert again.place == replace(place, epoch=2)
+    assert again.place == replace(place, epoch=2, flown=True)
 
 
 def test_a_jump_on_the_ground_begins_the_measurement_anew_and_no_epoch() -> None:
