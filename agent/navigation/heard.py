@@ -1,0 +1,188 @@
+"""Where a drone that is heard is, in this drone's local frame, and where else it may be.
+
+A drone that is heard is never left out because its frame is not known. Its position comes from the best of these sources:
+
+1. its frame is known exactly: its poses and plans;
+2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
+   better than two estimates in the mission frame do; where a wrong heading leaves nothing to correct, by sightings alone;
+3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
+   restart of this agent: the frame of before, likewise;
+4. its frame, or the own one, is not known: this drone's sightings alone;
+5. it is not seen either, but still near its launch place: the mission's launch layout.
+
+A drone goes where its plan says only as long as its agent steers it, which its poses tell, and its poses follow that plan: one
+that departs from it by more than separation allows for is flown by somebody else. It is placed by its pose, as one that
+publishes plans no more, and never gives way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from math import hypot
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.config.mission import MissionConfig
+from agent.frames.graph import LAUNCH_EPOCH
+from agent.frames.transform import Transform
+from agent.motion.reference import PeerState
+from agent.motion.separation import PeerPlan
+from agent.navigation.myself import Self
+from agent.navigation.peers.doubted import doubt_m as doubt_between_m
+from agent.navigation.peers.following import Following
+from agent.navigation.peers.newest import Peer
+from agent.navigation.peers.placing import (
+    SIGMAS,
+    WORST_SIGMA_M,
+    bare,
+    blind,
+    contradicts,
+    doubt_m,
+    expected,
+    held,
+    placed_by_sightings,
+    planned,
+    sigma_of_m,
+    speed_of_mps,
+    unexplained_m,
+)
+from agent.navigation.peers.relative import offset, places
+from agent.navigation.peers.theirframes import TheirFrames
+from agent.navigation.unheard.silent import TAKING_PART
+from protocol.messages import Pose
+
+NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
+
+
+class Other(Struct, frozen=True):
+    """Another drone that is, or was, heard: its id, all that is known of it, and its newest pose.
+
+    ``mission_from_theirs``: its local frame, of the epoch of that pose; None while it is not known.
+    """
+
+    name: str
+    peer: Peer
+    pose: Pose
+    mission_from_theirs: Transform | None
+
+    @property
+    def took_part(self) -> bool:
+        """Whether it took off, searched or tracked by its last status."""
+        return self.peer.status is not None and self.peer.status.stage in TAKING_PART
+
+
+class Heard:
+    """The places of drones that are heard, as plans to keep clear of."""
+
+    def __init__(self, mission: MissionConfig, frames: TheirFrames, following: Following) -> None:
+        self._members = {member.id: member for member in mission.drones}
+        self._frames, self._following = frames, following
+
+    def by_frames(self, other: Other, me: Self) -> PeerPlan | None:
+        """Where it is by its frame and the own one, and by sightings; None while either is not known."""
+        theirs, mine = other.mission_from_theirs, me.local_from_mission
+        if theirs is None or mine is None:
+            return None
+        if theirs.covariance is None and mine.covariance is None:
+            sigma_m = min(hypot(me.place_sigma_m, other.pose.position_sigma_m), WORST_SIGMA_M)
+            return self._plan(other, mine @ theirs, sigma_m, me.now_ns)
+        return self._by_estimated_frames(other, theirs, mine, me)
+
+    def without_frames(self, other: Other, me: Self) -> PeerPlan | None:
+        """Where it is by sightings alone, or else by the launch layout; None where neither tells."""
+        seen = placed_by_sightings(other.name, other.peer.sightings, speed_of_mps(other.pose), me.epoch, me.now_ns)
+        return seen or self._by_layout(other, me)
+
+    def elsewhere(self, other: Other, me: Self) -> Iterator[PeerPlan]:
+        """Where else it may be: by its localisation that has jumped, by a second source of news, and by a plan that its poses
+        contradict.
+        """
+        if me.local_from_mission is not None:
+            local_from_mission = bare(me.local_from_mission)
+            found = (
+                self._by_its_localization(other, local_from_mission, me.now_ns),
+                self._by_second_source(other, local_from_mission, me.now_ns),
+                self._as_planned(other, local_from_mission, me),
+            )
+            yield from (place for place in found if place is not None)
+
+    def _by_estimated_frames(
+        self, other: Other, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
+    ) -> PeerPlan:
+        name, peer, pose = other.name, other.peer, other.pose
+        local_from_theirs = bare(local_from_mission) @ bare(mission_from_theirs)
+        sigma_m = hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs))
+        there = partial(expected, peer, pose.epoch, local_from_theirs)
+        seen = offset(places(peer.sightings, me.epoch, me.now_ns, there), there)
+        if seen is None:
+            alone = placed_by_sightings(name, peer.sightings, speed_of_mps(pose), me.epoch, me.now_ns)
+            if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
+                return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
+            otherwise = self._frames.elsewhere(name, pose, mission_from_theirs)
+            sigma_m = hypot(me.place_sigma_m, sigma_of_either_m(pose, mission_from_theirs, otherwise))
+        else:
+            far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
+            share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
+            dx, dy, dz = (share * part for part in seen.vector)
+            x, y, z = local_from_theirs.translation
+            local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
+            sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
+        return self._plan(other, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, doubt_m(sigma_m))
+
+    def _plan(self, other: Other, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0) -> PeerPlan:
+        """Its published plan; without a recent one that it follows, its pose extrapolated by its velocity."""
+        name, peer, pose = other.name, other.peer, other.pose
+        measured = PeerState(
+            local_from_theirs.apply_point(pose.position_m),
+            local_from_theirs.rotate_direction(pose.velocity_mps),
+            age_s=(now_ns - pose.stamp_ns) * 1e-9,
+        )
+        plan = self._following.plan(name, peer, pose, now_ns)
+        if plan is None:
+            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=peer.plan is not None)
+        ahead = local_from_theirs.apply_points(plan.positions_m)
+        return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)
+
+    def _by_layout(self, other: Other, me: Self) -> PeerPlan | None:
+        member, pose = self._members[other.name], other.pose
+        gone_m = hypot(*pose.position_m[:2])
+        if me.local_from_mission is None or gone_m > NEAR_LAUNCH_M or pose.epoch != LAUNCH_EPOCH:
+            return None
+        state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
+        return held(other.name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+
+    def _by_its_localization(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
+        """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
+        frame = self._frames.elsewhere(other.name, other.pose, other.mission_from_theirs)
+        return None if frame is None else blind(other.name, other.pose, local_from_mission @ frame, now_ns)
+
+    def _by_second_source(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
+        """Where it is by the news of a second source (``sources``)."""
+        pose = other.peer.sources.second_place(now_ns)
+        if pose is None:
+            return None
+        frame = self._frames.told(other.name, pose.epoch) or self._frames.told(other.name, LAUNCH_EPOCH)
+        return None if frame is None else blind(other.name, pose, local_from_mission @ bare(frame), now_ns)
+
+    def _as_planned(self, other: Other, local_from_mission: Transform, me: Self) -> PeerPlan | None:
+        """Where it is by its plan if that is right, and not its poses, which contradict it."""
+        plan = self._following.contradicted(other.name, other.peer, other.pose, me.now_ns)
+        if plan is None or other.mission_from_theirs is None:
+            return None
+        sigma_m = between_sigma_m(other.pose, other.mission_from_theirs, me)
+        return planned(other.name, plan, local_from_mission @ bare(other.mission_from_theirs), sigma_m, me.now_ns)
+
+
+def between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
+    """1 sigma of the distance between a drone and this one, as far as separation grows with it."""
+    return min(hypot(me.place_sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+
+
+def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Transform | None) -> float:
+    """1 sigma of a drone's place, of either of the two where it is in doubt between them. ``otherwise``: its frame if its
+    localisation that has jumped is right; None without that doubt.
+    """
+    doubt_theirs_m = 0.0 if otherwise is None else doubt_between_m(pose, mission_from_theirs, otherwise)
+    return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)
