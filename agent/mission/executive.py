@@ -23,8 +23,8 @@ from agent.mission.stages import Mission
 from agent.mission.takeover import MODES
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
-from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
+from agent.navigation.moment import Moment
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning

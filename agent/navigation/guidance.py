@@ -3,70 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import atan2, cos, hypot, sin
+from math import atan2
 
 import numpy as np
-from msgspec import Struct
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Hypothesis
-from agent.geometry import Array, Point2, Vector3
+from agent.geometry import Array, Vector3
 from agent.localization.ownpose import LocalFrame, OwnPose
 from agent.motion.braking import comes_to_rest
-from agent.motion.encirclement import Encirclement
-from agent.motion.leading import Leading
-from agent.motion.orbit import Orbit, second_height_m
 from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
-from agent.navigation.focus import is_in_second_half
+from agent.motion.separation import PeerPlan
+from agent.navigation.circling import Circling
 from agent.navigation.home import Home
+from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.crossing import WayHome
-from agent.navigation.unheard.sharing import SharedCircle
 from agent.navigation.unheard.wayaround import WayAround, hovering
-from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
 
-STEP_S = 0.2  # of the tracker's horizon
-HORIZON = 20
-_SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
-_ROOM_M = 3.0  # between the circle and the fence
 # A drone whose frame is not known waits in place; after a while on a small circle, because ranges alone give no heading of a
 # drone that does not move.
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
-
-
-class Moment(Struct, frozen=True):
-    """The inputs of a navigation step. ``since_ns``: when the stage began; ``hypothesis``: mission frame."""
-
-    now_ns: int
-    stage: Stage
-    since_ns: int
-    vehicle: VehicleState
-    hypothesis: Hypothesis | None
-
-    @property
-    def stage_s(self) -> float:
-        """Duration of the stage so far."""
-        return (self.now_ns - self.since_ns) * 1e-9
-
-
-class Centre(Struct, frozen=True):
-    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation.
-
-    ``in_mission``: the same in the mission frame, horizontal.
-    """
-
-    position: Vector3
-    velocity: Vector3
-    in_mission: tuple[Point2, Point2]
 
 
 class Guidance:
@@ -91,12 +54,7 @@ class Guidance:
         self._id = drone.id
         self._own, self._ground, self._home = own, ground, home
         self._search, self._informed = search, informed
-        self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
-        self._second_m = second_height_m(mission)
-        most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
-        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
-        self._encirclement = Encirclement(mission.encirclement, mission.limits)
-        self._shared = SharedCircle(mission, drone.id)
+        self._circling = Circling(mission, drone.id, ground)
         self._way, self._around = WayHome(mission, drone.id), WayAround(mission)
         self._absence: Absence | None = None
         self._others: Sequence[PeerPlan] = ()
@@ -118,20 +76,16 @@ class Guidance:
     def begin(self) -> None:
         """Guidance begins, or begins again: any waiting is over."""
         self._waits = self._stays = None
-        self._shared.begin()
+        self._circling.begin()
         self._way.begin()
 
     def centre(self, moment: Moment) -> Centre | None:
         """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
-        hypothesis, frame = moment.hypothesis, self._own.frame
-        if hypothesis is None or frame is None:
-            return None
-        x, y, z = hypothesis.sight_of(self._id).position.tolist()
-        u, v, w = hypothesis.velocity.tolist()
-        if hypothesis.evidence is not None:  # only such an estimator has a velocity
-            (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
-        to_local = frame.local_from_mission
-        return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))
+        return self._circling.centre(moment, self._own.frame)
+
+    def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
+        """The circle that the drone tracks on, mission frame; None where it does not track."""
+        return self._circling.circle(moment, centre)
 
     def reference(
         self,
@@ -150,8 +104,7 @@ class Guidance:
         """
         self._absence, self._others = absence, others
         circles = centre is not None and moment.stage is not Stage.SURVEY
-        circle = self.circle(moment, centre)
-        self.has_room = circle is None or self._shared.has_room(absence, circle.centre, self._fits(moment))
+        self.has_room = self._circling.has_room(moment, centre, absence)
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
         if not self.has_room:
@@ -168,14 +121,9 @@ class Guidance:
             return self._wait(moment, state)
         if moment.stage is Stage.SURVEY or centre is None:
             return self._survey(moment, state, partners, frame)
-        return self._circle(moment, state, centre, partners, deviation_m)
-
-    def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
-        """The circle that the drone tracks on, mission frame; None where it does not track."""
-        if centre is None or moment.stage not in CIRCLING:
-            return None
-        radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
-        return Circle(*centre.in_mission, radius_m, self._config.encirclement.speed_mps)
+        if self._holds:
+            return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
+        return self._circling.reference(moment, state, centre, partners, deviation_m, absence, others)
 
     @property
     def _holds(self) -> bool:
@@ -216,84 +164,14 @@ class Guidance:
         placed[:, 2] = self._survey_z_m(moment)
         return Reference(placed, moving, STEP_S)
 
-    def _circle(
-        self, moment: Moment, state: PeerState, centre: Centre, partners: Sequence[Neighbour], deviation_m: float
-    ) -> Reference:
-        """A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
-
-        Otherwise the configured circle, growing while the source has to be found again.
-        """
-        config, hypothesis = self._config.encirclement, moment.hypothesis
-        lift_m = self._shared.lift_m(self._absence)
-        radius_m, height_m, doubt_m = config.radius_m, config.height_m + lift_m, 0.0
-        fits = self._fits(moment)
-        x, y, _ = centre.position
-        far_m = hypot(state.position[0] - x, state.position[1] - y)
-        ring_m, over_m = self._shared.course(self._absence, far_m, moment.vehicle.height_m, fits)
-        if fits and hypothesis is not None:
-            rms_m = hypothesis.sight_of(self._id).rms_m
-            lost = moment.stage is Stage.REACQUIRE
-            least_m = self._least_m(moment, hypothesis)
-            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, lost, ring_m, lift_m, least_m)
-            radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
-            doubt_m = DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
-        elif ring_m is not None:
-            radius_m = ring_m
-        elif moment.stage is Stage.REACQUIRE:
-            radius_m += self._config.track.widening_mps * moment.stage_s
-        widest_m = max((margin_m(deviation_m, partner.plan.deviation_m) for partner in partners), default=0.0)
-        doubt_m += max(0.0, widest_m - LEAST_MARGIN_M)
-        if self._holds:
-            return self._hover(moment, state, centre, radius_m)
-        heard = {partner.id: partner.plan for partner in partners}
-        stands = self._shared.stands(self._absence, centre.in_mission[0], radius_m)
-        stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, self._others, heard)
-        return self._encirclement.reference(
-            self._ground.above_level(state, moment.vehicle),
-            self._shared.places(moment.now_ns, heard, self._absence, (centre.position, centre.velocity), radius_m, stands),
-            self._id,
-            center=(x, y, self._ground.level_m(moment.vehicle)),
-            center_velocity=centre.velocity,
-            radius_m=radius_m,
-            height_m=over_m or height_m,
-            doubt_m=doubt_m,
-            stands=stands,
-        )
-
-    def _least_m(self, moment: Moment, source: Hypothesis) -> float:
-        """Height above ground for the second half of a turn, while all are heard: sides that are apart differ in height."""
-        if self._second_m is None or self._absence is not None or moment.stage is not Stage.TRACK:
-            return 0.0
-        return self._second_m if is_in_second_half(source, self._config) else 0.0
-
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Where missing drones may circle, and the middle of the circle (``SharedCircle``), while this one circles or climbs
-        before it crosses: nearest to its plan ``ahead`` (K, 3).
+        """Where missing drones may circle, as far as that is nearest to this drone's plan ``ahead`` (K, 3), while it circles or
+        climbs before it crosses.
         """
-        climbs, circle = moment.stage is Stage.RETURN and self._way.climbs, self.circle(moment, centre)
-        if absence is None or centre is None or (circle is None and not climbs):
-            return []
-        now_ns, at, way = moment.now_ns, centre.position, ahead()
-        found = [] if circle is None else self._shared.middle(absence, now_ns, at, way, STEP_S, circle.radius_m)
-        if not self.has_room:
-            return found
-        return found + self._shared.others(absence, now_ns, at, way, STEP_S, self._fits(moment), climbs=climbs)
-
-    def _fits(self, moment: Moment) -> bool:
-        """Whether the circle's radius follows the hypothesis' accuracy."""
-        return (
-            self._config.encirclement.law == "smooth" and moment.hypothesis is not None and moment.hypothesis.evidence is not None
-        )
-
-    def _hover(self, moment: Moment, state: PeerState, centre: Centre, radius_m: float) -> Reference:
-        """On the circle, where it is nearest."""
-        (x, y, _), (cx, cy, _) = state.position, centre.position
-        angle = atan2(y - cy, x - cx)
-        place = (cx + radius_m * cos(angle), cy + radius_m * sin(angle))
-        positions = np.tile((*place, self._survey_z_m(moment)), (HORIZON + 1, 1))
-        return Reference(positions, np.zeros((HORIZON + 1, 3)), STEP_S)
+        climbs = moment.stage is Stage.RETURN and self._way.climbs
+        return self._circling.circles_of_others(moment, centre, absence, ahead, climbs=climbs, has_room=self.has_room)
 
     def _stay(self, state: PeerState) -> Reference:
         """Stay where it comes to rest; the tracker still keeps separation.

@@ -16,9 +16,10 @@ from agent.geometry import Array
 from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
 from agent.motion.tracker import Tracker, TrackerPlan
-from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
+from agent.navigation.guidance import Guidance
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
+from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence

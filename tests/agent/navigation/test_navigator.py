@@ -12,7 +12,7 @@ from agent.config.mission import DroneInMission, EncirclementConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Sight
-from agent.navigation.guidance import Moment
+from agent.navigation.moment import Moment
 from agent.navigation.myself import Self
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers

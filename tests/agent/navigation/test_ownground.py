@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from one_navigator import MISSION, made
 from one_pilot import SECOND, START_NS, TICK_NS, state
 
-from agent.navigation.guidance import Moment
+from agent.navigation.moment import Moment
 from agent.navigation.peers.newest import Peers
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage

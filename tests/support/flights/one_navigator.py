@@ -11,7 +11,7 @@ from agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
 from agent.config.mission import EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Hypothesis
-from agent.navigation.guidance import Moment
+from agent.navigation.moment import Moment
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search

@@ -1,0 +1,167 @@
+"""The circle around the source: its centre, radius and height, and the reference of one drone on it, in its own local frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import atan2, cos, hypot, sin
+
+import numpy as np
+
+from agent.config.mission import MissionConfig
+from agent.fusion.estimator import Hypothesis
+from agent.geometry import Array
+from agent.localization.ownpose import LocalFrame
+from agent.motion.encirclement import Encirclement
+from agent.motion.leading import Leading
+from agent.motion.orbit import Orbit, second_height_m
+from agent.motion.reference import PeerState, Reference
+from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
+from agent.navigation.focus import is_in_second_half
+from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
+from agent.navigation.neighbours import Neighbour
+from agent.navigation.ownground import OwnGround
+from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.agentless import CIRCLING
+from agent.navigation.unheard.contact import Circle
+from agent.navigation.unheard.sharing import SharedCircle
+from protocol.messages import Stage
+
+_SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
+_ROOM_M = 3.0  # between the circle and the fence
+
+
+class Circling:
+    """The circle of one drone, which it shares with those that it hears."""
+
+    def __init__(self, mission: MissionConfig, drone: str, ground: OwnGround) -> None:
+        """``drone``: the own id."""
+        self._config, self._id, self._ground = mission, drone, ground
+        self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
+        self._second_m = second_height_m(mission)
+        most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
+        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
+        self._encirclement = Encirclement(mission.encirclement, mission.limits)
+        self._shared = SharedCircle(mission, drone)
+
+    def begin(self) -> None:
+        """The local frame is another one."""
+        self._shared.begin()
+
+    def centre(self, moment: Moment, frame: LocalFrame | None) -> Centre | None:
+        """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        hypothesis = moment.hypothesis
+        if hypothesis is None or frame is None:
+            return None
+        x, y, z = hypothesis.sight_of(self._id).position.tolist()
+        u, v, w = hypothesis.velocity.tolist()
+        if hypothesis.evidence is not None:  # only such an estimator has a velocity
+            (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
+        to_local = frame.local_from_mission
+        return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))
+
+    def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
+        """The circle that the drone tracks on, mission frame; None where it does not track."""
+        if centre is None or moment.stage not in CIRCLING:
+            return None
+        radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
+        return Circle(*centre.in_mission, radius_m, self._config.encirclement.speed_mps)
+
+    def has_room(self, moment: Moment, centre: Centre | None, absence: Absence | None) -> bool:
+        """Whether the circle that is its own while others are not heard lies inside the fence, or is not flown on."""
+        circle = self.circle(moment, centre)
+        return circle is None or self._shared.has_room(absence, circle.centre, self._fits(moment))
+
+    def reference(
+        self,
+        moment: Moment,
+        state: PeerState,
+        centre: Centre,
+        partners: Sequence[Neighbour],
+        deviation_m: float,
+        absence: Absence | None,
+        others: Sequence[PeerPlan],
+    ) -> Reference:
+        """A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
+
+        Otherwise the configured circle, growing while the source has to be found again. Arguments as of ``Guidance.reference``.
+        """
+        x, y, _ = centre.position
+        far_m = hypot(state.position[0] - x, state.position[1] - y)
+        ring_m, over_m = self._shared.course(absence, far_m, moment.vehicle.height_m, self._fits(moment))
+        radius_m, height_m = self._size_m(moment, absence, ring_m)
+        heard = {partner.id: partner.plan for partner in partners}
+        stands = self._shared.stands(absence, centre.in_mission[0], radius_m)
+        stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, others, heard)
+        return self._encirclement.reference(
+            self._ground.above_level(state, moment.vehicle),
+            self._shared.places(moment.now_ns, heard, absence, (centre.position, centre.velocity), radius_m, stands),
+            self._id,
+            center=(x, y, self._ground.level_m(moment.vehicle)),
+            center_velocity=centre.velocity,
+            radius_m=radius_m,
+            height_m=over_m or height_m,
+            doubt_m=self._doubt_m(moment, heard, deviation_m),
+            stands=stands,
+        )
+
+    def hover(self, moment: Moment, state: PeerState, centre: Centre, absence: Absence | None, z_m: float) -> Reference:
+        """Stay at that height where the circle is nearest."""
+        (x, y, _), (cx, cy, _) = state.position, centre.position
+        ring_m, _ = self._shared.course(absence, hypot(x - cx, y - cy), moment.vehicle.height_m, self._fits(moment))
+        radius_m, _ = self._size_m(moment, absence, ring_m)
+        angle = atan2(y - cy, x - cx)
+        place = (cx + radius_m * cos(angle), cy + radius_m * sin(angle))
+        return Reference(np.tile((*place, z_m), (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
+
+    def circles_of_others(
+        self,
+        moment: Moment,
+        centre: Centre | None,
+        absence: Absence | None,
+        ahead: Callable[[], Array],
+        *,
+        climbs: bool,
+        has_room: bool,
+    ) -> list[PeerPlan]:
+        """Where missing drones may circle, and the middle of the circle (``SharedCircle``), while this one circles or ``climbs``
+        before it crosses: nearest to its plan ``ahead`` (K, 3).
+        """
+        circle = self.circle(moment, centre)
+        if absence is None or centre is None or (circle is None and not climbs):
+            return []
+        now_ns, at, way = moment.now_ns, centre.position, ahead()
+        found = [] if circle is None else self._shared.middle(absence, now_ns, at, way, STEP_S, circle.radius_m)
+        if not has_room:
+            return found
+        return found + self._shared.others(absence, now_ns, at, way, STEP_S, self._fits(moment), climbs=climbs)
+
+    def _size_m(self, moment: Moment, absence: Absence | None, ring_m: float | None) -> tuple[float, float]:
+        """Radius, and height above ground. ``ring_m``: the radius that keeps clear of those that are not heard, if any does."""
+        config, hypothesis = self._config.encirclement, moment.hypothesis
+        lift_m, lost = self._shared.lift_m(absence), moment.stage is Stage.REACQUIRE
+        if self._fits(moment) and hypothesis is not None:
+            rms_m, least_m = hypothesis.sight_of(self._id).rms_m, self._least_m(moment, hypothesis, absence)
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, lost, ring_m, lift_m, least_m)
+            return self._orbit.radius_m, self._orbit.height_m
+        widened_m = config.radius_m + (self._config.track.widening_mps * moment.stage_s if lost else 0.0)
+        return widened_m if ring_m is None else ring_m, config.height_m + lift_m
+
+    def _doubt_m(self, moment: Moment, partners: dict[str, PeerPlan], deviation_m: float) -> float:
+        """By how much those on the circle keep farther apart."""
+        widest_m = max((margin_m(deviation_m, plan.deviation_m) for plan in partners.values()), default=0.0)
+        doubt_m = max(0.0, widest_m - LEAST_MARGIN_M)
+        if self._fits(moment):
+            doubt_m += DOUBT_SIGMAS * max((plan.sigma_m for plan in partners.values()), default=0.0)
+        return doubt_m
+
+    def _least_m(self, moment: Moment, source: Hypothesis, absence: Absence | None) -> float:
+        """Height above ground for the second half of a turn, while all are heard: sides that are apart differ in height."""
+        if self._second_m is None or absence is not None or moment.stage is not Stage.TRACK:
+            return 0.0
+        return self._second_m if is_in_second_half(source, self._config) else 0.0
+
+    def _fits(self, moment: Moment) -> bool:
+        """Whether the circle's radius follows the hypothesis' accuracy."""
+        return (
+            self._config.encirclement.law == "smooth" and moment.hypothesis is not None and moment.hypothesis.evidence is not None
+        )

@@ -1,0 +1,39 @@
+"""The inputs of a navigation step."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from agent.fusion.estimator import Hypothesis
+from agent.geometry import Point2, Vector3
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Stage
+
+STEP_S = 0.2  # of the tracker's horizon
+HORIZON = 20
+
+
+class Moment(Struct, frozen=True):
+    """``since_ns``: when the stage began; ``hypothesis``: mission frame."""
+
+    now_ns: int
+    stage: Stage
+    since_ns: int
+    vehicle: VehicleState
+    hypothesis: Hypothesis | None
+
+    @property
+    def stage_s(self) -> float:
+        """Duration of the stage so far."""
+        return (self.now_ns - self.since_ns) * 1e-9
+
+
+class Centre(Struct, frozen=True):
+    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation.
+
+    ``in_mission``: the same in the mission frame, horizontal.
+    """
+
+    position: Vector3
+    velocity: Vector3
+    in_mission: tuple[Point2, Point2]
