@@ -50,7 +50,7 @@ from agent.navigation.peers.placing import (
 )
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
-from agent.navigation.unheard.silent import TAKING_PART
+from agent.navigation.unheard.lines import TAKING_PART
 from protocol.messages import Pose
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place

@@ -18,7 +18,7 @@ from agent.motion.path import PathFollower
 from agent.motion.survey import Area, left, survey_path
 from agent.navigation.covered import Covered, Path
 from agent.navigation.unheard.contact import Wall
-from agent.navigation.unheard.silent import KEPT_M
+from agent.navigation.unheard.lines import KEPT_M
 from protocol.entries import Coverage
 
 COVERAGE_S = 5.0  # period of the coverage reports

@@ -4,8 +4,8 @@ Nobody can tell which of two things has happened:
 
 - its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
-  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (even if
-  it was just crossing it), both keep to their own side of the line half-way between the places where they get until they notice.
+  different radius and height (``agent.motion.orbit``). Else both keep to their own sides of the line half-way between the places
+  where they get until they notice (``lines``).
 
 Where it was seen after it was heard last, and is hidden now, all this begins there (``lastseen``). Its last pose may be minutes
 old: it was expected 20 m and more beside where it flew.
@@ -30,38 +30,32 @@ from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
-from agent.geometry import Array, Point2, Vector3
+from agent.geometry import Array, Point2
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of, wall_between
+from agent.navigation.unheard.agentless import Agentless, Course, Stretch
+from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
+from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
+from agent.navigation.unheard.lines import APART_NS, Lines
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
-TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 # Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
 # ahead of another one, that one could not stop any more when it noticed after a second.
 QUIET_NS = 400_000_000
-APART_NS = 60_000_000_000  # drones that do not hear each other keep to their own sides for this long after their last contact
-# The same for the places of a shared circle. Each side notices after a second, and moves to a circle of its own, 6 m or more from
-# the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
+# Places on a shared circle are kept for this long after the last contact. Each side notices after a second, and moves to a circle
+# of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
-KEPT_M = 4.5  # least distance of a waypoint from that line
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
 _ABOVE = 2.0
-# Who is not heard and flies on returns when this drone does, as its mission is the same. This long after that it has come down
-# over its home, through the layers of those that return lower; who comes down itself may meet it there whatever the layers. Kept
-# clear of for longer, homes in rows would let nobody past. Of one that is revoked the others return later, at any time: until it
-# is down itself it keeps clear of their homes, which its own is apart from; while it crosses, for no longer than others.
-COMING_DOWN_S = 45.0
 _SIGMA_M = 0.3  # of its way to the side
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
 
@@ -73,14 +67,12 @@ class Silent:
         """``drone``: the own id."""
         self._id, self._order = drone, [member.id for member in mission.drones]
         self._agentless = Agentless(mission)
+        self._lines, self._homes = Lines(), Homes(mission, drone, self._agentless)
         self._above_m = _ABOVE * mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
-        self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
-        self._courses: dict[str, tuple[int, list[Course]]] = {}  # the same, if its agent is gone
-        self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
-        self._unhearing: set[str] = set()  # of these, who is heard
+        self._courses: dict[str, tuple[int, list[Course]]] = {}  # if its agent is gone, with the stamp of the last contact
+        self._unhearing: set[str] = set()  # who is heard, but does not hear this drone
         self._sights = LastSightings()
-        self._homes: dict[str, dict[Point2, KeptPlace]] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
         self._set_ns = 0
@@ -89,19 +81,17 @@ class Silent:
         """Move the stamps of the last contacts along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
         by_ns, self._set_ns = set_ns - self._set_ns, set_ns
         if by_ns != 0:
-            self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
+            self._lines.shift(by_ns)
             self._courses = {name: (stamp_ns + by_ns, courses) for name, (stamp_ns, courses) in self._courses.items()}
-            self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
             self._sights.shift(by_ns)
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
     def heard(self, name: str) -> None:
         """It is heard again and hears this drone, or is on the ground."""
-        self._walls.pop(name, None)
+        self._lines.forget(name)
         self._courses.pop(name, None)
-        self._contacts.pop(name, None)
-        self._homes.pop(name, None)
+        self._homes.forget(name)
         self._unhearing.discard(name)
 
     def agentless(self, name: str) -> tuple[int, list[Course]] | None:
@@ -122,7 +112,7 @@ class Silent:
         beside it for good.
         """
         self._unhearing.discard(name)
-        self._homes.pop(name, None)
+        self._homes.forget(name)
         place = seen.positions[0]
         x, y, _ = me.local_from_mission.inverse().apply_point(place)
         if heard_ns is not None:
@@ -139,10 +129,10 @@ class Silent:
         left = tuple(name for name in missing if self._has_left(name, now_ns))
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
-        walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
         stops: list[Point2] = []
         coming_home = []
-        last = {name: (one.stamp_ns, [one.course]) for name, one in self._contacts.items() if name in self._unhearing}
+        contacts = [(name, self._lines.contact(name)) for name in sorted(self._unhearing)]
+        last = {name: (one.stamp_ns, [one.course]) for name, one in contacts if one is not None}
         for name, (stamp_ns, courses) in sorted({**self._courses, **last}.items()):
             silent_s = (now_ns - stamp_ns) * 1e-9
             for course in courses:
@@ -154,7 +144,7 @@ class Silent:
             unhearing,
             ring,
             kept,
-            walls,
+            self._lines.at(now_ns),
             not partners,
             np.array(stops).reshape(-1, 2),
             tuple(coming_home),
@@ -165,7 +155,7 @@ class Silent:
     @property
     def homes(self) -> tuple[KeptPlace, ...]:
         """Those that are kept clear of at present, as others may come down there; mission frame."""
-        return tuple(home for _, homes in sorted(self._homes.items()) for home in homes.values())
+        return self._homes.kept
 
     def _has_left(self, name: str, now_ns: int) -> bool:
         """Whether one that is revoked, and obeys, has climbed from the circle."""
@@ -174,7 +164,7 @@ class Silent:
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
-        pose, contact = peers[name].pose, self._contacts.get(name)
+        pose, contact = peers[name].pose, self._lines.contact(name)
         last_ns = contact.stamp_ns if contact is not None else pose.stamp_ns if pose is not None else None
         if last_ns is not None and now_ns - last_ns < LEAVING_NS:
             return True
@@ -188,10 +178,10 @@ class Silent:
         elsewhere.
         """
         self._unhearing.discard(name)
-        self._homes.pop(name, None)
+        self._homes.forget(name)
         wall = self._wall_now(name, peer, pose, frames[0], me)
         found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
-        found += self._coming_down(name, self._agentless.home(name, peer, frames[-1]), me)
+        found += self._homes.coming_down(name, self._agentless.home(name, peer, frames[-1]), me)
         last = self._sights.of(name, pose.stamp_ns, me.epoch)
         courses = self._flown(name, peer, pose, frames, last, me)
         return found + self._along(name, courses, pose.stamp_ns, last, sigma_m, me)
@@ -212,7 +202,7 @@ class Silent:
             is_late = me.revoked and me.now_ns - heard_ns >= course.arrives_s * 1e9
             doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
             if course.way is not None and silent_s < course.down_s:
-                self._keep(name, course.way[1], doubt_m)
+                self._homes.keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
                 place_m = doubt_m
                 if last is not None and course.is_stop(stretch) and not is_late:
@@ -267,18 +257,18 @@ class Silent:
         ``me``: None while the own frame is not known.
         """
         self._courses.pop(name, None)
-        self._homes.pop(name, None)
+        self._homes.forget(name)
         self._unhearing.add(name)
-        known = self._contacts.setdefault(name, contact)
+        known = self._lines.noted(name, contact)
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
             return []
-        wall = self._wall(name, known, me)
+        wall = self._lines.of(name, known, me)
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
     def excluded(self, name: str) -> list[PeerPlan]:
         """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
         self._courses.pop(name, None)
-        self._homes.pop(name, None)
+        self._homes.forget(name)
         self._unhearing.add(name)
         return []
 
@@ -288,11 +278,11 @@ class Silent:
         ``excluded``: revoked, so that it comes home whatever this drone does, and waits over home where others hinder it.
         """
         home = self._agentless.launch(name)
-        self._homes.pop(name, None)
-        found = self._coming_down(name, home, me)
+        self._homes.forget(name)
+        found = self._homes.coming_down(name, home, me)
         if excluded:
             silent_s = (me.now_ns - self._excluded_ns.setdefault(name, me.now_ns)) * 1e-9
-            found = [self._over(name, home, me)] if silent_s < self._agentless.longest_s(name) else found
+            found = [self._homes.over(name, home, me)] if silent_s < self._agentless.longest_s(name) else found
         return found
 
     def hidden(self, name: str, me: Viewer) -> list[PeerPlan]:
@@ -302,48 +292,17 @@ class Silent:
         course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
         return self._along(name, [course], last.stamp_ns, last, 0.0, me)
 
-    def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
-        """Over its home while this drone returns, too, if that is low, or in a lower layer."""
-        crosses = me.height_m > self._is_over_m
-        if me.returning_s is None or (me.returning_s >= COMING_DOWN_S and (crosses or not me.revoked)):
-            return []
-        if crosses and not self._agentless.returns_above(name, self._id):
-            return []
-        return [self._over(name, home, me)]
-
-    def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
-        """Over its home, at whatever height."""
-        self._keep(name, home[:2])
-        return me.expects(name, np.tile(home[:2], (len(me.ahead()), 1)))
-
-    def _keep(self, name: str, home: Point2, sigma_m: float = 0.0) -> None:
-        """It may come down there."""
-        self._homes.setdefault(name, {})[home] = KeptPlace(home, sigma_m)
-
     def _wall_now(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> Wall | None:
         """The line between this drone and one that is not heard any more, as long as they keep to it."""
-        contact = self._contacts.get(name)
+        contact = self._lines.contact(name)
         if contact is None:
             mine = me.motion_at(pose.stamp_ns)
-            contact = self.contact(name, peer, pose, mission_from_theirs, _stage(peer), me.circle, mine)
-            self._contacts[name] = contact
+            contact = self._lines.noted(name, self.contact(name, peer, pose, mission_from_theirs, _stage(peer), me.circle, mine))
         if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
-            self._walls.pop(name, None)
+            self._lines.drop(name)
             return None
         contact = replace(contact, circled=contact.circled and me.circle is not None)
-        return self._wall(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
-
-    def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
-        """The line between the two of them; None where both were on the circle when they last heard of each other."""
-        known = self._walls.get(name)
-        if known is not None and known[0] == contact.stamp_ns:
-            return known[1]
-        mine, stage = me.motion_at(contact.stamp_ns), contact.stage
-        if mine is None or stage not in TAKING_PART or (stage in CIRCLING and contact.circled):
-            return None
-        wall = wall_between(mine, contact.theirs)
-        self._walls[name] = contact.stamp_ns, wall
-        return wall
+        return self._lines.of(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
 
 
 def _stage(peer: Peer) -> Stage:
