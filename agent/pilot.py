@@ -278,7 +278,7 @@ class Pilot:
     @property
     def memory(self) -> Memory | None:
         """State for an agent that is restarted in flight: the same object as long as nothing in it changes."""
-        return self._executive.memory
+        return self._executive.remembering.memory
 
     @property
     def frames(self) -> SwarmFrames:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from math import isfinite
+from collections.abc import Iterable
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.frames.kept import KeptFrame
 from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.aloft import Aloft
 from agent.mission.memory import ON_GROUND, Memory
 from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
+from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
@@ -48,8 +46,8 @@ class Decision(Struct, frozen=True):
 class Executive:
     """Flies the mission of one drone.
 
-    ``finding``: the result of a search that ended without finding a source; else empty. ``memory``: state for an agent that is
-    restarted in flight, the same object as long as nothing in it changes. ``copied``: as in it; ``Revoking`` adds to it.
+    ``finding``: the result of a search that ended without finding a source; else empty. ``remembering``: state for an agent that
+    is restarted in flight.
     """
 
     def __init__(
@@ -75,10 +73,7 @@ class Executive:
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding, self._revoked = "", False
-        self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
-        self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
-        # Until telemetry shows whether that flight goes on.
-        self._remembered = memory if memory is not None and memory.flies else None
+        self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory)
 
     @property
     def stage(self) -> Stage:
@@ -106,8 +101,8 @@ class Executive:
         """Take telemetry, each once."""
         self._navigator.follow(vehicle)
         self._aloft.take(vehicle)
-        if self._remembered is not None:
-            self._rejoin(self._remembered, vehicle)
+        if (started_ns := self.remembering.rejoin(vehicle)) != 0:
+            self._begin(started_ns)
 
     @property
     def started_ns(self) -> int | None:
@@ -184,26 +179,8 @@ class Executive:
         unheard = absence.coming_home if absence is not None else ()
         self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard)
         self._mission.step(self._situation(now_ns))
-        self._remember(now_ns)
+        self.remembering.note(now_ns)
         return self._decide(now_ns, peers)
-
-    def _rejoin(self, memory: Memory, vehicle: VehicleState) -> None:
-        """Continue the stored flight, or discard it where the vehicle is on the ground."""
-        fits = memory.fits(self._mission_id, vehicle)
-        if fits is None:
-            return
-        self._remembered = None
-        if not fits:
-            self._counters["memory_void"] += 1
-            return
-        self._counters["rejoined"] += 1
-        self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
-        self._navigator.home.remember(memory.home_m)
-        self._navigator.remember(self._plausible(memory.frames))
-        if memory.response is not None:
-            self._navigator.response.remember(memory.response)
-        if memory.started_ns != 0:
-            self._begin(memory.started_ns)
 
     def _look_up(self, now_ns: int, peers: Peers) -> None:
         """Where the vehicle flies although this agent has not started it, the others have to know, and an operator may command.
@@ -224,37 +201,6 @@ class Executive:
         self._mission.started_ns = started_ns
         self._world.start(started_ns)
         self._search.begin(started_ns)
-
-    def _remember(self, now_ns: int) -> None:
-        if self._remembered is not None:
-            return
-        home_m = self._navigator.home.in_mission
-        home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
-        memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
-        copied = tuple(sorted(self.copied))
-        if memory is None and copied:
-            memory = Memory(
-                mission=self._mission_id, stamp_ns=0, started_ns=0, stage=self.stage, resume=self.stage, copied=copied
-            )
-        elif memory is not None:
-            epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
-            memory = replace(memory, epoch=epoch, copied=copied)
-        known = self.memory and replace(self.memory, response=None, frames={})
-        epochs = self._navigator.epochs  # a frame by continuity is not found again, once the jump has been missed
-        # Response and frames change all the time: they are only stored along with the rest.
-        if memory != known or epochs != self._stored_epochs:
-            self._stored_epochs = epochs
-            if memory is not None and memory.flies:
-                frames = self._plausible(self._navigator.frames)
-                memory = replace(memory, response=self._navigator.response.found, frames=frames)
-            self.memory = memory
-
-    def _plausible(self, frames: Mapping[str, KeptFrame]) -> dict[str, KeptFrame]:
-        """Those that can be frames; the others are counted, and neither stored nor believed."""
-        found = {name: kept for name, kept in frames.items() if kept.is_plausible}
-        if len(found) < len(frames):
-            self._counters["kept_frame_implausible"] += len(frames) - len(found)
-        return found
 
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis

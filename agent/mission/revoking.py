@@ -74,7 +74,7 @@ class Revoking:
         on.
         """
         for word in message.obeying:
-            known = word.drone in self._obeying or word.drone in self._executive.copied or word.drone == self._drone
+            known = word.drone in self._obeying or word.drone in self._executive.remembering.copied or word.drone == self._drone
             if not known and self._revocations.confirms(word, now_ns, message.drone):
                 self._obeying[word.drone] = word
                 self._executive.obeys(word.drone, now_ns)
@@ -128,7 +128,7 @@ class Revoking:
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):
             del self._obeying[name]  # another revocation counts now: to others its word would be a forged one
         if name in self._peers.names and self._peers[name].sources.are_two(now_ns):
-            self._executive.copied.add(name)  # the word may be the other one's
+            self._executive.remembering.copied.add(name)  # the word may be the other one's
         self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))
         self._recount(name)

@@ -1,0 +1,101 @@
+"""What an agent that is restarted in flight goes on with: kept up to date while it flies, and taken up again afterwards."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from math import isfinite
+
+from msgspec.structs import replace
+
+from agent.frames.kept import KeptFrame
+from agent.localization.ownpose import OwnPose
+from agent.mission.memory import Memory
+from agent.mission.stages import Mission
+from agent.navigation.navigator import Navigator
+from agent.vehicle.interface import VehicleState
+
+
+class Remembering:
+    """The memory of one drone.
+
+    ``memory``: the same object as long as nothing in it changes. ``copied``: the revoked drones whose keys have shown to be
+    copied.
+    """
+
+    def __init__(
+        self,
+        mission_id: str,
+        mission: Mission,
+        navigator: Navigator,
+        own: OwnPose,
+        counters: Counter[str],
+        memory: Memory | None,
+    ) -> None:
+        """``memory``: from the agent that flew this drone before."""
+        self._mission_id, self._mission, self._navigator = mission_id, mission, navigator
+        self._own, self._counters = own, counters
+        self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
+        self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
+        # Until telemetry shows whether that flight goes on.
+        self._former = memory if memory is not None and memory.flies else None
+
+    def rejoin(self, vehicle: VehicleState) -> int:
+        """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.
+
+        Returns the stamp with which the swarm's mission began; 0 where it is not known, or nothing is continued.
+        """
+        memory = self._former
+        fits = memory.fits(self._mission_id, vehicle) if memory is not None else None
+        if memory is None or fits is None:
+            return 0
+        self._former = None
+        if not fits:
+            self._counters["memory_void"] += 1
+            return 0
+        self._counters["rejoined"] += 1
+        self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
+        self._navigator.home.remember(memory.home_m)
+        self._navigator.remember(self._plausible(memory.frames))
+        if memory.response is not None:
+            self._navigator.response.remember(memory.response)
+        return memory.started_ns
+
+    def note(self, now_ns: int) -> None:
+        """Keep the memory up to date; not before it is known whether the former flight goes on.
+
+        Response and frames change all the time: they are only stored along with the rest, or with a frame by continuity, which
+        is not found again once the jump has been missed.
+        """
+        if self._former is not None:
+            return
+        memory, known = self._present(now_ns), self.memory and replace(self.memory, response=None, frames={})
+        epochs = self._navigator.epochs
+        if memory == known and epochs == self._stored_epochs:
+            return
+        self._stored_epochs = epochs
+        if memory is not None and memory.flies:
+            frames = self._plausible(self._navigator.frames)
+            memory = replace(memory, response=self._navigator.response.found, frames=frames)
+        self.memory = memory
+
+    def _present(self, now_ns: int) -> Memory | None:
+        """The memory without response and frames; None where there is nothing to remember."""
+        home_m = self._navigator.home.in_mission
+        home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
+        memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
+        copied = tuple(sorted(self.copied))
+        if memory is not None:
+            epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
+            return replace(memory, epoch=epoch, copied=copied)
+        if not copied:
+            return None
+        stage = self._mission.stage
+        return Memory(mission=self._mission_id, stamp_ns=0, started_ns=0, stage=stage, resume=stage, copied=copied)
+
+    def _plausible(self, frames: Mapping[str, KeptFrame]) -> dict[str, KeptFrame]:
+        """Those that can be frames; the others are counted, and neither stored nor believed."""
+        found = {name: kept for name, kept in frames.items() if kept.is_plausible}
+        if len(found) < len(frames):
+            self._counters["kept_frame_implausible"] += len(frames) - len(found)
+        return found
