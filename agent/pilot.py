@@ -114,7 +114,7 @@ class Pilot:
         parts = self._executive, self._problems, self._own, self._peers, self.counters
         self._commanding = Commanding(self._mission_id, self._orders, *parts)
         affected = self._world, self._executive, self._peers, self._problems, self.counters
-        self._revoking = Revoking(drone.id, trust, verifier, *affected)
+        self._revoking = Revoking((drone.id, boot), trust, verifier, *affected)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
         self._news = News(drone.id, boot, self._peers, self._clocks, self._proofs, self._revoking, self._problems)
         self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)

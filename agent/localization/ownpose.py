@@ -25,6 +25,7 @@ from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
 from agent.localization.knownframe import KnownFrame
 from agent.localization.resting import Resting
+from agent.localization.untold import Untold
 from agent.motion.reference import PeerState
 from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
@@ -56,22 +57,6 @@ class Whereabouts(Struct, frozen=True):
     yaw_sigma_rad: float
 
 
-class _Untold(Struct, frozen=True):
-    """The own frame of an epoch that the log does not tell, as it is at ``stamp_ns``."""
-
-    epoch: int
-    transform: Transform
-    stamp_ns: int
-
-    def drifted(self, drone: str, vehicle: VehicleState, drift: Drift) -> _Untold:
-        """As it is at this telemetry; anew once a second."""
-        seconds = (vehicle.stamp_ns - self.stamp_ns) * 1e-9
-        if vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
-            return self
-        transform = drift.aged(drone, self.transform, seconds, vehicle.position_m)
-        return replace(self, transform=transform, stamp_ns=vehicle.stamp_ns)
-
-
 class OwnPose:
     """Where one drone is and was, in its local frame and in the mission frame.
 
@@ -80,10 +65,10 @@ class OwnPose:
     local frame to the mission frame yet: this drone has neither seen another one nor been seen.
 
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
-    the one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent the one known
-    before; both drift. A frame that the mission knows exactly is known so for its first epoch only
-    (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them (``carried``), so that
-    everybody places that alike.
+    the one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent, or where none
+    of its entries counts any more, the one known before; all drift. A frame that the mission knows exactly is known so for its
+    first epoch only (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them
+    (``carried``), so that everybody places that alike.
     """
 
     def __init__(
@@ -114,8 +99,9 @@ class OwnPose:
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
-        self._continued: _Untold | None = None  # the frame by continuity
-        self._kept: _Untold | None = None  # the one from before a restart, until the log tells it
+        self._continued: Untold | None = None  # the frame by continuity
+        self._kept: Untold | None = None  # the one from before a restart, or from before this drone was left out
+        self._is_left_out = False
         self._exact = KnownFrame()
         self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
@@ -142,11 +128,18 @@ class OwnPose:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
         if self._continued is not None and not self._is_told(self._continued.epoch):
             self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
-        if self._kept is not None:
-            self._kept = None if self._is_told(self._kept.epoch) else self._kept.drifted(self._drone, vehicle, self._drift)
+        self._kept = self._kept_at(vehicle)
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
+
+    def _kept_at(self, vehicle: VehicleState) -> Untold | None:
+        told = self._frames.mission_from_local(self._drone, vehicle.epoch) if self._is_left_out else None
+        if told is not None:
+            return Untold(vehicle.epoch, told, vehicle.stamp_ns)
+        if self._kept is None or self._is_told(self._kept.epoch):
+            return None
+        return self._kept.drifted(self._drone, vehicle, self._drift)
 
     def _set_back(self, stamp_ns: int) -> bool:
         """Whether telemetry older than known shows that the clock was set back: then what is known from before is void."""
@@ -162,6 +155,15 @@ class OwnPose:
         """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""
         if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
             self.is_unplaced = False
+
+    def left_out(self) -> None:
+        """No entry of this drone counts any more, so that the log will not tell its frame: it goes on by the last one."""
+        self._is_left_out = True
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether this drone does not know its frame, and never will."""
+        return self._is_left_out and self.frame is None
 
     @property
     def kept_frame(self) -> KeptFrame | None:
@@ -182,7 +184,7 @@ class OwnPose:
         """
         transform = kept.mission_from_local
         assert transform is not None  # it is plausible
-        self._kept = _Untold(kept.epoch, transform, kept.stamp_ns)
+        self._kept = Untold(kept.epoch, transform, kept.stamp_ns)
         if self.vehicle is not None:
             self._kept = self._kept.drifted(self._drone, self.vehicle, self._drift)
         self.is_unplaced = False
@@ -309,10 +311,10 @@ class OwnPose:
             return
         turning_rps = self.history.turning_rps
         if self.is_estimated:
-            self._continued = _Untold(vehicle.epoch, carried_on(old, last, vehicle, turning_rps), vehicle.stamp_ns)
+            self._continued = Untold(vehicle.epoch, carried_on(old, last, vehicle, turning_rps), vehicle.stamp_ns)
             return
         frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
-        self._continued = _Untold(vehicle.epoch, frame, vehicle.stamp_ns)
+        self._continued = Untold(vehicle.epoch, frame, vehicle.stamp_ns)
         self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(frame, vehicle))
         while len(self._carried) > _EPOCHS_KEPT:
             del self._carried[next(iter(self._carried))]

@@ -132,6 +132,10 @@ class Executive:
         """This drone has been revoked: it returns, and no other one hears it any more."""
         self._revoked = self._navigator.revoked = True
 
+    def left_out(self) -> None:
+        """No entry of this drone counts any more."""
+        self._own.left_out()
+
     def exclude(self, drone: str) -> None:
         """Another drone has been revoked: it returns, and hears nobody any more."""
         self._navigator.excluded.add(drone)
@@ -215,7 +219,7 @@ class Executive:
             problems,
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self.finding != "",
-            stranded=self._is_stranded or self._own.doubt_m > LARGEST_DOUBT_M,
+            stranded=self._is_stranded or self._own.is_lost or self._own.doubt_m > LARGEST_DOUBT_M,
             revoked=self._revoked,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,

@@ -29,7 +29,7 @@ class Revoking:
 
     def __init__(
         self,
-        drone: str,
+        publisher: Publisher,
         trust: Trust | None,
         verifier: Verifier | None,
         world: WorldModel,
@@ -38,8 +38,9 @@ class Revoking:
         problems: Problems,
         counters: Counter[str],
     ) -> None:
-        """``trust``, ``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
-        self._drone, self._trust, self._revocations = drone, trust, Revocations(verifier, counters)
+        """``publisher``: of the own entries. ``trust``, ``verifier``: None without certificates, where nothing can be revoked."""
+        self._publisher, self._drone = publisher, publisher[0]
+        self._trust, self._revocations = trust, Revocations(verifier, counters)
         self._world, self._executive, self._peers, self._problems = world, executive, peers, problems
         self._contradictions: dict[Publisher, Contradiction] = {}
         self._obeying: dict[str, Obeying] = {}  # the words of the others that are revoked; after a restart others pass them on
@@ -84,11 +85,14 @@ class Revoking:
         return self._revocations.leaves_out(entry)
 
     def recount(self, entry: Entry) -> None:
-        """An entry was not taken: if it contradicts another one, what its drone has searched since counts no more."""
-        found = self._world.fusion.log.contradictions.get((entry.drone, entry.boot))
-        if found is not self._contradictions.get((entry.drone, entry.boot)) and found is not None:
-            self._contradictions[entry.drone, entry.boot] = found
+        """An entry was not taken: if it contradicts another one, nothing counts that its drone has told since."""
+        publisher = entry.drone, entry.boot
+        found = self._world.fusion.log.contradictions.get(publisher)
+        if found is not self._contradictions.get(publisher) and found is not None:
+            self._contradictions[publisher] = found
             self._recount(entry.drone)
+            if publisher == self._publisher:
+                self._executive.left_out()
 
     def due(self, now_ns: int) -> tuple[Revoked, ...]:
         """What is to be passed on now."""

@@ -14,7 +14,7 @@ class Situation(Struct, frozen=True):
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
     ``searches_on``: for further sources, beside those that have been found. ``looks``: at one of them, whether it moves.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
-    far from where it believes to be.
+    far from where it believes to be, or never knows where it is.
     ``revoked``: an operator has excluded this drone from the swarm.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
     """

@@ -189,3 +189,36 @@ def test_the_frame_of_a_jump_after_a_restart_drifts_until_the_log_tells_it(jump_
     assert one.place_m == pytest.approx(other.place_m)
     assert other.sigma_m > 0.5
     assert one.sigma_m >= 0.95 * other.sigma_m  # once a second each
+
+
+@pytest.mark.parametrize("left_out", [True, False])
+def test_a_drone_whose_entries_count_no_more_goes_on_by_the_frame_known_last_and_it_drifts(left_out):
+    known, graph = Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4)), FrameGraph()
+    own = own_pose("d1", graph, LAYOUT)
+    graph.place("d1", 0, known)
+    if left_out:
+        own.left_out()
+    own.take(state(START_NS))
+    graph.replace_from("d1", 0, 0, [(0, None)])
+    assert (own.place_m is not None) is left_out
+    for tick in range(1, 30 * 20):
+        own.take(state(START_NS + tick * TICK_NS))
+    assert own.is_lost is False
+    if left_out:
+        assert own.place_m == pytest.approx((4.0, 5.0, 3.0))
+        assert own.sigma_m > known.sigmas_at((0.0, 0.0, 3.0))[0] + 0.1
+
+
+@pytest.mark.parametrize("contradicts", [True, False])
+def test_a_drone_whose_entries_count_no_more_before_it_knew_its_place_returns(contradicts):
+    """It hovered where it had taken off to the end, and was carried along by the others, which circled there."""
+    mission = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0))
+    one = pilot(mission=mission)
+    flown(one, 1.0, began_ns=START_NS - SECOND, armed=False)
+    one.observe_sightings([SeenDrone(stamp_ns=START_NS - SECOND // 2, target="d2", range_m=6.0, range_sigma_m=0.1)])
+    exposure = flown(one, mission=mission)[Exposure]
+    other = replace(exposure, live_time_s=0.5 * exposure.live_time_s) if contradicts else exposure
+    one.receive(key_of("radron", other), encode(other), START_NS + 4 * SECOND)
+    flown(one, 7.0, began_ns=START_NS + 4 * SECOND)
+    assert one.whereabouts is None
+    assert one.stage is (Stage.RETURN if contradicts else Stage.SURVEY)

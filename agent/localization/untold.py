@@ -1,0 +1,26 @@
+"""The own local frame while the log does not tell it."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.frames.drift import Drift
+from agent.frames.transform import Transform
+from agent.vehicle.interface import VehicleState
+
+
+class Untold(Struct, frozen=True):
+    """The frame of an epoch, mission from local, as it is at ``stamp_ns``: by continuity, or as it was known last."""
+
+    epoch: int
+    transform: Transform
+    stamp_ns: int
+
+    def drifted(self, drone: str, vehicle: VehicleState, drift: Drift) -> Untold:
+        """As it is at this telemetry; anew once a second."""
+        seconds = (vehicle.stamp_ns - self.stamp_ns) * 1e-9
+        if vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
+            return self
+        transform = drift.aged(drone, self.transform, seconds, vehicle.position_m)
+        return replace(self, transform=transform, stamp_ns=vehicle.stamp_ns)
