@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from math import inf
 
 from msgspec import Struct
 
@@ -17,7 +18,7 @@ from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
 from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
-from agent.mission.stages import Mission
+from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from agent.mission.takeover import MODES
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
@@ -219,7 +220,7 @@ class Executive:
             problems,
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self.finding != "",
-            stranded=self._is_stranded or self._own.is_lost or self._own.doubt_m > LARGEST_DOUBT_M,
+            stranded_s=self._stranded_s,
             revoked=self._revoked,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
@@ -254,12 +255,15 @@ class Executive:
         return hides and have_had_turns(hypothesis, self._config)
 
     @property
-    def _is_stranded(self) -> bool:
-        """Whether it has to return because it does not hear others: by the mission's policy, or as its circle has no room."""
+    def _stranded_s(self) -> float:
+        """How long this must last until it returns: its circle has no room, while others are not heard; or the mission's policy
+        for one that hears nobody; or it does not know where it is.
+        """
         absence = self._navigator.absence
-        if absence is None:
-            return False
-        return (absence.alone and self._config.safety.alone == "return") or not self._navigator.has_room
+        if absence is not None and not self._navigator.has_room:
+            return ROOMLESS_S
+        is_alone = absence is not None and absence.alone and self._config.safety.alone == "return"
+        return STRANDED_S if is_alone or self._own.is_lost or self._own.doubt_m > LARGEST_DOUBT_M else inf
 
     def _measured(self, now_ns: int) -> frozenset[str]:
         """The drones that have measured since the mission began, and no longer ago than one may fly.

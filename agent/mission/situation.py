@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from msgspec import Struct
 
 from agent.vehicle.interface import VehicleState
@@ -13,8 +15,8 @@ class Situation(Struct, frozen=True):
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
     ``searches_on``: for further sources, beside those that have been found. ``looks``: at one of them, whether it moves.
-    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
-    far from where it believes to be, or never knows where it is.
+    ``stranded_s``: after this long it returns, as other drones are not heard, and the mission, or the fence, leaves this one
+    nothing else; or as it may be far from where it believes to be, or never knows where it is; infinite where none of this holds.
     ``revoked``: an operator has excluded this drone from the swarm.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
     """
@@ -27,7 +29,7 @@ class Situation(Struct, frozen=True):
     problems: tuple[str, ...] = ()
     rms_m: float | None = None
     nothing_found: bool = False
-    stranded: bool = False
+    stranded_s: float = inf
     revoked: bool = False
     battery_low: bool = False
     no_nearer: bool = False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from agent.config.mission import SurveyConfig, TrackConfig
 from agent.geometry import Vector3
 from agent.mission.memory import REFRESH_NS, Memory
@@ -13,7 +15,10 @@ from protocol.messages import Action, Stage
 
 FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
-STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others, or is in doubt, waits this long
+STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
+# Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
+# agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).
+ROOMLESS_S = 2.0
 BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
@@ -241,11 +246,11 @@ class Mission:
         if situation.goes_home:
             self._enter(Stage.RETURN, now_ns)
             return
-        if not situation.stranded:
+        if situation.stranded_s == inf:
             self._stranded_since_ns = None
         elif self._stranded_since_ns is None:
             self._stranded_since_ns = now_ns
-        elif now_ns - self._stranded_since_ns > STRANDED_NS:
+        elif (now_ns - self._stranded_since_ns) * 1e-9 > situation.stranded_s:
             self._enter(Stage.RETURN, now_ns)
             return
         if self.stage is Stage.SURVEY:

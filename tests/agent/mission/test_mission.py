@@ -1,11 +1,17 @@
 """The stages of a mission, from the start command to the landing."""
 
+from math import inf
+
 import pytest
 from msgspec.structs import replace
+from one_pilot import MISSION
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from agent.config.mission import SurveyConfig, TrackConfig
-from agent.mission.stages import Mission
+from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
+from agent.motion.reference import PeerState
+from agent.navigation.unheard.agentless import Agentless
+from agent.navigation.unheard.contact import SILENT_NS
 from agent.vehicle.interface import FlightMode, Request
 from protocol.messages import Action, Stage
 
@@ -246,3 +252,23 @@ def test_a_return_that_gets_no_nearer_lands_where_it_is() -> None:
     mission.step(at(70.0, no_nearer=True))
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
     assert "home" in mission.landed_because
+
+
+@pytest.mark.parametrize("stranded_s", [ROOMLESS_S, STRANDED_S])
+def test_one_that_is_stranded_returns_after_that_time_unless_it_was_not_for_a_moment(stranded_s):
+    mission = tracking()
+    for at_s, lasts in ((11.0, True), (12.0, False), (13.0, True), (13.0 + stranded_s, True)):
+        mission.step(
+            at(at_s, OFFBOARD, has_hypothesis=True, last_cone_ns=round(at_s) * SECOND, stranded_s=stranded_s if lasts else inf)
+        )
+        assert mission.stage is Stage.TRACK
+    mission.step(at(13.1 + stranded_s, OFFBOARD, has_hypothesis=True, stranded_s=stranded_s))
+    assert mission.stage is Stage.RETURN
+
+
+def test_one_without_room_leaves_no_later_than_its_vehicle_would_without_its_agent():
+    """That long the others keep clear of where it has stopped: 7.7 m beside it, one reckoned with it 42 m away."""
+    course = Agentless(MISSION).course("d1", PeerState((20.0, 20.0, 3.0)), Stage.TRACK, (5.0, 5.0, 0.0))
+    noticed_s = 1.5 * SILENT_NS * 1e-9  # that it is not heard, by the plans and statuses of the others
+    climbing_s = (course.cruise_m - 3.0) / MISSION.limits.climb_mps
+    assert noticed_s + ROOMLESS_S + climbing_s < course.leaves_s

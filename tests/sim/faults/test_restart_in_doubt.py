@@ -5,7 +5,7 @@ from math import dist
 
 from msgspec.structs import replace
 
-from agent.mission.stages import STRANDED_NS
+from agent.mission.stages import STRANDED_S
 from protocol.messages import Stage
 from sim.faults.kinds import read_faults
 from sim.lockstep.flight import watched
@@ -13,7 +13,7 @@ from sim.scenario import load_scenario
 from sim.scoring.moment import Moment
 
 JUMP_S, KILL_S, BACK_S = 12.0, 13.0, 15.0
-END_S = BACK_S + 1e-9 * STRANDED_NS + 1.0
+END_S = BACK_S + STRANDED_S + 1.0
 FAULTS = (
     {"kind": "position-jump", "at_s": JUMP_S, "jump_m": 20.0, "target": "d2"},
     {"kind": "kill", "at_s": KILL_S, "for_s": BACK_S - KILL_S, "target": "d2"},
