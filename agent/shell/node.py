@@ -310,7 +310,7 @@ class Node:
         self._save()
 
     def _save(self) -> None:
-        launch = self._vehicle.launch
+        launch = self._vehicle.launch_to_keep
         kept = None if launch is None else msgspec.structs.replace(launch, mission=self._mission.mission_id)
         self._store.save(State(memory=self._pilot.memory, launch=kept))
 

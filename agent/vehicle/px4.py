@@ -116,7 +116,12 @@ class Px4Vehicle:
 
     @property
     def launch(self) -> LaunchPlace | None:
-        """Where the local frame lies in the autopilot's, to be kept over a restart; frozen while it is armed."""
+        """Where the local frame lies in the autopilot's; None where that is not known."""
+        return self._telemetry.launch.place
+
+    @property
+    def launch_to_keep(self) -> LaunchPlace | None:
+        """The same for a restarted agent, once it does not change any more."""
         return self._telemetry.launch.to_keep
 
     @property

@@ -87,7 +87,7 @@ def test_the_state_of_an_older_release_is_read(tmp_path: Path) -> None:
 def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_path: Path, log: Logger) -> None:
     """An agent that was killed within half a second of its start knew neither of the flight nor of its launch place."""
     node = Node(DroneConfig(id="d1", state=str(tmp_path)), MISSION, InForce(MISSION), Heartbeat(), log)
-    vehicle = SimpleNamespace(launch=None)
+    vehicle = SimpleNamespace(launch_to_keep=None)
     node._pilot, node._vehicle = pilot(), vehicle  # type: ignore[assignment]
     node._send_command = node._publish = lambda *_: None
 
@@ -98,7 +98,7 @@ def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_pa
         return StateFile(str(tmp_path), "d1").load()
 
     assert asyncio.run(step()) == State()
-    vehicle.launch = STATE.launch
+    vehicle.launch_to_keep = STATE.launch
     node._pilot.observe_vehicle(state(START_NS))
     node._pilot.receive(*command(), START_NS)
     saved = asyncio.run(step())

@@ -73,6 +73,27 @@ def test_setpoints_end_a_failsafe_but_not_the_flight_of_a_human_pilot() -> None:
     asyncio.run(scenario())
 
 
+def test_an_agent_restarted_after_a_landing_elsewhere_stays_in_the_frame_of_the_launch() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await ready(flight)
+            assert flight.vehicle.launch is not None  # preflight compares it with the mission's layout
+            assert flight.vehicle.launch_to_keep is None
+            await flight.fly(TAKEOFF, lambda: flight.state.in_air and flight.state.mode is FlightMode.HOLD, timeout_s=15.0)
+            there, land = hover(6.0, -3.0, 4.0), VehicleCommand(Request.LAND)
+            await flight.fly(there, lambda: near(flight, 6.0, -3.0, 4.0))
+            await flight.fly(land, lambda: not flight.state.armed, timeout_s=20.0)
+            kept = flight.vehicle.launch_to_keep
+            for launch, place_m in ((kept, flight.true_position_m), (None, (0.0, 0.0, 0.0))):
+                await flight.vehicle.close()
+                flight.new_vehicle(launch)
+                await flight.connect()
+                await flight.fly(STAY, lambda: bool(flight.states) and not flight.vehicle.problems)
+                assert dist(flight.state.position_m[:2], place_m[:2]) < 1.0
+
+    asyncio.run(scenario())
+
+
 def test_an_agent_restarted_in_flight_goes_on_in_the_same_frame() -> None:
     async def scenario() -> None:
         async with sky() as flight:
