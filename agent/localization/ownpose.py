@@ -157,8 +157,10 @@ class OwnPose:
             self.is_unplaced = False
 
     def left_out(self) -> None:
-        """No entry of this drone counts any more, so that the log will not tell its frame: it goes on by the last one."""
+        """What this drone measures counts no more, so that the log will not tell its frame: it goes on by the last one."""
         self._is_left_out = True
+        if self.vehicle is not None:
+            self._kept = self._kept_at(self.vehicle)
 
     @property
     def is_lost(self) -> bool:

@@ -134,7 +134,7 @@ class Executive:
         self._revoked = self._navigator.revoked = True
 
     def left_out(self) -> None:
-        """No entry of this drone counts any more."""
+        """What this drone measures from now on counts no more, as it has contradicted itself."""
         self._own.left_out()
 
     def exclude(self, drone: str) -> None:

@@ -85,7 +85,7 @@ class Revoking:
         return self._revocations.leaves_out(entry)
 
     def recount(self, entry: Entry) -> None:
-        """An entry was not taken: if it contradicts another one, nothing counts that its drone has told since."""
+        """An entry was not taken: if it contradicts another one, nothing from that number on counts."""
         publisher = entry.drone, entry.boot
         found = self._world.fusion.log.contradictions.get(publisher)
         if found is not self._contradictions.get(publisher) and found is not None:

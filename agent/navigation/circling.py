@@ -44,7 +44,7 @@ class Circling:
         self._shared = SharedCircle(mission, drone)
 
     def begin(self) -> None:
-        """The local frame is another one."""
+        """The local frame may be another one."""
         self._shared.begin()
 
     def centre(self, moment: Moment, frame: LocalFrame | None) -> Centre | None:

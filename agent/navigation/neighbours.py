@@ -114,7 +114,7 @@ class Neighbourhood:
         return list(self._of_silent(other, me)), is_missing
 
     def _is_down(self, name: str) -> None:
-        """It is on the ground, as far as is known."""
+        """It is on the ground, or has not told yet where it is."""
         self._silent.heard(name)
         self._heard_again.forget(name)
 

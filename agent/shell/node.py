@@ -88,6 +88,7 @@ class Node:
         self._store = StateStore(drone.state, drone.id, log)
         self._revoked_file = RevokedFile(drone.state, drone.id)
         self._stage: Stage | None = None
+        self._has_jumped = False  # the localisation, in flight, without saying so
         self._late = LateSteps()
         self._advanced_s = float("-inf")  # when the log was last worked on
         self._tasks: list[asyncio.Task[None]] = []
@@ -310,9 +311,13 @@ class Node:
         self._save()
 
     def _save(self) -> None:
-        launch = self._vehicle.launch_to_keep
-        kept = None if launch is None else msgspec.structs.replace(launch, mission=self._mission.mission_id)
-        self._store.save(State(memory=self._pilot.memory, launch=kept))
+        memory, launch = self._pilot.memory, self._vehicle.launch_to_keep
+        # After an unannounced jump nothing would tell an agent restarted on the ground that its frame is another one.
+        self._has_jumped = self._has_jumped or (memory is not None and memory.epoch_offset != 0)
+        if launch is not None:
+            flown = launch.flown and not self._has_jumped
+            launch = msgspec.structs.replace(launch, mission=self._mission.mission_id, flown=flown)
+        self._store.save(State(memory=memory, launch=launch))
 
     def _warnings(self) -> Iterator[str | None]:
         yield from no_contact(self._drone, self._mission, self._mesh.alive)

@@ -40,7 +40,6 @@ class LaunchSurvey:
         self.problem: str | None = None
         self._stored = stored
         self._gnss, self._exact = gnss, exact
-        self._jumps = 0  # of an exactly known frame
         self._flown = self._frozen = False
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: Origin | None = None
@@ -71,7 +70,7 @@ class LaunchSurvey:
         resets: int | None = None,
     ) -> None:
         """Take the autopilot's local position (NED, m), its boot time (UTC), and its present count of resets."""
-        if not self._flown and self._stored is not None and self._stored.flown and self._is_same_frame(self._stored, booted_ns):
+        if self._place is None and self._may_have_landed_elsewhere(booted_ns):
             self._place, self._flown = self._stored, True
         self._frozen = armed or in_air or self._flown
         if self._origin is None and self._gnss:
@@ -85,8 +84,9 @@ class LaunchSurvey:
     def jumped(self) -> None:
         """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured again."""
         if self._place is not None and self._frozen:
-            self._jumps += self._exact
             self._place = replace(self._place, epoch=self._place.epoch + 1)
+        elif self._place is None and self._stored is not None:  # while no agent ran
+            self._stored = replace(self._stored, epoch=self._stored.epoch + 1)
         self._samples.clear()
 
     def _average(self, now_s: float, position_m: Vector3, booted_ns: int | None, resets: int | None) -> None:
@@ -133,13 +133,20 @@ class LaunchSurvey:
             same = not self._moved and _same_height(origin, self._origin)
         if not same:
             self.problem = "the autopilot has moved the origin of its local frame in flight: land"
-        elif self._jumps:
+        elif self._exact and self._place.epoch > 0:
             self.problem = (
                 "the autopilot's position or heading has jumped in flight, but the mission defines its frame as exact: "
                 "from then on it is known by the drone's motion only"
             )
         else:
             self.problem = None
+
+    def _may_have_landed_elsewhere(self, booted_ns: int | None) -> bool:
+        """Whether the vehicle has flown from the stored place, in a frame that is still the same. Where one that has jumped lies
+        is known by the motion in flight only; then the place is measured again.
+        """
+        stored = self._stored
+        return stored is not None and stored.flown and stored.epoch == 0 and self._is_same_frame(stored, booted_ns)
 
     def _is_same_frame(self, stored: LaunchPlace, booted_ns: int | None) -> bool:
         origin = stored.origin

@@ -19,6 +19,7 @@ JUMP_RAD = 0.05
 SETTLE_S = 0.05  # after this time the attitude also belongs to the new frame: two messages at 30 Hz
 SWITCH_S = 10.0  # largest delay of the reset after a loss of satellites: PX4 waits for them for 5 s
 LATE_S = 0.2  # largest delay between count and position: the count comes at 10 Hz
+COUNTED_S = 1.0  # an autopilot that has not told its count for so long tells none any more
 HARDEST_MPS2 = 8.0  # largest acceleration, linear and angular, that may explain a difference after a gap
 HARDEST_RPS2 = 6.0
 _NEVER_S = float("-inf")
@@ -31,7 +32,8 @@ class Resets:
     def __init__(self, count: int | None = None) -> None:
         """``count``: before a restart of the agent; if it has changed since, the frame counts as another one."""
         self.count: int | None = None
-        self._before = count
+        self._before, self._unseen = count, False
+        self._waited_from_s: float | None = None  # for the first count
         self._reset_s = self._jump_s = _NEVER_S
         self._held = False
         self._last: tuple[float, Vector3, Vector3, float, float] | None = None  # as the arguments of ``judge``
@@ -40,11 +42,10 @@ class Resets:
 
     def take_count(self, count: int, stamp_s: float) -> None:
         """Take the count of an ODOMETRY."""
-        before = self._before if self.count is None else self.count
-        if before is not None and (count - before) % _COUNTS:
+        if self.count is not None and (count - self.count) % _COUNTS:
             self._reset_s = stamp_s
-            if self.count is None:
-                self._jump_s = stamp_s  # the jump itself was not observed
+        if self.count is None and self._before is not None:
+            self._unseen = (count - self._before) % _COUNTS != 0
         self.count = count
 
     def take_satellites(self, found: bool) -> None:
@@ -69,6 +70,9 @@ class Resets:
         Returns:
             None: undecided yet; this position must not be used.
         """
+        if self._awaits_count(stamp_s):
+            self._held = True
+            return None
         # After a reset, a filter's position moves faster than its velocity for a moment: that is no second jump.
         if self._jumps(stamp_s, position, velocity, yaw, turning) and stamp_s - self._jump_s >= LATE_S:
             self._jump_s = stamp_s
@@ -79,11 +83,19 @@ class Resets:
         if self._held:
             return None
         switched = self._satellites is not self._satellites_of_frame and stamp_s - self._reset_s < SWITCH_S
+        unseen, self._unseen = self._unseen, False
         if not (jumped and reset) and not switched:
-            return False
+            return unseen
         self._satellites_of_frame = self._satellites
         self._jump_s = self._reset_s = _NEVER_S
         return True
+
+    def _awaits_count(self, stamp_s: float) -> bool:
+        """Whether the first count has to tell first if the frame is still that of before a restart of the agent."""
+        if self.count is not None or self._before is None:
+            return False
+        self._waited_from_s = stamp_s if self._waited_from_s is None else self._waited_from_s
+        return stamp_s - self._waited_from_s < COUNTED_S
 
     def _jumps(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool:
         """Whether the step from the last position to this one is more than motion explains."""

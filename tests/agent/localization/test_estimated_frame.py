@@ -196,9 +196,9 @@ def test_a_drone_whose_entries_count_no_more_goes_on_by_the_frame_known_last_and
     known, graph = Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4)), FrameGraph()
     own = own_pose("d1", graph, LAYOUT)
     graph.place("d1", 0, known)
+    own.take(state(START_NS))
     if left_out:
         own.left_out()
-    own.take(state(START_NS))
     graph.replace_from("d1", 0, 0, [(0, None)])
     assert (own.place_m is not None) is left_out
     for tick in range(1, 30 * 20):

@@ -118,14 +118,25 @@ def test_an_agent_restarted_after_a_landing_elsewhere_keeps_the_frame_of_the_lau
     assert booted_since.north_m == pytest.approx(10.0, abs=0.01)
 
 
-def test_without_satellites_too_once_it_is_known_when_the_autopilot_was_booted() -> None:
-    stored = replace(STORED, origin_latitude_deg=None, booted_ns=BOOTED_NS, resets=4, flown=True)
-    survey = without_satellites(stored)
-    for step in range(60):
-        survey.observe(step / 30, (10.0, -20.0, 0.3), **ON_GROUND)
-    assert survey.place != stored
-    stand(survey, 2.0, 0.1)
-    assert survey.place == stored
+def test_without_satellites_too_if_the_autopilot_has_not_been_booted_since() -> None:
+    for booted_ns, kept in ((BOOTED_NS, True), (BOOTED_NS + 60_000_000_000, False)):
+        stored = replace(STORED, origin_latitude_deg=None, booted_ns=booted_ns, resets=4, flown=True)
+        survey = without_satellites(stored)
+        stand(survey, 0.0, 3.0)
+        assert (survey.place == stored) is kept
+
+
+def test_after_a_jump_it_is_measured_again_on_the_ground() -> None:
+    """Where that frame lies is known by the motion in flight only, and that is over."""
+    for jumped in (True, False):
+        survey = LaunchSurvey(replace(STORED, flown=True, epoch=int(not jumped)))
+        if jumped:
+            survey.jumped()  # while no agent ran
+        survey.take_origin(ORIGIN)
+        for step in range(60):
+            survey.observe(step / 30, (10.0, -20.0, 0.3), **ON_GROUND)
+        assert survey.place is not None
+        assert (survey.place.north_m, survey.place.epoch) == (pytest.approx(10.0), 0)
 
 
 def test_what_is_kept_tells_whether_it_was_flown_from() -> None:

@@ -5,7 +5,7 @@ from math import atan2, cos, pi, radians, sin
 import pytest
 
 from agent.config.drone import VehicleConfig
-from agent.vehicle.interface import FlightMode, VehicleState
+from agent.vehicle.interface import FlightMode, LaunchPlace, VehicleState
 from agent.vehicle.mavlink.messages import (
     Attitude,
     Battery,
@@ -39,8 +39,8 @@ ON_GROUND: tuple[Message, ...] = (
 class Rig:
     """Telemetry with a clock: each position is 1/30 s later than the one before, with the attitude given."""
 
-    def __init__(self, *messages: Message, gnss: bool = True) -> None:
-        self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15, gnss=gnss), None)
+    def __init__(self, *messages: Message, gnss: bool = True, stored: LaunchPlace | None = None) -> None:
+        self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15, gnss=gnss), stored)
         self.now_s = 10.0
         self.give(*messages)
 
@@ -219,3 +219,34 @@ def test_without_satellites_neither_origin_nor_home_is_missed() -> None:
     assert rig.telemetry.problems(rig.now_s) == []
     rig.give(SystemStatus(0x27, 0x27, 0x1000_0007, 90))  # a receiver without reception
     assert rig.telemetry.problems(rig.now_s) == []
+
+
+@pytest.mark.parametrize("in_air", [True, False])
+@pytest.mark.parametrize("resets", [3, 4])
+@pytest.mark.parametrize("at", [-1, 0, 1, 5])
+def test_a_reset_while_no_agent_ran_is_noticed_whenever_its_count_comes(in_air: bool, resets: int, at: int) -> None:
+    """The count comes at 10 Hz, the heartbeat at 1 Hz, positions at 30 Hz, in any order. In flight another frame is another
+    epoch, on the ground the launch place is measured again; before that is known no state is told.
+    """
+    stored = LaunchPlace(
+        north_m=1.0,
+        east_m=2.0,
+        down_m=0.0,
+        origin_latitude_deg=47.397742,
+        origin_longitude_deg=8.545594,
+        origin_altitude_m=488.0,
+        resets=3,
+        flown=True,
+    )
+    condition = (Heartbeat(0x9D, OFFBOARD, 4), ExtendedState(2)) if in_air else (Heartbeat(0x1D, HOLD, 3), ExtendedState(1))
+    rig = Rig(*(message for message in ON_GROUND if not isinstance(message, Heartbeat | ExtendedState)), stored=stored)
+    states = []
+    for step in range(-15, 60):
+        rig.give(*(condition if step == 0 else ()))
+        rig.give(*((Odometry(round(rig.now_s * 1e6), resets),) if step == at or step > 5 else ()))
+        states.append(rig.position(6.0, 2.0, 0.0))
+    told = [state for state in states if state is not None]
+    moved = resets != stored.resets
+    assert {state.epoch for state in told} == {int(moved and in_air)}
+    measured_again = moved and not in_air
+    assert told[-1].position_m[1] == pytest.approx(0.0 if measured_again else 5.0)
