@@ -17,6 +17,7 @@ _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
+_OUT = 2  # of these, so many at least were not believed
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
@@ -64,26 +65,33 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
 
 
 def _check_all_fixes(keyframe: Keyframe) -> None:
-    """Put the swarm where its fixes are if none is believed any more, and all are in one other place of it.
+    """Put the swarm where most of its fixes are if all of these are in one other place of it, of several receivers that are not
+    believed any more.
 
     Sightings tell how drones lie to each other, and nothing of where all of them are: after most receivers had been wrong for a
-    while, and were right again, sightings that agreed kept all where the wrong ones had been.
+    while, and were right again, sightings that agreed kept all where the wrong ones had been; so they did where one that was
+    dragged away had led all the others by more than exact receivers err, and by less than the others do.
     """
     joint, members = keyframe.joint, keyframe.members
     fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
     fixes = fixes.take(joint.slots()[fixes.drone] >= 0)
-    receivers = np.unique(fixes.drone).tolist()
-    if len(receivers) < _RECEIVERS or any(keyframe.setting.exact[drone] for drone in joint.drones):
+    receivers = set(np.unique(fixes.drone).tolist())
+    out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
+    if any(keyframe.setting.exact[drone] for drone in joint.drones):
         return
-    if any(members[drone].missed < _PATIENCE for drone in receivers):
+    for wrong in (set[int](), *({drone} for drone in sorted(out))):
+        agreeing = sorted(receivers - wrong)
+        if len(agreeing) < _RECEIVERS or len(out - wrong) < _OUT:
+            continue
+        chosen = fixes.take(np.isin(fixes.drone, agreeing))
+        displaced = corrected(joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), chosen)
+        if (displaced.fixes < 0.5).any():
+            continue
+        keyframe.joint = displaced.joint
+        for drone in sorted(out - wrong):
+            members[drone] = replace(members[drone], missed=0)
+            keyframe.suspect(drone, "most fixes contradicted the estimated positions; the positions now follow the fixes")
         return
-    displaced = corrected(joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), fixes)
-    if (displaced.fixes < 0.5).any():
-        return
-    keyframe.joint = displaced.joint
-    for drone in receivers:
-        members[drone] = replace(members[drone], missed=0)
-        keyframe.suspect(drone, "all fixes contradicted the estimated positions; the positions now follow the fixes")
 
 
 def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:

@@ -197,12 +197,15 @@ def test_who_has_lost_the_satellites_drifts(announced):
         ([(15.0, -6.0), (15.0, -6.0), (15.0, -6.0)], True),  # of the swarm as a whole, the sightings told nothing
         ([(15.0, -6.0), (-6.0, 15.0), (0.0, -20.0)], False),
         ([(15.0, -6.0), (15.0, -6.0)], False),  # two may err alike
+        ([(15.0, -6.0), (15.0, -6.0), (-20.0, 3.0)], False),
+        ([(15.0, -6.0), (15.0, -6.0), (15.0, -6.0), (-20.0, 3.0)], True),
     ],
 )
 def test_a_swarm_lies_where_three_receivers_agree_that_it_does(off_m, moved):
-    """Their fixes are somewhere else than their launch places are by the layout. d4 has no receiver."""
+    """Their fixes are somewhere else than their launch places are by the layout. The last drone has no receiver."""
     receivers = [Drone(f"d{k + 1}", kind="rtk", fixes=True) for k in range(len(off_m))]
-    flown = fly([*receivers, Drone("d4", yaw_deg=100.0, **UNKNOWN, **DRIFT)], 20.0, 1, Sensor(rate_hz=5.0), datum=True)
+    blind = Drone(f"d{len(off_m) + 1}", yaw_deg=100.0, **UNKNOWN, **DRIFT)
+    flown = fly([*receivers, blind], 20.0, 1, Sensor(rate_hz=5.0), datum=True)
     by = {f"d{k + 1}": one for k, one in enumerate(off_m)}
     flown.entries[:] = [displaced(one, by[one.drone]) if isinstance(one, Fix) else one for one in flown.entries]
     frames = run(flown)
@@ -210,6 +213,22 @@ def test_a_swarm_lies_where_three_receivers_agree_that_it_does(off_m, moved):
     for drone in flown.place:
         off, _ = flown.error(frames, drone, 19.0)
         assert np.linalg.norm(off[:2] - expected) < 2.0
+
+
+def test_exact_receivers_count_where_others_can_be_right_in_both_places():
+    """Two with RTK were not believed any more, after all had been led away by a spoofed one; others err by as much anyway."""
+    exact = [Drone(f"d{k}", kind="rtk", fixes=True) for k in (1, 2)]
+    vague = [Drone(f"d{k}", kind="gnss", fixes=True) for k in (3, 4)]
+    flown = fly([*exact, *vague, Drone("d5", kind="rtk", fixes=True)], 20.0, 1, Sensor(rate_hz=5.0), datum=True)
+    by = {"d1": (5.6, -3.4), "d2": (5.6, -3.4), "d3": (0.0, 0.0), "d4": (0.0, 0.0), "d5": (-30.0, 20.0)}
+    for place, one in enumerate(flown.entries):
+        if isinstance(one, Fix):
+            moved = displaced(one, by[one.drone])
+            flown.entries[place] = moved if any(by[one.drone]) else structs.replace(moved, horizontal_sigma_m=3.5)
+    frames = run(flown)
+    for drone in flown.place:
+        off, _ = flown.error(frames, drone, 19.0)
+        assert np.linalg.norm(off[:2] - (5.6, -3.4)) < 0.5
 
 
 def displaced(fix: Fix, by_m: tuple[float, float]) -> Fix:
