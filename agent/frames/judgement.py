@@ -8,7 +8,7 @@ import numpy as np
 
 from agent.frames.consistency import Verdict, agreeing, without
 from agent.frames.finding import aligned_better, insert
-from agent.frames.joint import corrected
+from agent.frames.joint import Joint, corrected
 from agent.frames.keyframe import Keyframe
 from agent.frames.residuals import Sightings
 
@@ -17,13 +17,14 @@ _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
-_OUT = 2  # of these, so many at least were not believed
+_OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
+_TRIED = 8  # drones of which each may be the one that is wrong
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
     """Isolate drones with wrong frames, and realign them by the others' sightings of them."""
     faulty_drone = judged.faulty_drone()
-    confirmed = agreeing(keyframe.tallies[-1])
+    confirmed, joint = agreeing(keyframe.tallies[-1]), keyframe.joint
     for drone in keyframe.joint.drones.tolist():
         member = keyframe.members[drone]
         if drone == faulty_drone:
@@ -33,7 +34,7 @@ def judge(keyframe: Keyframe, judged: Verdict) -> None:
             sound_ns = keyframe.stamp_ns if sound else member.sound_ns
             keyframe.members[drone] = replace(member, contradicted=0, sound_ns=sound_ns)
         _check_fixes(keyframe, drone, judged)
-    _check_all_fixes(keyframe)
+    _check_all_fixes(keyframe, joint)
     if faulty_drone is None:
         _report_conflicts(keyframe, judged)
     elif keyframe.members[faulty_drone].contradicted >= _FIRM and not keyframe.setting.exact[faulty_drone]:
@@ -64,31 +65,34 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
         keyframe.suspect(drone, "its fixes contradicted its estimated position; the position now follows the fixes")
 
 
-def _check_all_fixes(keyframe: Keyframe) -> None:
-    """Put the swarm where most of its fixes are if all of these are in one other place of it, of several receivers that are not
-    believed any more.
+def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
+    """Put the swarm where most of its fixes are if all of these are in one other place of it, and several receivers are not
+    believed any more. ``joint``: before any of them was given up.
 
     Sightings tell how drones lie to each other, and nothing of where all of them are: after most receivers had been wrong for a
     while, and were right again, sightings that agreed kept all where the wrong ones had been; so they did where one that was
-    dragged away had led all the others by more than exact receivers err, and by less than the others do.
+    dragged away had led all the others by more than exact receivers err, and by less than the others do. One that is believed
+    where the swarm is, and in the other place too, as it errs by as much, is no witness; two are, as they do not err alike.
     """
-    joint, members = keyframe.joint, keyframe.members
+    members, leading = keyframe.members, set(keyframe.fixes.drone[keyframe.leads_m > 0.0].tolist())
     fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
-    fixes = fixes.take(joint.slots()[fixes.drone] >= 0)
+    fixes = fixes.take((joint.slots()[fixes.drone] >= 0) & ~np.isin(fixes.drone, list(leading)))
     receivers = set(np.unique(fixes.drone).tolist())
     out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
     if any(keyframe.setting.exact[drone] for drone in joint.drones):
         return
-    for wrong in (set[int](), *({drone} for drone in sorted(out))):
-        agreeing = sorted(receivers - wrong)
-        if len(agreeing) < _RECEIVERS or len(out - wrong) < _OUT:
+    for wrong in (set[int](), *({drone} for drone in sorted(out)[:_TRIED])):
+        together = sorted(receivers - wrong)
+        moved = out - wrong
+        least = _RECEIVERS if moved == set(together) else _OUT + _BELIEVED
+        if len(together) < least or len(moved) < _OUT:
             continue
-        chosen = fixes.take(np.isin(fixes.drone, agreeing))
+        chosen = fixes.take(np.isin(fixes.drone, together))
         displaced = corrected(joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), chosen)
         if (displaced.fixes < 0.5).any():
             continue
         keyframe.joint = displaced.joint
-        for drone in sorted(out - wrong):
+        for drone in sorted(moved):
             members[drone] = replace(members[drone], missed=0)
             keyframe.suspect(drone, "most fixes contradicted the estimated positions; the positions now follow the fixes")
         return

@@ -315,7 +315,7 @@ class Node:
         # After an unannounced jump nothing would tell an agent restarted on the ground that its frame is another one.
         self._has_jumped = self._has_jumped or (memory is not None and memory.epoch_offset != 0)
         if launch is not None:
-            flown = launch.flown and not self._has_jumped
+            flown = launch.flown and not (self._has_jumped and memory is None)
             launch = msgspec.structs.replace(launch, mission=self._mission.mission_id, flown=flown)
         self._store.save(State(memory=memory, launch=launch))
 

@@ -70,6 +70,8 @@ class LaunchSurvey:
         resets: int | None = None,
     ) -> None:
         """Take the autopilot's local position (NED, m), its boot time (UTC), and its present count of resets."""
+        if self._place is None and self._stored is not None and resets is not None:
+            self._stored = replace(self._stored, resets=resets)
         if self._place is None and self._may_have_landed_elsewhere(booted_ns):
             self._place, self._flown = self._stored, True
         self._frozen = armed or in_air or self._flown

@@ -95,7 +95,7 @@ class Resets:
         if self.count is not None or self._before is None:
             return False
         self._waited_from_s = stamp_s if self._waited_from_s is None else self._waited_from_s
-        return stamp_s - self._waited_from_s < COUNTED_S
+        return abs(stamp_s - self._waited_from_s) < COUNTED_S
 
     def _jumps(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool:
         """Whether the step from the last position to this one is more than motion explains."""

@@ -231,6 +231,19 @@ def test_exact_receivers_count_where_others_can_be_right_in_both_places():
         assert np.linalg.norm(off[:2] - (5.6, -3.4)) < 0.5
 
 
+def test_two_that_err_alike_take_nobody_along_with_the_help_of_one_that_would_be_right_anywhere():
+    exact = [Drone(f"d{k}", kind="rtk", fixes=True) for k in (1, 2)]
+    flown = fly([*exact, Drone("d3", kind="gnss", fixes=True), Drone("d4", **DRIFT)], 12.0, 1, Sensor(rate_hz=3.0), datum=True)
+    for place, one in enumerate(flown.entries):
+        if isinstance(one, Fix):
+            vague = structs.replace(one, horizontal_sigma_m=3.5)
+            flown.entries[place] = vague if one.drone == "d3" else displaced(one, (7.3, -6.0))
+    frames = run(flown)
+    for drone in flown.place:
+        off, _ = flown.error(frames, drone, 11.0)
+        assert np.linalg.norm(off[:2]) < 1.0
+
+
 def displaced(fix: Fix, by_m: tuple[float, float]) -> Fix:
     """The same some metres further east and north."""
     east, north = (metres / 111_200.0 for metres in by_m)

@@ -107,6 +107,23 @@ def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_pa
     assert saved.memory is not None
 
 
+@pytest.mark.parametrize("jumped", [True, False])
+def test_after_a_jump_that_was_not_announced_the_launch_place_is_not_kept_once_it_has_landed(
+    tmp_path: Path, log: Logger, jumped: bool
+) -> None:
+    """Nothing would tell an agent restarted then that its frame is another one."""
+    node = Node(DroneConfig(id="d1", state=str(tmp_path)), MISSION, InForce(MISSION), Heartbeat(), log)
+    assert STATE.memory is not None
+    assert STATE.launch is not None
+    node._vehicle = SimpleNamespace(launch_to_keep=replace(STATE.launch, flown=True))  # type: ignore[assignment]
+    kept = []
+    node._store = SimpleNamespace(save=kept.append)  # type: ignore[assignment]
+    for memory in (replace(STATE.memory, epoch_offset=int(jumped)), None):
+        node._pilot = SimpleNamespace(memory=memory)  # type: ignore[assignment]
+        node._save()
+    assert [state.launch.flown for state in kept] == [True, not jumped]
+
+
 def test_a_launch_place_is_flown_from_in_its_mission_only() -> None:
     """For another mission the vehicle may have been carried to another launch place."""
     assert STATE.launch is not None
