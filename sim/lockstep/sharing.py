@@ -26,7 +26,7 @@ from protocol.codec import decode_from
 from protocol.messages import AnyMessage
 from sim.scoring.moment import Shared
 
-CHECKED_OF = 3  # flights of which one is checked: that costs 9 % of it
+CHECKED_OF = 3  # flights of which one is checked
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
 MOST_READ = 512  # messages: those of a second and more of six drones, which they get within the delay of the radio
