@@ -7,8 +7,8 @@ agents of a flight begin with the same state. So agents with equal logs walk alo
 they part; once the logs are equal again, they replay from where they parted, and one chain remains. Nothing else is shared: every
 agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
 
-In one of three flights that somebody watches one drone folds on its own, both by the seed, so that its hypothesis is a check on
-those of the others.
+In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the
+others.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from protocol.codec import decode_from
 from protocol.messages import AnyMessage
 from sim.scoring.moment import Shared
 
-CHECKED_OF = 3  # flights of which one is checked
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
 MOST_READ = 512  # messages: those of a second and more of six drones, which they get within the delay of the radio
@@ -39,8 +38,8 @@ class Folds:
     """Where the agents of one flight get their estimators from."""
 
     def __init__(self, drones: int, seed: int, *, checked: bool) -> None:
-        """``checked``: one drone folds on its own, in one of ``CHECKED_OF`` flights."""
-        self._alone = seed % (CHECKED_OF * drones) if checked else None  # nobody, where there is no drone of that number
+        """``checked``: one drone folds on its own."""
+        self._alone = seed % drones if checked else None
         self._shared: dict[str, SharedFold[Any]] = {}
 
     def of(self, drone: int) -> Estimators:

@@ -57,7 +57,7 @@ class World:
     """The complete state of the simulated world and its agents."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot], checked: bool) -> None:
-        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``; ``checked``: as in ``Folds``."""
+        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``; ``checked``: one drone folds on its own."""
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)

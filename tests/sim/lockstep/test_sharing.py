@@ -15,7 +15,7 @@ from agent.pilot import Pilot
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
 from sim.lockstep.flight import watched
-from sim.lockstep.sharing import CHECKED_OF, Folds, Results, SharedFold
+from sim.lockstep.sharing import Folds, Results, SharedFold
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
 
@@ -72,7 +72,7 @@ def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkey
     assert computed["shared"] < 0.8 * computed["alone"]
 
 
-def test_one_drone_of_every_third_flight_that_is_watched_folds_on_its_own():
+def test_one_drone_of_each_flight_that_is_watched_folds_on_its_own():
     """Else nothing would tell if all had one wrong hypothesis."""
     mission = load_scenario("demo").mission
     for seed in range(3):
@@ -82,8 +82,8 @@ def test_one_drone_of_every_third_flight_that_is_watched_folds_on_its_own():
         others = [estimator for drone, estimator in enumerate(made) if drone != seed]
         assert others[0] is others[1]
         assert isinstance(others[0], SharedFold)
-    for all_shared in (Folds(3, 0, checked=False), *(Folds(3, seed, checked=True) for seed in range(3, 3 * CHECKED_OF))):
-        assert len({id(all_shared.of(drone)("bayes", mission)) for drone in range(3)}) == 1
+    unwatched = Folds(3, 0, checked=False)
+    assert len({id(unwatched.of(drone)("bayes", mission)) for drone in range(3)}) == 1
 
 
 @pytest.fixture
