@@ -72,15 +72,16 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
     Sightings tell how drones lie to each other, and nothing of where all of them are: after most receivers had been wrong for a
     while, and were right again, sightings that agreed kept all where the wrong ones had been; so they did where one that was
     dragged away had led all the others by more than exact receivers err, and by less than the others do. One that is believed
-    where the swarm is, and in the other place too, as it errs by as much, is no witness; two are, as they do not err alike.
+    where the swarm is, and in the other place too, as it errs by as much, is no witness; two are taken for one, although those
+    without corrections may err alike, by a metre or two.
     """
-    members, leading = keyframe.members, set(keyframe.fixes.drone[keyframe.leads_m > 0.0].tolist())
-    fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
-    fixes = fixes.take((joint.slots()[fixes.drone] >= 0) & ~np.isin(fixes.drone, list(leading)))
-    receivers = set(np.unique(fixes.drone).tolist())
-    out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
     if any(keyframe.setting.exact[drone] for drone in joint.drones):
         return
+    members, leading = keyframe.members, keyframe.fixes.drone[keyframe.leads_m > 0.0]
+    fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
+    fixes = fixes.take((joint.slots()[fixes.drone] >= 0) & ~np.isin(fixes.drone, leading))
+    receivers = set(np.unique(fixes.drone).tolist())
+    out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
     for wrong in (set[int](), *({drone} for drone in sorted(out)[:_TRIED])):
         together = sorted(receivers - wrong)
         moved = out - wrong

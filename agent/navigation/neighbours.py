@@ -100,10 +100,10 @@ class Neighbourhood:
     def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
         """One drone, at each place where it may be; and whether it is missing."""
         if peer.sources.is_on_ground(me.now_ns):
-            self._is_down(name)
+            self._forget(name)
             return [], False
         if peer.pose is None:
-            self._is_down(name)
+            self._forget(name)
             is_missing = me.may_fly(name) and self._is_unheard(name, me.now_ns)
             return list(self._of_unknown(name, peer, me)), is_missing
         self._following.compare(name, peer, peer.pose)
@@ -113,7 +113,7 @@ class Neighbourhood:
         is_missing = other.took_part or (peer.status is None and me.may_fly(name))
         return list(self._of_silent(other, me)), is_missing
 
-    def _is_down(self, name: str) -> None:
+    def _forget(self, name: str) -> None:
         """It is on the ground, or has not told yet where it is."""
         self._silent.heard(name)
         self._heard_again.forget(name)
