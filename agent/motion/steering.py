@@ -111,19 +111,35 @@ class Steering:
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
         # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
-        previous = situation.previous()
-        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], previous)), peers)
-        near = np.minimum(clearances, (previous @ normals.T - offsets).min(axis=0)) < _NEAR_M
-        planes = self._half_planes(situation, optimum[1, :, :2], previous, neighbours, (normals[near], offsets[near]))
-        found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
-        if found is not None and self._apart(
-            optimum[1, :, :2] + self._prediction.position @ (found - optimum[0, :, :2]), neighbours
-        ):
+        found, apart = self._constrained(situation, optimum, peers, situation.previous(), clearances)
+        if apart:
             return Status.CONSTRAINED, found
         away = escape(self._id, situation.measured, peers, self._limits, reaction_s(situation.response))
         if away is not None:
             return Status.ESCAPING, self._brake(situation, away)
-        return (Status.BRAKING, self._brake(situation, (0.0, 0.0))) if found is None else (Status.CONSTRAINED, found)
+        braking = self._brake(situation, (0.0, 0.0))
+        if found is None:
+            return Status.BRAKING, braking
+        # A plan through the gap beside a drone may stay there, however narrow that becomes: before the gap there may be room.
+        other, apart = self._constrained(situation, optimum, peers, self._positions(optimum, braking), clearances)
+        return Status.CONSTRAINED, other if apart else found
+
+    def _constrained(
+        self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], nominal: Array, clearances: Array
+    ) -> tuple[Array | None, bool]:
+        """Jerks (H, 2) of the solution that passes the others on the same side as ``nominal`` (H, 2), and whether it keeps apart
+        from them; ``clearances``: of the optimum from the sides of the fence.
+        """
+        normals, offsets = situation.inside()
+        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], nominal)), peers)
+        near = np.minimum(clearances, (nominal @ normals.T - offsets).min(axis=0)) < _NEAR_M
+        planes = self._half_planes(situation, optimum[1, :, :2], nominal, neighbours, (normals[near], offsets[near]))
+        found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
+        return found, found is not None and self._apart(self._positions(optimum, found), neighbours)
+
+    def _positions(self, optimum: Array, jerks: Array) -> Array:
+        found: Array = optimum[1, :, :2] + self._prediction.position @ (jerks - optimum[0, :, :2])
+        return found
 
     def _within_limits(self, optimum: Array, peaks: Peaks) -> bool:
         (jx, jy, _), _, (u, v, _), (ax, ay, _) = peaks
