@@ -39,6 +39,9 @@ class Member:
     trusted: bool = True  # whether its layout and compass are used
     suspicion: Suspicion | None = None
     known: bool = False
+    moved_m: tuple[float, float] = (0.0, 0.0)  # by which corrections have moved its track lately (``slides``)
+    moved_var: float = 0.0  # m^2 of each axis, by which it may have drifted meanwhile
+    slid_ns: int | None = None  # stamp of the last keyframe at which its track slid; None: it does not
 
 
 @dataclass(frozen=True, slots=True)

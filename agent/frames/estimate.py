@@ -16,6 +16,7 @@ from agent.frames.joint import NO_HEADINGS, Headings, corrected
 from agent.frames.judgement import clear_suspicions, judge
 from agent.frames.keyframe import Keyframe, Setting
 from agent.frames.placement import Placement
+from agent.frames.slides import find_slides, note_moves, place_anew
 
 _RETRY = 3  # keyframes between attempts to align a lost frame
 _ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 20 ms, during which the flight loop waits
@@ -34,6 +35,7 @@ class Estimate:
         for drone in range(len(keyframe.members)):
             _launch(keyframe, drone)
         _correct(keyframe)
+        find_slides(keyframe)
         judged = verdict(keyframe.tallies)
         conflicting = {drone for pair in judged.conflicts() for drone in pair}
         judge(keyframe, judged)
@@ -59,6 +61,7 @@ def _launch(keyframe: Keyframe, drone: int) -> None:
     if not keyframe.setting.exact[drone]:
         covariance = covariance + np.diag(keyframe.drift.over(drone, 0.0, keyframe.joint.far[drone]))
     keyframe.joint = keyframe.joint.with_drone(drone, pose, covariance)
+    place_anew(keyframe, [drone])
 
 
 def _correct(keyframe: Keyframe) -> None:
@@ -75,9 +78,11 @@ def _correct(keyframe: Keyframe) -> None:
     seen = seen.take(settled[seen.observer] & settled[seen.target])
     fixes = keyframe.fixes
     known = slots[fixes.drone] >= 0
+    known &= ~np.array([keyframe.slides(drone) for drone in range(len(keyframe.members))])[fixes.drone]
     counted = known & (keyframe.leads_m == 0.0)
     result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes.take(counted), _headings(keyframe))
-    keyframe.joint = result.joint
+    prior, keyframe.joint = keyframe.joint, result.joint
+    note_moves(keyframe, prior)
     tallied = tally(len(keyframe.members), seen, result.sightings)
     keyframe.tallies = (*keyframe.tallies, tallied)[-KEYFRAMES:]
     believed = np.zeros(len(fixes))

@@ -12,6 +12,7 @@ from agent.frames.joint import Joint, corrected
 from agent.frames.keyframe import SPEED_MPS, Keyframe
 from agent.frames.placement import Placement
 from agent.frames.residuals import Fixes, Ints, Sightings, turned
+from agent.frames.slides import place_anew
 from agent.geometry import Array
 
 _MOST_VIEWS = 120  # most sightings used in an alignment; of more, every n-th
@@ -69,6 +70,7 @@ def insert(keyframe: Keyframe, drone: int, found: Found) -> None:
     age_s = float(np.mean(1e-9 * (keyframe.stamp_ns - seen.stamp_ns))) if len(seen) else 0.0
     drifted = keyframe.drift.over(drone, age_s, age_s * SPEED_MPS)
     keyframe.joint = result.joint.widened(drone, drifted)
+    place_anew(keyframe, [drone])
     if len(fixes) and result.fixes[0] < 0.5 and keyframe.members[drone].trusted and len(seen):  # the first fix is the layout
         place = ", ".join(f"{axis:.0f}" for axis in keyframe.drift.layout(drone)[0])
         keyframe.suspect(drone, f"it was not launched where the mission has it ({place})", lasting=True)

@@ -11,6 +11,7 @@ from agent.frames.finding import aligned_better, insert
 from agent.frames.joint import Joint, corrected
 from agent.frames.keyframe import Keyframe
 from agent.frames.residuals import Sightings
+from agent.frames.slides import place_anew
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
@@ -18,11 +19,13 @@ _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
 _OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
+_TOGETHER = 2  # tracks that do not slide against each other
 _TRIED = 8  # drones of which each may be the one that is wrong
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
     """Isolate drones with wrong frames, and realign them by the others' sightings of them."""
+    _check_fixes_of_the_steady(keyframe)
     faulty_drone = judged.faulty_drone()
     confirmed, joint = agreeing(keyframe.tallies[-1]), keyframe.joint
     for drone in keyframe.joint.drones.tolist():
@@ -62,6 +65,7 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
     else:  # sightings do not confirm its estimated pose, either
         keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
+        place_anew(keyframe, [drone])
         keyframe.suspect(drone, "its fixes contradicted its estimated position; the position now follows the fixes")
 
 
@@ -93,10 +97,34 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
         if (displaced.fixes < 0.5).any():
             continue
         keyframe.joint = displaced.joint
+        place_anew(keyframe, displaced.joint.drones.tolist())
         for drone in sorted(moved):
             members[drone] = replace(members[drone], missed=0)
             keyframe.suspect(drone, "most fixes contradicted the estimated positions; the positions now follow the fixes")
         return
+
+
+def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
+    """Put the swarm where the fixes of all tracks that do not slide have it, if others slide, and some of these fixes are not
+    believed any more: the slide has moved all.
+    """
+    members, rows = keyframe.members, keyframe.joint.slots()
+    fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
+    steady = [drone for drone in keyframe.joint.drones.tolist() if not keyframe.slides(drone)]
+    fixes = fixes.take((rows[fixes.drone] >= 0) & np.isin(fixes.drone, steady))
+    receivers = set(np.unique(fixes.drone).tolist())
+    out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
+    if not out or len(steady) < _TOGETHER or len(steady) == len(keyframe.joint.drones):
+        return
+    if any(keyframe.setting.exact[drone] for drone in steady):
+        return
+    displaced = corrected(keyframe.joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), fixes)
+    if (displaced.fixes < 0.5).any():
+        return
+    keyframe.joint = displaced.joint
+    place_anew(keyframe, displaced.joint.drones.tolist())
+    for drone in sorted(out):
+        members[drone] = replace(members[drone], missed=0, suspicion=None)
 
 
 def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:

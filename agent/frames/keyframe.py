@@ -17,6 +17,7 @@ from agent.frames.placement import Placement
 from agent.frames.residuals import Fixes, Sightings
 from agent.geometry import Array
 
+_SLIDE_MPS = 1.0  # of a track that slides: spoofed, or by a SLAM that has lost its way
 SPEED_MPS = 3.0  # assumed speed for the distance-dependent SLAM drift of sightings that are older than the keyframe
 
 
@@ -49,7 +50,7 @@ class Keyframe:
         self.tallies = before.tallies
         self.emissions: list[Emission] = []
         self.fixes, self.leads_m, led_m = self._led(before.joint)
-        self.joint, self.flown = self._predicted(before.joint, led_m)
+        self.joint, self.flown, self.drifted = self._predicted(before.joint, led_m)
 
     def checkpoint(self) -> Checkpoint:
         """The resulting checkpoint."""
@@ -62,6 +63,11 @@ class Keyframe:
         if not self.drift.follows_satellites(drone):
             return False
         return self._jumped(drone) or not self.intake.has_recent_fix(drone, self.stamp_ns)
+
+    def slides(self, drone: int) -> bool:
+        """Whether a drone's track slides, or has done so not long ago."""
+        slid_ns = self.members[drone].slid_ns
+        return slid_ns is not None and self.stamp_ns - slid_ns <= round(self.config.suspect_s * 1e9)
 
     def older_var(self, seen: Sightings) -> Array:
         """Variance (M,), m^2, of the way between the two drones of a sighting: by their drift from then to the middle of the
@@ -108,21 +114,25 @@ class Keyframe:
         new = fixes.stamp_ns > self.before * self.intake.grid_ns
         return fixes.take(new), leads[new], led_m
 
-    def _predicted(self, joint: Joint, led_m: Array) -> tuple[Joint, Array]:
+    def _predicted(self, joint: Joint, led_m: Array) -> tuple[Joint, Array, Array]:
         at, far = joint.at.copy(), joint.far.copy()
         for drone, track in enumerate(self.intake.tracks):
             reference = track.reference(self.stamp_ns)
             if reference is not None:
                 at[drone], far[drone] = reference
-        noise = np.zeros((len(joint.drones), 4))
+        noise, loose = np.zeros((len(joint.drones), 4)), np.zeros(len(joint.drones))
         flown = np.maximum(far - joint.far, 0.0)
         after_ns = self.stamp_ns - round(1e9 * self.seconds)
         for row, drone in enumerate(joint.drones.tolist()):
             if not self.setting.exact[drone]:
                 noise[row] = self.drift.over(drone, self.seconds, flown[drone], self.adrift(drone))
-                noise[row, :2] += led_m[drone] ** 2
+                slide_m = _SLIDE_MPS * self.seconds if self.slides(drone) else 0.0
+                loose[row] = led_m[drone] ** 2 + slide_m**2
             noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)  # of an exact one, too
-        return joint.moved(at, far, noise), flown
+        drifted = np.zeros(len(self.members))
+        drifted[joint.drones] = noise[:, :2].mean(1)
+        noise[:, :2] += loose[:, None]
+        return joint.moved(at, far, noise), flown, drifted
 
     def _jumped(self, drone: int) -> bool:
         """Whether its localisation has restarted since the launch: the reference of its heading is then unknown."""
