@@ -70,7 +70,7 @@ def _correct(keyframe: Keyframe) -> None:
     Sightings by and of a drone count from the keyframe after its launch on. The launch falls somewhere in its keyframe interval,
     so that there may be a single sighting of each pair: as long as a place is uncertain by nearly the distance between two
     drones, a false one fits as well as a true one, and it takes several to tell which it is. Fixes that lead a track do not
-    count: they and the track cannot both be right, and a frame that moves would follow them.
+    count: they and the track cannot both be right, and a frame that moves would follow them. Nor do those of one that slides.
     """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
@@ -78,8 +78,8 @@ def _correct(keyframe: Keyframe) -> None:
     seen = seen.take(settled[seen.observer] & settled[seen.target])
     fixes = keyframe.fixes
     known = slots[fixes.drone] >= 0
-    known &= ~np.array([keyframe.slides(drone) for drone in range(len(keyframe.members))])[fixes.drone]
-    counted = known & (keyframe.leads_m == 0.0)
+    slides = np.array([keyframe.slides(drone) for drone in range(len(keyframe.members))])[fixes.drone]
+    counted = known & (keyframe.leads_m == 0.0) & ~slides
     result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes.take(counted), _headings(keyframe))
     prior, keyframe.joint = keyframe.joint, result.joint
     note_moves(keyframe, prior)
@@ -87,6 +87,7 @@ def _correct(keyframe: Keyframe) -> None:
     keyframe.tallies = (*keyframe.tallies, tallied)[-KEYFRAMES:]
     believed = np.zeros(len(fixes))
     believed[counted] = result.fixes
+    believed[known & slides] = result.joint.fits(fixes.take(known & slides))
     for drone, weight in zip(fixes.drone[known].tolist(), believed[known].tolist(), strict=True):
         missed = 0 if weight > 0.5 else keyframe.members[drone].missed + 1
         keyframe.members[drone] = replace(keyframe.members[drone], missed=missed)

@@ -109,6 +109,13 @@ class Joint:
         modes.reshape(count, 4, 4)[:, :3, 3] = turned_per_yaw(self.pose[:, :3] - self.pose[:, :3].mean(0))
         return Joint(self.drones, self.pose, self.covariance + (modes * variances) @ modes.T, self.at, self.far)
 
+    def fits(self, fixes: Fixes) -> Array:
+        """(F,) probability that each of these fixes, of drones in the estimate, is no outlier here."""
+        rows = self.slots()[fixes.drone]
+        residual, _ = fix_residuals(self.pose[rows], fixes.at - self.at[fixes.drone], fixes.place)
+        var = self.covariance.diagonal().reshape(-1, 4)[rows, :3]
+        return inlier_probability(*fix_evidence(residual**2, fixes.var + var))
+
 
 @dataclass(frozen=True, slots=True)
 class Corrected:

@@ -17,6 +17,7 @@ _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
+_SLID_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # the same where some slide: that turns nobody
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
 _OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
 _TOGETHER = 2  # tracks that do not slide against each other
@@ -61,7 +62,7 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
     if member.missed < _PATIENCE:
         return
     confirming, contradicting = int(judged.agree[drone].sum()), int(judged.disagree[drone].sum())
-    if confirming > 0 and confirming >= contradicting:
+    if keyframe.slides(drone) or (confirming > 0 and confirming >= contradicting):
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
     else:  # sightings do not confirm its estimated pose, either
         keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
@@ -118,7 +119,7 @@ def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
         return
     if any(keyframe.setting.exact[drone] for drone in steady):
         return
-    displaced = corrected(keyframe.joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), fixes)
+    displaced = corrected(keyframe.joint.displaceable(_SLID_VAR), Sightings.empty(), np.zeros(0), fixes)
     if (displaced.fixes < 0.5).any():
         return
     keyframe.joint = displaced.joint

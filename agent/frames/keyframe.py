@@ -65,9 +65,11 @@ class Keyframe:
         return self._jumped(drone) or not self.intake.has_recent_fix(drone, self.stamp_ns)
 
     def slides(self, drone: int) -> bool:
-        """Whether a drone's track slides, or has done so not long ago."""
-        slid_ns = self.members[drone].slid_ns
-        return slid_ns is not None and self.stamp_ns - slid_ns <= round(self.config.suspect_s * 1e9)
+        """Whether a drone's track slides, or has done so not long ago, or its fixes are still elsewhere."""
+        member = self.members[drone]
+        if member.slid_ns is None:
+            return False
+        return member.missed > 0 or self.stamp_ns - member.slid_ns <= round(self.config.suspect_s * 1e9)
 
     def older_var(self, seen: Sightings) -> Array:
         """Variance (M,), m^2, of the way between the two drones of a sighting: by their drift from then to the middle of the

@@ -63,10 +63,10 @@ def _groups(alike: Flags, sliding: Flags) -> list[Flags]:
 
 
 def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
-    """Move the swarm back by what these drones have been moved by, as the slide of others did so."""
-    members = [keyframe.members[drone] for drone in steady]
+    """Move the swarm back by what these drones have been moved by, as the slide of others did so; none that is exact has been."""
     pose = keyframe.joint.pose.copy()
-    pose[:, :2] -= np.mean([member.moved_m for member in members], axis=0)
+    if not any(keyframe.setting.exact[drone] for drone in keyframe.joint.drones):
+        pose[:, :2] -= np.mean([keyframe.members[drone].moved_m for drone in steady], axis=0)
     keyframe.joint = replace(keyframe.joint, pose=pose)
     place_anew(keyframe, steady)
     for drone in steady:

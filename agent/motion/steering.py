@@ -102,7 +102,7 @@ class Steering:
         """Jerks (H, 2) from the unconstrained optimum (4, H, 3): the optimum itself, the constrained solution, or the last
         resort.
         """
-        neighbours, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
+        _, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)
         if clear and situation.surely_inside:
             return Status.FREE, optimum[0, :, :2]
@@ -112,7 +112,7 @@ class Steering:
             return Status.FREE, optimum[0, :, :2]
         # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
         found, apart = self._constrained(situation, optimum, peers, situation.previous(), clearances)
-        if apart:
+        if found is not None and apart:
             return Status.CONSTRAINED, found
         away = escape(self._id, situation.measured, peers, self._limits, reaction_s(situation.response))
         if away is not None:
@@ -122,7 +122,7 @@ class Steering:
             return Status.BRAKING, braking
         # A plan through the gap beside a drone may stay there, however narrow that becomes: before the gap there may be room.
         other, apart = self._constrained(situation, optimum, peers, self._positions(optimum, braking), clearances)
-        return Status.CONSTRAINED, other if apart else found
+        return Status.CONSTRAINED, other if other is not None and apart else found
 
     def _constrained(
         self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], nominal: Array, clearances: Array

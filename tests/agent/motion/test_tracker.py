@@ -340,3 +340,22 @@ def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fe
         clearances.append(fence.clearance(*state.position[:2]))
     assert min(clearances) > 0.75  # half of the margin that plans keep: fence and circle give way to each other
     assert hypot(*state.position[:2]) == pytest.approx(12.8 + 5.0, abs=0.1)
+
+
+def test_before_a_gap_that_gets_too_narrow_a_drone_stays_rather_than_be_pushed_through() -> None:
+    """Ahead on the left flies one that stops, on the right is a line, and behind it somebody in doubt: it passed at 2.9 m."""
+    tracker, state, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), PeerState((0.0, 0.0, 3.0), (-0.5, 3.0, 0.0)), []
+    tracker.reset(state.position, state.velocity)
+    for step in range(30):
+        now_ns, stopped = step * STEP_NS, step > 8
+        ahead_m = 4.8 + 0.2 * min(step, 9)
+        places = [(4.1, y, 3.0) for _, y, _ in tracker.ahead(now_ns, state.position).tolist()]
+        others = [
+            PeerPlan.from_pose("c", now_ns, PeerState((-3.1, ahead_m, 3.0), (0.0, 0.0 if stopped else 1.0, 0.0))),
+            PeerPlan("d", now_ns, 0.2, places, blind=True, away=np.tile((-1.0, 0.0), (21, 1))),
+            PeerPlan("e", now_ns, 0.2, [(6.1, -3.3, 3.0)] * 2, 5.0, blind=True),
+        ]
+        tracker.plan(now_ns, state, stay(9.6, 4.0), others)
+        state = tracker.state(now_ns + STEP_NS)
+        apart_m.append(hypot(state.position[0] + 3.1, state.position[1] - ahead_m))
+    assert min(apart_m) > LIMITS.separation_m + 0.5
