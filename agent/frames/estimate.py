@@ -82,7 +82,7 @@ def _correct(keyframe: Keyframe) -> None:
     counted = known & (keyframe.leads_m == 0.0) & ~slides
     result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes.take(counted), _headings(keyframe))
     prior, keyframe.joint = keyframe.joint, result.joint
-    note_moves(keyframe, prior)
+    note_moves(keyframe, prior, np.isin(np.arange(len(slots)), [*seen.observer, *seen.target, *fixes.drone[counted]]))
     tallied = tally(len(keyframe.members), seen, result.sightings)
     keyframe.tallies = (*keyframe.tallies, tallied)[-KEYFRAMES:]
     believed = np.zeros(len(fixes))

@@ -9,9 +9,9 @@ import numpy as np
 from agent.frames.consistency import Verdict, agreeing, without
 from agent.frames.finding import aligned_better, insert
 from agent.frames.joint import Joint, corrected
-from agent.frames.keyframe import Keyframe
-from agent.frames.residuals import Sightings
-from agent.frames.slides import place_anew
+from agent.frames.keyframe import Keyframe, listed
+from agent.frames.residuals import Fixes, Sightings
+from agent.frames.slides import FEWEST, MEMORY_S, place_anew
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
@@ -20,7 +20,6 @@ _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm a
 _SLID_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # the same where some slide: that turns nobody
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
 _OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
-_TOGETHER = 2  # tracks that do not slide against each other
 _TRIED = 8  # drones of which each may be the one that is wrong
 
 
@@ -53,8 +52,8 @@ def clear_suspicions(keyframe: Keyframe) -> None:
     longest_ns = round(keyframe.config.suspect_s * 1e9)
     for drone, member in enumerate(keyframe.members):
         suspicion = member.suspicion
-        if suspicion is not None and not suspicion.lasting and keyframe.stamp_ns - suspicion.stamp_ns > longest_ns:
-            keyframe.members[drone] = replace(member, suspicion=None)
+        if suspicion is not None and keyframe.stamp_ns - suspicion.stamp_ns > longest_ns:
+            keyframe.clear(drone)
 
 
 def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
@@ -62,7 +61,9 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
     if member.missed < _PATIENCE:
         return
     confirming, contradicting = int(judged.agree[drone].sum()), int(judged.disagree[drone].sum())
-    if keyframe.slides(drone) or (confirming > 0 and confirming >= contradicting):
+    if keyframe.slides(drone):
+        keyframe.suspect(drone, "its track slid, and its fixes contradict the sightings between it and the others")
+    elif confirming > 0 and confirming >= contradicting:
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
     else:  # sightings do not confirm its estimated pose, either
         keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
@@ -80,12 +81,11 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
     where the swarm is, and in the other place too, as it errs by as much, is no witness; two are taken for one, although those
     without corrections may err alike, by a metre or two.
     """
-    if any(keyframe.setting.exact[drone] for drone in joint.drones):
+    drones, members = joint.drones.tolist(), keyframe.members
+    if any(keyframe.setting.exact[drone] for drone in drones):
         return
-    members, leading = keyframe.members, keyframe.fixes.drone[keyframe.leads_m > 0.0]
-    fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
-    fixes = fixes.take((joint.slots()[fixes.drone] >= 0) & ~np.isin(fixes.drone, leading))
-    receivers = set(np.unique(fixes.drone).tolist())
+    fixes = _recent_fixes(keyframe, [drone for drone in drones if not keyframe.slides(drone)])
+    receivers = set(fixes.drone.tolist())
     out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
     for wrong in (set[int](), *({drone} for drone in sorted(out)[:_TRIED])):
         together = sorted(receivers - wrong)
@@ -93,39 +93,49 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
         least = _RECEIVERS if moved == set(together) else _OUT + _BELIEVED
         if len(together) < least or len(moved) < _OUT:
             continue
-        chosen = fixes.take(np.isin(fixes.drone, together))
-        displaced = corrected(joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), chosen)
-        if (displaced.fixes < 0.5).any():
-            continue
-        keyframe.joint = displaced.joint
-        place_anew(keyframe, displaced.joint.drones.tolist())
-        for drone in sorted(moved):
-            members[drone] = replace(members[drone], missed=0)
-            keyframe.suspect(drone, "most fixes contradicted the estimated positions; the positions now follow the fixes")
-        return
+        if _follow(keyframe, joint.displaceable(_DISPLACED_VAR), fixes.take(np.isin(fixes.drone, together)), moved):
+            for drone in sorted(moved):
+                keyframe.suspect(drone, "most fixes contradicted the estimated positions; the positions now follow the fixes")
+            return
 
 
 def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
     """Put the swarm where the fixes of all tracks that do not slide have it, if others slide, and some of these fixes are not
-    believed any more: the slide has moved all.
+    believed any more: the slide has moved all. One receiver alone tells that only during the slide, or it may be wrong itself.
     """
-    members, rows = keyframe.members, keyframe.joint.slots()
+    drones = keyframe.joint.drones.tolist()
+    sliding = [drone for drone in drones if keyframe.slides(drone)]
+    steady = [drone for drone in drones if drone not in sliding]
+    if not sliding or len(steady) < FEWEST or any(keyframe.setting.exact[drone] for drone in steady):
+        return
+    fixes = _recent_fixes(keyframe, steady)
+    receivers = set(fixes.drone.tolist())
+    out = {drone for drone in receivers if keyframe.members[drone].missed >= _PATIENCE}
+    newest_ns = max(keyframe.members[drone].slid_ns or 0 for drone in sliding)
+    if not out or (len(receivers) < FEWEST and keyframe.stamp_ns - newest_ns > MEMORY_S * 1e9):
+        return
+    if _follow(keyframe, keyframe.joint.displaceable(_SLID_VAR), fixes, out) and len(receivers) >= FEWEST:
+        for drone in out:
+            keyframe.clear(drone)
+
+
+def _recent_fixes(keyframe: Keyframe, drones: list[int]) -> Fixes:
+    """The last fixes of these drones, without those that lead their tracks."""
+    leading = keyframe.fixes.drone[keyframe.leads_m > 0.0]
     fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
-    steady = [drone for drone in keyframe.joint.drones.tolist() if not keyframe.slides(drone)]
-    fixes = fixes.take((rows[fixes.drone] >= 0) & np.isin(fixes.drone, steady))
-    receivers = set(np.unique(fixes.drone).tolist())
-    out = {drone for drone in receivers if members[drone].missed >= _PATIENCE}
-    if not out or len(steady) < _TOGETHER or len(steady) == len(keyframe.joint.drones):
-        return
-    if any(keyframe.setting.exact[drone] for drone in steady):
-        return
-    displaced = corrected(keyframe.joint.displaceable(_SLID_VAR), Sightings.empty(), np.zeros(0), fixes)
+    return fixes.take(np.isin(fixes.drone, drones) & ~np.isin(fixes.drone, leading))
+
+
+def _follow(keyframe: Keyframe, displaceable: Joint, fixes: Fixes, out: set[int]) -> bool:
+    """Put the swarm where these fixes have it, if all of them fit one displacement of it; those ``out`` count again."""
+    displaced = corrected(displaceable, Sightings.empty(), np.zeros(0), fixes)
     if (displaced.fixes < 0.5).any():
-        return
+        return False
     keyframe.joint = displaced.joint
     place_anew(keyframe, displaced.joint.drones.tolist())
-    for drone in sorted(out):
-        members[drone] = replace(members[drone], missed=0, suspicion=None)
+    for drone in out:
+        keyframe.members[drone] = replace(keyframe.members[drone], missed=0)
+    return True
 
 
 def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
@@ -139,11 +149,11 @@ def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
 
 def _isolate(keyframe: Keyframe, faulty_drone: int, judged: Verdict) -> None:
     others = [keyframe.setting.names[other] for other in np.flatnonzero(judged.disagree[faulty_drone])]
-    keyframe.suspect(faulty_drone, f"its frame contradicts the sightings between it and {_listed(others)}")
+    keyframe.suspect(faulty_drone, f"its frame contradicts the sightings between it and {listed(others)}")
     _realign(keyframe, faulty_drone)
     for drone, member in enumerate(keyframe.members):  # the faulty drone is known now
         if member.suspicion is not None and member.suspicion.ambiguous:
-            keyframe.members[drone] = replace(member, suspicion=None)
+            keyframe.clear(drone)
 
 
 def _realign(keyframe: Keyframe, drone: int) -> None:
@@ -163,7 +173,3 @@ def _realign(keyframe: Keyframe, drone: int) -> None:
     if found is not None:
         insert(keyframe, drone, found)
     keyframe.emit(drone, member.sound_ns + 1, None if found is None else keyframe.placement(drone))
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

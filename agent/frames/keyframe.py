@@ -38,7 +38,8 @@ class Keyframe:
 
     stamp_ns: of the keyframe; before: index of the previous one, -1 for none; seconds: since then. flown: (N,) metres of each
     drone since then. fixes: since then; leads_m: (F,) metres by which they lead their drones' tracks (``leads``). joint, members,
-    tallies, emissions: as in ``Checkpoint``, updated in place.
+    tallies, emissions: as in ``Checkpoint``, updated in place. drifted: (N,) m^2 of each horizontal axis, by which each track may
+    have drifted since then.
     """
 
     def __init__(self, setting: Setting, before: Checkpoint, index: int) -> None:
@@ -69,7 +70,8 @@ class Keyframe:
         member = self.members[drone]
         if member.slid_ns is None:
             return False
-        return member.missed > 0 or self.stamp_ns - member.slid_ns <= round(self.config.suspect_s * 1e9)
+        is_elsewhere = member.missed > 0 and self.intake.has_recent_fix(drone, self.stamp_ns)
+        return is_elsewhere or self.stamp_ns - member.slid_ns <= round(self.config.suspect_s * 1e9)
 
     def older_var(self, seen: Sightings) -> Array:
         """Variance (M,), m^2, of the way between the two drones of a sighting: by their drift from then to the middle of the
@@ -98,6 +100,12 @@ class Keyframe:
         if lasting or suspicion is None or not suspicion.lasting:
             suspicion = Suspicion(reason, self.stamp_ns, lasting, ambiguous)
             self.members[drone] = replace(self.members[drone], suspicion=suspicion)
+
+    def clear(self, drone: int) -> None:
+        """Trust a drone's frame again, unless the suspicion is lasting."""
+        suspicion = self.members[drone].suspicion
+        if suspicion is not None and not suspicion.lasting:
+            self.members[drone] = replace(self.members[drone], suspicion=None)
 
     def _led(self, joint: Joint) -> tuple[Fixes, Array, Array]:
         """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the most
@@ -131,6 +139,7 @@ class Keyframe:
                 slide_m = _SLIDE_MPS * self.seconds if self.slides(drone) else 0.0
                 loose[row] = led_m[drone] ** 2 + slide_m**2
             noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)  # of an exact one, too
+        # What a slide moves a track by is no drift: it must not widen the gate by which the slide is found.
         drifted = np.zeros(len(self.members))
         drifted[joint.drones] = noise[:, :2].mean(1)
         noise[:, :2] += loose[:, None]
@@ -140,3 +149,8 @@ class Keyframe:
         """Whether its localisation has restarted since the launch: the reference of its heading is then unknown."""
         segments = self.intake.tracks[drone].segments
         return len(segments) > 1 and segments[1].stamp_ns <= self.stamp_ns
+
+
+def listed(names: list[str]) -> str:
+    """Names as in a sentence."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

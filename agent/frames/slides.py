@@ -15,21 +15,24 @@ import numpy as np
 
 from agent.frames.consistency import Flags
 from agent.frames.joint import Joint
-from agent.frames.keyframe import Keyframe
+from agent.frames.keyframe import Keyframe, listed
 
-_MEMORY_S = 15.0  # time constant of what a track has been moved by
-_GATE = 12.0  # of a squared innovation in units of its variance
-_FEWEST = 2  # tracks that have been moved by the same
+FEWEST = 2  # tracks that have been moved by the same
+MEMORY_S = 15.0  # time constant of what a track has been moved by
+_GATE = 16.0  # squared difference in units of its variance: chi-square of two degrees of freedom, exceeded by 1 in 3000
 
 
-def note_moves(keyframe: Keyframe, prior: Joint) -> None:
-    """Add by how much the correction of this keyframe has moved each track from ``prior``."""
-    kept = math.exp(-keyframe.seconds / _MEMORY_S)
+def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
+    """Add by how much the correction of this keyframe has moved each track from ``prior``.
+
+    observed: (N,) drones with sightings or fixes. What the track of another has drifted by is still to be corrected.
+    """
+    kept = math.exp(-keyframe.seconds / MEMORY_S)
     moved = keyframe.joint.pose[:, :2] - prior.pose[:, :2]
     for row, drone in enumerate(prior.drones.tolist()):
-        member = keyframe.members[drone]
-        x, y = (kept * np.array(member.moved_m) + moved[row]).tolist()
-        var = kept**2 * member.moved_var + float(keyframe.drifted[drone])
+        member, share = keyframe.members[drone], kept if observed[drone] else 1.0
+        x, y = (share * np.array(member.moved_m) + moved[row]).tolist()
+        var = share**2 * member.moved_var + float(keyframe.drifted[drone])
         keyframe.members[drone] = replace(member, moved_m=(x, y), moved_var=var)
 
 
@@ -37,42 +40,25 @@ def find_slides(keyframe: Keyframe) -> None:
     """Mark the drones whose tracks slide against the largest group of those that do not slide against each other, and take back
     what these have been moved by. Of groups that are equally large each may be the one that slides.
     """
-    drones = keyframe.joint.drones
-    sliding = np.array([keyframe.slides(drone) for drone in drones.tolist()], dtype=np.bool_)
+    drones = keyframe.joint.drones.tolist()
+    for drone in drones:
+        if not keyframe.slides(drone):
+            keyframe.members[drone] = replace(keyframe.members[drone], slid_ns=None)
+    sliding = np.array([keyframe.slides(drone) for drone in drones], dtype=np.bool_)
+    judged = np.array([_is_settled(keyframe, drone) for drone in drones], dtype=np.bool_)
     alike = _alike(keyframe)
-    groups = _groups(alike, sliding)
-    outside = [~group & ~alike[:, group].any(1) for group in groups]
+    groups = _groups(keyframe, alike, sliding)
+    outside = [judged & ~group & ~alike[:, group].any(1) for group in groups]
     if len(groups) == 1 and (outside[0] & ~sliding).any():
-        _take_back(keyframe, drones[groups[0]].tolist())
+        _take_back(keyframe, keyframe.joint.drones[groups[0]].tolist())
     for group, apart in zip(groups, outside, strict=True):
-        names = ", ".join(keyframe.setting.names[drone] for drone in drones[group].tolist())
-        for drone in drones[apart].tolist():
+        names = listed([keyframe.setting.names[drone] for drone in keyframe.joint.drones[group].tolist()])
+        for drone in keyframe.joint.drones[apart].tolist():
             if len(groups) == 1:
                 keyframe.members[drone] = replace(keyframe.members[drone], slid_ns=keyframe.stamp_ns)
-                keyframe.suspect(drone, f"its track slides against those of {names}")
+                keyframe.suspect(drone, f"its track slides against {names}")
             else:
-                keyframe.suspect(drone, f"its track slides against those of {names}, or they against it", ambiguous=True)
-
-
-def _groups(alike: Flags, sliding: Flags) -> list[Flags]:
-    """Each (n,): the largest groups of tracks that have been moved by the same, of two at least."""
-    among = alike & ~sliding & ~sliding[:, None]
-    counts = among.sum(1)
-    largest = among[counts == max(counts.max(initial=0), _FEWEST)]
-    return list(np.unique(largest, axis=0))
-
-
-def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
-    """Move the swarm back by what these drones have been moved by, as the slide of others did so; none that is exact has been."""
-    pose = keyframe.joint.pose.copy()
-    if not any(keyframe.setting.exact[drone] for drone in keyframe.joint.drones):
-        pose[:, :2] -= np.mean([keyframe.members[drone].moved_m for drone in steady], axis=0)
-    keyframe.joint = replace(keyframe.joint, pose=pose)
-    place_anew(keyframe, steady)
-    for drone in steady:
-        suspicion = keyframe.members[drone].suspicion
-        if suspicion is not None and not suspicion.lasting:
-            keyframe.members[drone] = replace(keyframe.members[drone], suspicion=None)
+                keyframe.suspect(drone, f"its track slides against {names}, or they against it", ambiguous=True)
 
 
 def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
@@ -83,12 +69,44 @@ def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
         keyframe.members[drone] = replace(keyframe.members[drone], moved_m=(0.0, 0.0), moved_var=var)
 
 
+def _is_settled(keyframe: Keyframe, drone: int) -> bool:
+    """Whether the layout of its frame, which may be wrong, has been corrected for long, and the mission does not give it."""
+    seconds = 1e-9 * keyframe.intake.grid_ns * (keyframe.index - keyframe.members[drone].since)
+    return seconds >= MEMORY_S and not keyframe.setting.exact[drone]
+
+
+def _groups(keyframe: Keyframe, alike: Flags, sliding: Flags) -> list[Flags]:
+    """Each (n,): the largest groups of tracks that have been moved by the same; with one that is exact, where there is any."""
+    among = alike & ~sliding & ~sliding[:, None]
+    exact = np.array([keyframe.setting.exact[drone] for drone in keyframe.joint.drones.tolist()], dtype=np.bool_)
+    if exact.any():
+        among = among[among[:, exact].any(1)]
+    counts = among.sum(1)
+    return list(np.unique(among[counts == max(counts.max(initial=0), FEWEST)], axis=0))
+
+
+def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
+    """Move the swarm back by what these drones have been moved by, as the slide of others did so; none that is exact has been."""
+    for drone in steady:
+        keyframe.clear(drone)
+    if any(keyframe.setting.exact[drone] for drone in keyframe.joint.drones.tolist()):
+        return
+    back = np.mean([keyframe.members[drone].moved_m for drone in steady], axis=0)
+    pose = keyframe.joint.pose.copy()
+    pose[:, :2] -= back
+    keyframe.joint = replace(keyframe.joint, pose=pose)
+    for drone in keyframe.joint.drones.tolist():
+        x, y = (np.array(keyframe.members[drone].moved_m) - back).tolist()
+        keyframe.members[drone] = replace(keyframe.members[drone], moved_m=(x, y))
+
+
 def _alike(keyframe: Keyframe) -> Flags:
     """(n, n) whether the tracks of two drones have been moved by the same, as far as they drift."""
     members = [keyframe.members[drone] for drone in keyframe.joint.drones.tolist()]
     moved = np.array([member.moved_m for member in members]).reshape(-1, 2)
-    placed = keyframe.joint.covariance.diagonal().reshape(-1, 4)[:, :2].mean(1)
-    var = np.array([member.moved_var for member in members]) + placed
+    count = len(members)
+    placed = np.einsum("iaja->ija", keyframe.joint.covariance.reshape(count, 4, count, 4))[:, :, :2].mean(2)
+    var = np.array([member.moved_var for member in members]) + placed.diagonal()
     off = moved[:, None] - moved
-    alike: Flags = (off**2).sum(2) <= _GATE * (var[:, None] + var)
+    alike: Flags = (off**2).sum(2) <= _GATE * (var[:, None] + var - 2.0 * placed)
     return alike

@@ -111,7 +111,8 @@ class Steering:
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
         # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
-        found, apart = self._constrained(situation, optimum, peers, situation.previous(), clearances)
+        previous = situation.previous()
+        found, apart = self._constrained(situation, optimum, peers, (previous,), clearances)
         if found is not None and apart:
             return Status.CONSTRAINED, found
         away = escape(self._id, situation.measured, peers, self._limits, reaction_s(situation.response))
@@ -121,23 +122,24 @@ class Steering:
         if found is None:
             return Status.BRAKING, braking
         # A plan through the gap beside a drone may stay there, however narrow that becomes: before the gap there may be room.
-        other, apart = self._constrained(situation, optimum, peers, self._positions(optimum, braking), clearances)
+        other, apart = self._constrained(situation, optimum, peers, (self._positions(optimum, braking), previous), clearances)
         return Status.CONSTRAINED, other if other is not None and apart else found
 
     def _constrained(
-        self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], nominal: Array, clearances: Array
+        self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], clearances: Array
     ) -> tuple[Array | None, bool]:
-        """Jerks (H, 2) of the solution that passes the others on the same side as ``nominal`` (H, 2), and whether it keeps apart
-        from them; ``clearances``: of the optimum from the sides of the fence.
+        """Jerks (H, 2) of the solution that passes the others on the same side as the first of ``plans``, (H, 2) each, and whether
+        it keeps apart from those near any of them, or the optimum; ``clearances``: of the optimum from the sides of the fence.
         """
-        normals, offsets = situation.inside()
-        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], nominal)), peers)
+        nominal, (normals, offsets) = plans[0], situation.inside()
+        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], *plans)), peers)
         near = np.minimum(clearances, (nominal @ normals.T - offsets).min(axis=0)) < _NEAR_M
         planes = self._half_planes(situation, optimum[1, :, :2], nominal, neighbours, (normals[near], offsets[near]))
         found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
         return found, found is not None and self._apart(self._positions(optimum, found), neighbours)
 
     def _positions(self, optimum: Array, jerks: Array) -> Array:
+        """The plan (H, 2) of these jerks (H, 2)."""
         found: Array = optimum[1, :, :2] + self._prediction.position @ (jerks - optimum[0, :, :2])
         return found
 
@@ -211,9 +213,9 @@ class Steering:
         return [(px + fading * dx, py + fading * dy) for (px, py), fading in zip(positions, self._fading, strict=True)]
 
     def _half_planes(
-        self, situation: Situation, position: Array, previous: Array, neighbours: Sequence[_Neighbour], fence: Piece
+        self, situation: Situation, position: Array, nominal: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """The half-planes of neighbours and fence; per step, that which the previous plan (H, 2) violates most, and those that it
+        """The half-planes of neighbours and fence; per step, that which the nominal plan (H, 2) violates most, and those that it
         or the unconstrained optimum (H, 2) does.
 
         The optimum, on the way home through the others, may be far from where they have pushed the plan, and violate all of
@@ -232,12 +234,12 @@ class Steering:
                 normals[row] = other.away
                 offsets[row] = np.einsum("kx,kx->k", other.away, other.positions[1:]) + other.distance
                 continue
-            normals[row], offsets[row] = half_planes(previous, here, other.positions, other.distance, other.has_right_of_way)
+            normals[row], offsets[row] = half_planes(nominal, here, other.positions, other.distance, other.has_right_of_way)
         fence_yields = _FENCE_YIELDS / (1.0 + doubted_m / LEAST_MARGIN_M)
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, fence_yields
         if count > _ROWS:
-            by_optimum, by_plan = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, previous))
+            by_optimum, by_plan = (np.einsum("rkx,kx->rk", normals, plan) - offsets for plan in (position, nominal))
             slack, steps, first = np.minimum(by_optimum, by_plan), np.arange(horizon), by_plan.argmin(axis=0)
             slack[first, steps] = np.where(by_plan[first, steps] < 0.0, -np.inf, slack[first, steps])
             worst = np.argsort(slack, axis=0, kind="stable")[:_ROWS]
