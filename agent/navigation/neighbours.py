@@ -8,8 +8,8 @@ heard for a moment, but never a status. Where this drone sees it fly, that is wh
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
 as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
-although its agent steers it: one of them is false. One whose localisation has jumped while it was not heard may have flown home
-meanwhile (``heardagain``).
+although its agent steers it: one of them is false; once it lands, it may stand where its last plan led. One whose localisation
+has jumped while it was not heard may have flown home meanwhile (``heardagain``).
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until

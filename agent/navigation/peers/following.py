@@ -7,10 +7,11 @@ from math import hypot
 from agent.config.drone import ResponseConfig
 from agent.motion.feedforward import Deviation
 from agent.motion.separation import PeerPlan, margin_m
-from agent.navigation.peers.newest import Peer
-from protocol.messages import Plan, Pose
+from agent.navigation.peers.newest import OLDEST_NS, Peer
+from protocol.messages import Plan, Pose, Stage
 
 _PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
+_COMING_DOWN = (Stage.LANDING, Stage.ABORT)  # where they stand, without plans
 _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
 
 
@@ -20,6 +21,7 @@ class Following:
     def __init__(self) -> None:
         self._deviations: dict[str, Deviation] = {}
         self._departed: set[str] = set()  # whose poses do not follow their plans
+        self._doubted: set[str] = set()  # of these, whom their agents steered: their poses are false, or their plans
 
     def compare(self, name: str, peer: Peer, pose: Pose) -> None:
         """Compare a drone's pose with its plan.
@@ -28,14 +30,19 @@ class Following:
         """
         deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
         plan = peer.plan
+        if plan is None or (pose.stamp_ns - plan.stamp_ns > OLDEST_NS and not _comes_down(peer)):
+            self._doubted.discard(name)  # nothing tells any more where it would be by its plans
         if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + _PLAN_AGE_NS <= 2 * _PLAN_AGE_NS:
             return
         x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
         dx, dy = pose.position_m[0] - x, pose.position_m[1] - y
         if hypot(dx, dy) > margin_m(0.0, deviation.rms_m):
             self._departed.add(name)
+            if pose.steered:
+                self._doubted.add(name)
         else:
             self._departed.discard(name)
+            self._doubted.discard(name)
             deviation.add(pose.stamp_ns, dx, dy)
 
     def deviation_m(self, name: str) -> float:
@@ -47,7 +54,14 @@ class Following:
         return None if self._contradicts(name, peer, now_ns) else _recent(peer, pose, now_ns, oldest_ns)
 
     def contradicted(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
-        """The recent plan of a drone whose agent steers it, as it says, but whose poses are elsewhere; None without one."""
+        """The recent plan of a drone whose agent steers it, as it says, but whose poses are elsewhere; None without one.
+
+        Once it is steered no more, its last plan for two seconds, and until it is down if it lands: it stands where that has led,
+        if its poses are false. Its status, a second later at most, tells that it lands.
+        """
+        plan = peer.plan
+        if not pose.steered and name in self._doubted:
+            return plan if plan is not None and plan.epoch == pose.epoch else None
         return _recent(peer, pose, now_ns, _PLAN_AGE_NS) if self._contradicts(name, peer, now_ns) else None
 
     def is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
@@ -63,3 +77,7 @@ def _recent(peer: Peer, pose: Pose, now_ns: int, oldest_ns: int) -> Plan | None:
     if not pose.steered or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
         return None
     return plan
+
+
+def _comes_down(peer: Peer) -> bool:
+    return peer.status is not None and peer.status.stage in _COMING_DOWN

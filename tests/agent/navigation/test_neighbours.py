@@ -96,6 +96,38 @@ def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_
     assert other.plan.goes_before("a")
 
 
+@pytest.mark.parametrize(
+    ("stage", "steered", "apart_m", "is_doubted"),
+    [
+        (Stage.LANDING, True, 13.0, True),
+        (Stage.ABORT, True, 13.0, True),
+        (Stage.HOLD, True, 13.0, False),  # a human pilot flies it wherever he likes
+        (Stage.LANDING, False, 13.0, False),  # and had it land where he had flown it
+        (Stage.LANDING, True, 0.1, False),
+    ],
+)
+def test_who_lands_while_its_poses_contradict_its_last_plan_may_stand_where_that_led(stage, steered, apart_m, is_doubted):
+    """Its poses were 13 m beside its plans: as soon as it landed, and so published none any more, another came to 2.2 m of it."""
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    hovers = replace(plan(), positions_m=((1.0, 0.0, 3.0), (1.0, 0.0, 3.0)))
+    beside = replace(pose(), position_m=(1.0 + apart_m, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0), steered=steered)
+    for message in (hovers, beside, status(Stage.RETURN)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(0, 0, 0.0, Transform()))
+    for tick in range(1, 60):
+        now_ns = tick * SECOND // 10
+        assert peers.receive(replace(beside, stamp_ns=now_ns, steered=False), now_ns) is None
+        if tick % 10 == 0:
+            assert peers.receive(replace(status(stage), stamp_ns=now_ns), now_ns) is None
+        found = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
+    told, *as_planned = (one.plan for one in found)
+    assert told.at(now_ns) == pytest.approx((10.0, 1.0 + apart_m))
+    assert [(place.at(now_ns), place.blind) for place in as_planned] == [(pytest.approx((10.0, 1.0)), True)] * is_doubted
+    down = replace(status(Stage.LANDED), stamp_ns=now_ns)
+    assert peers.receive(down, now_ns) is None
+    assert hood.around(peers, Self(now_ns, 0, 0.0, Transform())) == []
+
+
 def test_the_doubt_about_a_planned_place_is_that_of_both_drones_and_bounded():
     """As for any other place: a lost drone must not drive the swarm off its circle."""
     peers, now_ns = Peers(["b"]), 6 * SECOND // 10
