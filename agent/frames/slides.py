@@ -16,10 +16,13 @@ import numpy as np
 from agent.frames.consistency import Flags
 from agent.frames.joint import Joint
 from agent.frames.keyframe import Keyframe, listed
+from agent.geometry import Array
 
 FEWEST = 2  # tracks that have been moved by the same
 MEMORY_S = 15.0  # time constant of what a track has been moved by
-_GATE = 16.0  # squared difference in units of its variance: chi-square of two degrees of freedom, exceeded by 1 in 3000
+# Squared differences in units of their variance: chi-square of two degrees of freedom, exceeded by 1 in 20 and 1 in 3000. What is
+# between tells nothing.
+_ALIKE, _APART = 6.0, 16.0
 
 
 def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
@@ -46,9 +49,9 @@ def find_slides(keyframe: Keyframe) -> None:
             keyframe.members[drone] = replace(keyframe.members[drone], slid_ns=None)
     sliding = np.array([keyframe.slides(drone) for drone in drones], dtype=np.bool_)
     judged = np.array([_is_settled(keyframe, drone) for drone in drones], dtype=np.bool_)
-    alike = _alike(keyframe)
-    groups = _groups(keyframe, alike, sliding)
-    outside = [judged & ~group & ~alike[:, group].any(1) for group in groups]
+    off = _differences(keyframe)
+    groups = _groups(keyframe, off <= _ALIKE, sliding)
+    outside = [judged & ~group & (off[:, group] > _APART).all(1) for group in groups]
     if len(groups) == 1 and (outside[0] & ~sliding).any():
         _take_back(keyframe, keyframe.joint.drones[groups[0]].tolist())
     for group, apart in zip(groups, outside, strict=True):
@@ -100,13 +103,11 @@ def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
         keyframe.members[drone] = replace(keyframe.members[drone], moved_m=(x, y))
 
 
-def _alike(keyframe: Keyframe) -> Flags:
-    """(n, n) whether the tracks of two drones have been moved by the same, as far as they drift."""
+def _differences(keyframe: Keyframe) -> Array:
+    """(n, n) squared differences of what two tracks have been moved by, in units of the variance by which they drift apart."""
     members = [keyframe.members[drone] for drone in keyframe.joint.drones.tolist()]
     moved = np.array([member.moved_m for member in members]).reshape(-1, 2)
-    count = len(members)
-    placed = np.einsum("iaja->ija", keyframe.joint.covariance.reshape(count, 4, count, 4))[:, :, :2].mean(2)
-    var = np.array([member.moved_var for member in members]) + placed.diagonal()
-    off = moved[:, None] - moved
-    alike: Flags = (off**2).sum(2) <= _GATE * (var[:, None] + var - 2.0 * placed)
-    return alike
+    placed = keyframe.joint.covariance.diagonal().reshape(-1, 4)[:, :2].mean(1)
+    var = np.array([member.moved_var for member in members]) + placed
+    off: Array = ((moved[:, None] - moved) ** 2).sum(2) / (var[:, None] + var)
+    return off
