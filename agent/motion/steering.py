@@ -128,7 +128,7 @@ class Steering:
     def _constrained(
         self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], clearances: Array
     ) -> tuple[Array | None, bool]:
-        """Jerks (H, 2) of the solution that passes the others on the same side as the first of ``plans``, (H, 2) each, and whether
+        """Jerks (H, 2) of that solution which passes others on the same side as the first of ``plans``, (H, 2) each, and whether
         it keeps apart from those near any of them, or the optimum; ``clearances``: of the optimum from the sides of the fence.
         """
         nominal, (normals, offsets) = plans[0], situation.inside()
