@@ -51,7 +51,7 @@ def find_slides(keyframe: Keyframe) -> None:
     judged = np.array([_is_settled(keyframe, drone) for drone in drones], dtype=np.bool_)
     off = _differences(keyframe)
     groups = _groups(keyframe, off <= _ALIKE, sliding)
-    outside = [judged & ~group & (off[:, group] > _APART).all(1) for group in groups]
+    outside = [judged & ~group & (off[:, group] > _ALIKE).all(1) & (off[:, group] > _APART).any(1) for group in groups]
     if len(groups) == 1 and (outside[0] & ~sliding).any():
         _take_back(keyframe, keyframe.joint.drones[groups[0]].tolist())
     for group, apart in zip(groups, outside, strict=True):
