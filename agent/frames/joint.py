@@ -32,6 +32,7 @@ from agent.geometry import Array
 _ROUNDS, _WHOLE = 40, 10
 _STILL = 0.02  # convergence: the step in units of sigma
 _WIDE_M = 1.5  # sigma of a place from which on there may be several optima: drones start 5 to 10 m apart
+_FALSE, _FEWEST_FALSE = 0.35, 3  # share and number of sightings that are not believed from which on, too: one in ten is false
 _WIDTHS = (25.0, 5.0)  # factors on all variances in the first iterations towards another one
 
 
@@ -153,13 +154,16 @@ def corrected(
 
     Where places are not known well, as at the launch, nearly all sightings count in the first step, the false ones too, and what
     they make of it may decide which are believed from then on. A second way begins with larger variances, and therefore smaller
-    steps; the better of the two optima counts.
+    steps; the better of the two optima counts. So it is where many sightings are not believed: the first one of a pair may have
+    been false, and believed, and true ones since then are too far from what it said.
     """
     if not len(sightings) and not len(fixes) and not len(headings.drone):
         return Corrected(prior, np.zeros(0), np.zeros(0))
     batch = _Batch(prior, sightings, older_var, fixes, headings)
     found = batch.iterated(prior.covariance if doubt is None else doubt)
-    if doubt is None and len(sightings) and prior.covariance.diagonal().reshape(-1, 4)[:, :2].max() > _WIDE_M**2:
+    is_wide = prior.covariance.diagonal().reshape(-1, 4)[:, :2].max() > _WIDE_M**2
+    not_believed = int((found.sightings < 0.5).sum())
+    if doubt is None and len(sightings) and (is_wide or not_believed >= max(_FEWEST_FALSE, _FALSE * len(sightings))):
         other = batch.iterated(prior.covariance, _WIDTHS)
         found = max(found, other, key=lambda one: batch.evidence(one.joint.pose))
     found.joint.pose[:, 3] = np.arctan2(np.sin(found.joint.pose[:, 3]), np.cos(found.joint.pose[:, 3]))
