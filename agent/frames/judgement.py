@@ -15,9 +15,8 @@ from agent.frames.slides import FEWEST, MEMORY_S, place_anew
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
-_MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
+_ELSEWHERE_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # of one drone, or of all where some have slid: that turns nobody
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
-_SLID_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # the same where some slide: that turns nobody
 _RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
 _OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
 _TRIED = 8  # drones of which each may be the one that is wrong
@@ -66,7 +65,7 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
     elif confirming > 0 and confirming >= contradicting:
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
     else:  # sightings do not confirm its estimated pose, either
-        keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
+        keyframe.joint = keyframe.joint.widened(drone, _ELSEWHERE_VAR)
         place_anew(keyframe, [drone])
         keyframe.suspect(drone, "its fixes contradicted its estimated position; the position now follows the fixes")
 
@@ -114,7 +113,7 @@ def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
     newest_ns = max(keyframe.members[drone].slid_ns or 0 for drone in sliding)
     if not out or (len(receivers) < FEWEST and keyframe.stamp_ns - newest_ns > MEMORY_S * 1e9):
         return
-    if _follow(keyframe, keyframe.joint.displaceable(_SLID_VAR), fixes, out) and len(receivers) >= FEWEST:
+    if _follow(keyframe, keyframe.joint.displaceable(_ELSEWHERE_VAR), fixes, out) and len(receivers) >= FEWEST:
         for drone in out:
             keyframe.clear(drone)
 

@@ -112,7 +112,7 @@ class Steering:
             return Status.FREE, optimum[0, :, :2]
         # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
         previous = situation.previous()
-        found, apart = self._constrained(situation, optimum, peers, (previous,), clearances)
+        found, apart = self._constrained(situation, optimum, peers, (previous,), (normals, offsets))
         if found is not None and apart:
             return Status.CONSTRAINED, found
         away = escape(self._id, situation.measured, peers, self._limits, reaction_s(situation.response))
@@ -122,19 +122,21 @@ class Steering:
         if found is None:
             return Status.BRAKING, braking
         # A plan through the gap beside a drone may stay there, however narrow that becomes: before the gap there may be room.
-        other, apart = self._constrained(situation, optimum, peers, (self._positions(optimum, braking), previous), clearances)
+        plans = (self._positions(optimum, braking), previous)
+        other, apart = self._constrained(situation, optimum, peers, plans, (normals, offsets))
         return Status.CONSTRAINED, other if other is not None and apart else found
 
     def _constrained(
-        self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], clearances: Array
+        self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], fence: Piece
     ) -> tuple[Array | None, bool]:
-        """Jerks (H, 2) of that solution which passes others on the same side as the first of ``plans``, (H, 2) each, and whether
-        it keeps apart from those near any of them, or the optimum; ``clearances``: of the optimum from the sides of the fence.
+        """Jerks (H, 2) of the solution that passes others on the same side as the first of ``plans``, (H, 2) each, and whether it
+        keeps apart from those near any of them, or the optimum. ``fence``: the piece that the plan stays inside.
         """
-        nominal, (normals, offsets) = plans[0], situation.inside()
-        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], *plans)), peers)
-        near = np.minimum(clearances, (nominal @ normals.T - offsets).min(axis=0)) < _NEAR_M
-        planes = self._half_planes(situation, optimum[1, :, :2], nominal, neighbours, (normals[near], offsets[near]))
+        (normals, offsets), nominal, free = fence, plans[0], optimum[1, :, :2]
+        neighbours, _ = self._neighbours(situation, np.array((free, *plans)), peers)
+        clearances = np.minimum((free @ normals.T - offsets).min(axis=0), (nominal @ normals.T - offsets).min(axis=0))
+        near = clearances < _NEAR_M
+        planes = self._half_planes(situation, free, nominal, neighbours, (normals[near], offsets[near]))
         found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
         return found, found is not None and self._apart(self._positions(optimum, found), neighbours)
 
