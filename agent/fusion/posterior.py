@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from msgspec import Struct
@@ -42,12 +42,8 @@ def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
 
 def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:
     """The Gaussian sum of ``bayes``, its components those of all sites and modes of motion; None of another estimator."""
-    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  on board nobody asks
-    from agent.fusion.bayes.state import BayesState  # noqa: PLC0415
-
-    if not isinstance(fusion.state, BayesState):
-        return None
-    track = cast(BayesEstimator, fusion.estimator).mixture(fusion.state, stamp_ns)
+    mixture = getattr(fusion.estimator, "mixture", None)
+    track = None if mixture is None else mixture(fusion.state, stamp_ns)
     if track is None:
         return None
     weight = track.weight.ravel()

@@ -43,7 +43,7 @@ def fly(
     Raises:
         ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
     """
-    world = World(chosen(scenario, estimator, law), seed, listen, Pilot, watch is not None)
+    world = World(chosen(scenario, estimator, law), seed, listen, Pilot)
     started = time.perf_counter()
     _run(world, watch, progress)
     wall_s = time.perf_counter() - started
@@ -53,7 +53,7 @@ def fly(
 
 def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
     """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
-    _run(World(scenario, seed, (), make, True), watch)
+    _run(World(scenario, seed, (), make), watch)
 
 
 def _run(world: World, watch: Observer | None, progress: Progress | None = None) -> None:

@@ -33,7 +33,7 @@ class KnownPeer(Peer):
 
     def verified(self, signature: bytes, data: bytes) -> bool:
         """As ``Peer``."""
-        return self.known.get(None, (self.der, signature, data), partial(Peer.verified, self, signature, data))
+        return self.known.get((self.der, signature, data), partial(Peer.verified, self, signature, data))
 
 
 class SimulatedAuthority:

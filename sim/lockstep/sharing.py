@@ -3,12 +3,12 @@
 What one has computed from a state and observations, the others need not again.
 
 An estimator's step is a pure function of a state that never changes and of observations (``agent.fusion.estimator``), and all
-agents of a flight begin with the same state. So agents with equal logs walk along one chain of states. Where their logs differ
-they part; once the logs are equal again, they replay from where they parted, and one chain remains. Nothing else is shared: every
-agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
-
-In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the
-others.
+agents of a flight begin with the same state. So a state is known by its lineage: all steps that led to it, and what was observed
+in each. Agents with equal logs walk along one lineage. Where their logs differ they part; once the logs are equal again, they
+replay from where they parted, and are on one lineage again, even if the states of it had been forgotten and each has its own.
+Nothing else is shared: every agent has its own log, frames, observations and replays, and whatever goes wrong there parts it
+from the others. In every tenth mission of a campaign one drone is recorded (``sim.campaign.faults.recording``): it folds on its
+own, in flight and in the replay, as a check on the others.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, Observation
-from agent.fusion.registry import Estimators, estimator_named
+from agent.fusion.registry import estimator_named
 from protocol.codec import decode_from
 from protocol.messages import AnyMessage
 from sim.scoring.moment import Shared
 
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
+MOST_LINEAGES = 4096  # without their states, for those that replay more than that
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
 MOST_READ = 512  # messages: those of a second and more of six drones, which they get within the delay of the radio
 
@@ -37,19 +38,21 @@ R = TypeVar("R")
 class Folds:
     """Where the agents of one flight get their estimators from."""
 
-    def __init__(self, drones: int, seed: int, *, checked: bool) -> None:
-        """``checked``: one drone folds on its own."""
-        self._alone = seed % drones if checked else None
+    def __init__(self) -> None:
         self._shared: dict[str, SharedFold[Any]] = {}
 
-    def of(self, drone: int) -> Estimators:
-        """What makes the estimators of a drone's agent, in the place of ``estimator_named``."""
-        return estimator_named if drone == self._alone else self._named
-
-    def _named(self, name: str, mission: MissionConfig) -> Estimator[Any]:
+    def __call__(self, name: str, mission: MissionConfig) -> Estimator[Any]:
+        """As ``estimator_named``: one for all agents."""
         if name not in self._shared:
             self._shared[name] = SharedFold(estimator_named(name, mission))
         return self._shared[name]
+
+
+class Descended(NamedTuple, Generic[S]):
+    """An estimator's state, and its lineage: the same object for all states that the same observations led to."""
+
+    state: S
+    lineage: object
 
 
 class SharedFold(Generic[S]):
@@ -59,35 +62,37 @@ class SharedFold(Generic[S]):
         self._estimator = estimator
         self.name, self.reads = estimator.name, estimator.reads
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
-        self._steps, self._hypotheses = Results(MOST_STEPS), Results(MOST_HYPOTHESES)
-        self._initial: dict[int | None, S] = {}  # there is one for each start command
+        self._lineages, self._steps, self._hypotheses = Results(MOST_LINEAGES), Results(MOST_STEPS), Results(MOST_HYPOTHESES)
+        self._initial: dict[int | None, Descended[S]] = {}  # there is one for each start command
 
-    def __getattr__(self, name: str) -> Any:
-        """Whatever else the estimator offers."""
-        return getattr(self._estimator, name)
-
-    def initial(self, start_ns: int | None) -> S:
+    def initial(self, start_ns: int | None) -> Descended[S]:
         """As ``Estimator``; the same object for all agents."""
         if start_ns not in self._initial:
-            self._initial[start_ns] = self._estimator.initial(start_ns)
+            self._initial[start_ns] = Descended(self._estimator.initial(start_ns), object())
         return self._initial[start_ns]
 
-    def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
+    def step(self, state: Descended[S], step: GridStep, observations: Sequence[Observation]) -> Descended[S]:
         """As ``Estimator``."""
-        key = step.index, tuple(map(_content, observations))
-        return self._steps.get(state, key, lambda: self._estimator.step(state, step, observations))
+        key = state.lineage, step.index, tuple(map(_content, observations))
+        after = self._steps.get(key, lambda: self._estimator.step(state.state, step, observations))
+        return Descended(after, self._lineages.get(key, object))
 
-    def work(self, state: S, observations: int) -> int:
+    def work(self, state: Descended[S], observations: int) -> int:
         """As ``Estimator``: as if nobody had computed the step yet, so that an agent's slices are those that it has alone."""
-        return self._estimator.work(state, observations)
+        return self._estimator.work(state.state, observations)
 
-    def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
+    def hypothesis(self, state: Descended[S], step: GridStep) -> Hypothesis | None:
         """As ``Estimator``."""
-        return self._hypotheses.get(state, step, lambda: self._estimator.hypothesis(state, step))
+        return self._hypotheses.get((state.lineage, step), lambda: self._estimator.hypothesis(state.state, step))
 
-    def outlook(self, state: S, step: GridStep) -> Outlook | None:
+    def outlook(self, state: Descended[S], step: GridStep) -> Outlook | None:
         """As ``Estimator``."""
-        return self._estimator.outlook(state, step)
+        return self._estimator.outlook(state.state, step)
+
+    def mixture(self, state: Descended[S], stamp_ns: int) -> Any:
+        """As ``BayesEstimator``; None of another estimator."""
+        mixture = getattr(self._estimator, "mixture", None)
+        return None if mixture is None else mixture(state.state, stamp_ns)
 
 
 class Readings:
@@ -98,28 +103,26 @@ class Readings:
 
     def __call__(self, key: str, payload: bytes) -> AnyMessage:
         """As ``decode_from``; raises as it does, each time."""
-        return self._read.get(None, (key, payload), partial(decode_from, key, payload))
+        return self._read.get((key, payload), partial(decode_from, key, payload))
 
 
 class Results(Shared):
-    """The newest results, by the state that they were computed from (the object itself) and what went into them."""
+    """The newest results, by what they follow from."""
 
     def __init__(self, most: int) -> None:
         """``most``: so many are kept."""
         self._most = most
-        self._known: OrderedDict[tuple[int, object], tuple[object, object]] = OrderedDict()
+        self._known: OrderedDict[object, object] = OrderedDict()
 
-    def get(self, state: object, key: object, compute: Callable[[], R]) -> R:
-        """The result for a state, from memory or else computed. A state that is remembered lives, so no other has its ``id``."""
-        place = id(state), key
-        known = self._known.get(place)
-        if known is None:
-            known = self._known[place] = state, compute()
+    def get(self, key: object, compute: Callable[[], R]) -> R:
+        """A result, from memory or else computed."""
+        if key in self._known:
+            self._known.move_to_end(key)
+        else:
+            self._known[key] = compute()
             if len(self._known) > self._most:
                 self._known.popitem(last=False)
-        else:
-            self._known.move_to_end(place)
-        return cast(R, known[1])
+        return cast(R, self._known[key])
 
 
 def _content(observation: Observation) -> tuple[object, ...]:

@@ -56,8 +56,8 @@ START_S = 0.5  # the operator's start command, after the agents have received ea
 class World:
     """The complete state of the simulated world and its agents."""
 
-    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot], checked: bool) -> None:
-        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``; ``checked``: one drone folds on its own."""
+    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot]) -> None:
+        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``."""
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)
@@ -80,7 +80,7 @@ class World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
-        self._folds, self._read = Folds(count, seed, checked=checked), Readings()
+        self._folds, self._read = Folds(), Readings()
         self._authority = authority = SimulatedAuthority(seed)
         self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
@@ -253,8 +253,8 @@ class World:
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]
         trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
-        shared = self._folds.of(drone), trust
-        return self._make(self._mission, config, boot, listeners, memory, *shared, nonce_key=nonce_key, read=self._read)
+        shared = {"nonce_key": nonce_key, "read": self._read}
+        return self._make(self._mission, config, boot, listeners, memory, self._folds, trust, **shared)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

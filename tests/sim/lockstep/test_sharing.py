@@ -64,7 +64,7 @@ def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkey
     monkeypatch.setattr(BayesEstimator, "step", counted)
     kind = "shared"
     shared = flown(scenario, until_s)
-    monkeypatch.setattr(Folds, "of", lambda self, drone: estimator_named)
+    monkeypatch.setattr(Folds, "__call__", lambda self, *what: estimator_named(*what))
     kind = "alone"
     alone = flown(scenario, until_s)
     assert shared == alone
@@ -72,18 +72,11 @@ def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkey
     assert computed["shared"] < 0.8 * computed["alone"]
 
 
-def test_one_drone_of_each_flight_that_is_watched_folds_on_its_own():
-    """Else nothing would tell if all had one wrong hypothesis."""
-    mission = load_scenario("demo").mission
-    for seed in range(3):
-        folds = Folds(3, seed, checked=True)
-        made = [folds.of(drone)("bayes", mission) for drone in range(3)]
-        assert isinstance(made[seed], BayesEstimator)
-        others = [estimator for drone, estimator in enumerate(made) if drone != seed]
-        assert others[0] is others[1]
-        assert isinstance(others[0], SharedFold)
-    unwatched = Folds(3, 0, checked=False)
-    assert len({id(unwatched.of(drone)("bayes", mission)) for drone in range(3)}) == 1
+def test_all_agents_of_a_flight_have_one_fold():
+    mission, folds = load_scenario("demo").mission, Folds()
+    assert isinstance(folds("bayes", mission), SharedFold)
+    assert folds("bayes", mission) is folds("bayes", mission)
+    assert folds("paper", mission) is not folds("bayes", mission)
 
 
 @pytest.fixture
@@ -99,8 +92,9 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
     state, step = fold.initial(None), GridStep(10, 1_000_000_000, 1_100_000_000)
     assert fold.initial(None) is state
     first = fold.step(state, step, [counts])
+    assert fold.step(state, step, [counts]).lineage is first.lineage
     again = replace(counts, counts=np.ones(3), mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), np.eye(4)))
-    assert fold.step(state, step, [again]) is first
+    assert fold.step(state, step, [again]).state is first.state
     others = [
         replace(counts, stamp_ns=1_000_000_001),
         replace(counts, middle_ns=900_000_001),
@@ -120,25 +114,48 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0))),
     ]
     found = [fold.step(state, step, [one]) for one in others]
-    assert len({id(one) for one in [first, *found]}) == len(others) + 1
-    assert fold.step(state, GridStep(11, 1_100_000_000, 1_200_000_000), [counts]) is not first
-    assert fold.step(first, step, [counts]) is not first
+    assert len({id(one.state) for one in [first, *found]}) == len({id(one.lineage) for one in [first, *found]}) == len(others) + 1
+    for other in (fold.step(state, GridStep(11, 1_100_000_000, 1_200_000_000), [counts]), fold.step(first, step, [counts])):
+        assert other.state is not first.state
+        assert other.lineage is not first.lineage
+
+
+def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
+    """They had two copies of equal states, and computed everything twice to the end of the flight."""
+    monkeypatch.setattr("sim.lockstep.sharing.MOST_STEPS", 4)
+    fold = SharedFold(estimator_named("bayes", load_scenario("demo").mission))
+
+    def walked(state, numbers):
+        for number in numbers:
+            at = number * 100_000_000
+            one = replace(counts, stamp_ns=at, identity=counts.identity._replace(sequence=number))
+            state = fold.step(state, GridStep(number, at, at + 100_000_000), [one])
+        return state
+
+    first = walked(fold.initial(None), range(10, 20))
+    second = walked(fold.initial(None), range(10, 19))
+    assert walked(second, [19]).lineage is first.lineage  # the second has a state of its own
+    computed = Counter()
+    step = BayesEstimator.step
+    monkeypatch.setattr(BayesEstimator, "step", lambda *args: computed.update("s") or step(*args))
+    assert walked(second, range(19, 22)).state is walked(first, range(20, 22)).state
+    assert computed["s"] <= 3
 
 
 def test_results_are_bounded_and_those_in_use_stay():
-    results, state, computed = Results(10), object(), []
+    results, computed = Results(10), []
 
     def compute(value):
         computed.append(value)
         return value
 
     for value in range(30):
-        results.get(state, value, lambda value=value: compute(value))
-        results.get(state, 0, lambda: compute(0))
+        results.get(value, lambda value=value: compute(value))
+        results.get(0, lambda: compute(0))
     assert computed == list(range(30))
-    results.get(state, 10, lambda: compute(-1))
+    results.get(10, lambda: compute(-1))
     assert computed[-1] == -1
-    results.get(object(), 0, lambda: compute(-2))
+    results.get(("another", 0), lambda: compute(-2))
     assert computed[-1] == -2
 
 
