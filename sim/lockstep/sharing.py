@@ -73,9 +73,9 @@ class SharedFold(Generic[S]):
 
     def step(self, state: Descended[S], step: GridStep, observations: Sequence[Observation]) -> Descended[S]:
         """As ``Estimator``."""
-        key = state.lineage, step.index, tuple(map(_content, observations))
-        after = self._steps.get(key, lambda: self._estimator.step(state.state, step, observations))
-        return Descended(after, self._lineages.get(key, object))
+        lineage = self._lineages.get((state.lineage, step.index, tuple(map(_content, observations))), object)
+        after = self._steps.get(lineage, lambda: self._estimator.step(state.state, step, observations))
+        return Descended(after, lineage)
 
     def work(self, state: Descended[S], observations: int) -> int:
         """As ``Estimator``: as if nobody had computed the step yet, so that an agent's slices are those that it has alone."""
@@ -118,11 +118,11 @@ class Results(Shared):
         """A result, from memory or else computed."""
         if key in self._known:
             self._known.move_to_end(key)
-        else:
-            self._known[key] = compute()
-            if len(self._known) > self._most:
-                self._known.popitem(last=False)
-        return cast(R, self._known[key])
+            return cast(R, self._known[key])
+        result = self._known[key] = compute()
+        if len(self._known) > self._most:
+            self._known.popitem(last=False)
+        return result
 
 
 def _content(observation: Observation) -> tuple[object, ...]:
