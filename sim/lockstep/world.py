@@ -253,8 +253,8 @@ class World:
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]
         trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
-        shared = {"nonce_key": nonce_key, "read": self._read}
-        return self._make(self._mission, config, boot, listeners, memory, self._folds, trust, **shared)
+        given = self._mission, config, boot, listeners, memory, self._folds, trust
+        return self._make(*given, nonce_key=nonce_key, read=self._read)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

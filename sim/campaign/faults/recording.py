@@ -81,9 +81,7 @@ class Recording:
         nonce_key: bytes,
         read: Read = decode_from,
     ) -> Pilot:
-        """As ``Pilot``. The recorded one folds on its own: with states that all share, one that is computed again and comes out
-        the same is the same object, and is not told again, as it is in the replay.
-        """
+        """As ``Pilot``. The recorded one folds on its own, as in the replay, and is the check on those that share a fold."""
         estimators = estimator_named if drone.id == self._drone else estimators
         pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust, nonce_key=nonce_key, read=read)
         if drone.id != self._drone:

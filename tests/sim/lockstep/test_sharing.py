@@ -1,6 +1,7 @@
 """Agents that share a fold do what they would do alone, bit for bit."""
 
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from agent.pilot import Pilot
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
 from sim.lockstep.flight import watched
-from sim.lockstep.sharing import Folds, Results, SharedFold
+from sim.lockstep.sharing import Descended, Folds, Results, SharedFold
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
 
@@ -118,6 +119,13 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
     for other in (fold.step(state, GridStep(11, 1_100_000_000, 1_200_000_000), [counts]), fold.step(first, step, [counts])):
         assert other.state is not first.state
         assert other.lineage is not first.lineage
+
+
+@pytest.mark.parametrize(("name", "mixture"), [("bayes", "2 s later"), ("paper", None)])
+def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
+    fold = SharedFold(estimator_named(name, load_scenario("demo").mission))
+    track = SimpleNamespace(later=lambda motion, time_s: f"{time_s:.0f} s later")
+    assert fold.mixture(Descended(SimpleNamespace(track=track), object()), 2_000_000_000) == mixture
 
 
 def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
