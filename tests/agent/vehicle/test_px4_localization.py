@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AsyncExitStack
-from math import dist
+from math import dist, hypot
 
 import msgspec
 import pytest
@@ -22,6 +22,7 @@ BY_VISION = {"EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_NO
 BY_VISION |= {"COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3}
 DATUM = DatumConfig(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=488.0)
 POSE_S = 0.03
+RESTS_MPS = 0.2
 
 
 def localized(vehicle: VehicleTruth) -> MovingFrames:
@@ -60,8 +61,10 @@ async def seeing(stack: AsyncExitStack, frames: MovingFrames, **parameters: floa
 
 
 async def airborne(flight: Sky) -> None:
+    """Take off, and come to rest: PX4 holds before it has reached the height, and rises another metre."""
     await ready(flight)
     await flight.fly(TAKEOFF, lambda: flight.state.in_air and flight.state.mode is FlightMode.HOLD, timeout_s=30.0)
+    await flight.fly(TAKEOFF, lambda: hypot(*flight.state.velocity_mps) < RESTS_MPS)
 
 
 @pytest.mark.slow
