@@ -22,7 +22,7 @@ from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from agent.mission.takeover import MODES
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
-from agent.navigation.home import NO_NEARER_S
+from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S
 from agent.navigation.moment import Moment
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
@@ -34,6 +34,7 @@ from protocol.messages import Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
+_LOW_M = 1.0  # above the height of the survey
 
 
 class Decision(Struct, frozen=True):
@@ -98,11 +99,11 @@ class Executive:
         """Width searched along a path."""
         return self._coverage.swath_m
 
-    def follow(self, vehicle: VehicleState) -> None:
+    def follow(self, vehicle: VehicleState, peers: Peers) -> None:
         """Take telemetry, each once."""
         self._navigator.follow(vehicle)
         self._aloft.take(vehicle)
-        if (started_ns := self.remembering.rejoin(vehicle)) != 0:
+        if (started_ns := self.remembering.rejoin(vehicle, peers)) != 0:
             self._begin(started_ns)
 
     @property
@@ -184,7 +185,7 @@ class Executive:
         unheard = absence.coming_home if absence is not None else ()
         self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard)
         self._mission.step(self._situation(now_ns))
-        self.remembering.note(now_ns)
+        self.remembering.note(now_ns, peers)
         return self._decide(now_ns, peers)
 
     def _look_up(self, now_ns: int, peers: Peers) -> None:
@@ -223,10 +224,19 @@ class Executive:
             stranded_s=self._stranded_s,
             revoked=self._revoked,
             battery_low=self._battery_low,
-            no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
+            no_nearer=self._is_no_nearer(returning_s),
             searches_on=self._searches_on(hypothesis, now_ns),
             looks=looks(hypothesis),
         )
+
+    def _is_no_nearer(self, returning_s: float) -> bool:
+        """Whether the return gets no nearer for long enough to land where it is; one that is revoked has less time: the others,
+        which do not hear it, take it to be down soon. Not while it is high above the way of others.
+        """
+        vehicle = self._own.vehicle
+        low = vehicle is not None and vehicle.height_m < self._config.survey.height_m + _LOW_M
+        longest_s = REVOKED_NO_NEARER_S if self._revoked and low else NO_NEARER_S
+        return min(returning_s, self._navigator.home.no_nearer_s) >= longest_s
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had

@@ -13,6 +13,7 @@ from agent.localization.ownpose import OwnPose
 from agent.mission.memory import Memory
 from agent.mission.stages import Mission
 from agent.navigation.navigator import Navigator
+from agent.navigation.peers.newest import Peers
 from agent.vehicle.interface import VehicleState
 
 
@@ -40,7 +41,7 @@ class Remembering:
         # Until telemetry shows whether that flight goes on.
         self._former = memory if memory is not None and memory.flies else None
 
-    def rejoin(self, vehicle: VehicleState) -> int:
+    def rejoin(self, vehicle: VehicleState, peers: Peers) -> int:
         """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.
 
         Returns the stamp with which the swarm's mission began; 0 where it is not known, or nothing is continued.
@@ -56,12 +57,12 @@ class Remembering:
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
         self._navigator.home.remember(memory.home_m)
-        self._navigator.remember(self._plausible(memory.frames))
+        self._navigator.remember(self._plausible(memory.frames), peers, memory.unheard)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
         return memory.started_ns
 
-    def note(self, now_ns: int) -> None:
+    def note(self, now_ns: int, peers: Peers) -> None:
         """Keep the memory up to date; not before it is known whether the former flight goes on.
 
         Response and frames change all the time: they are only stored along with the rest, or with a frame by continuity, which
@@ -69,7 +70,7 @@ class Remembering:
         """
         if self._former is not None:
             return
-        memory, known = self._present(now_ns), self.memory and replace(self.memory, response=None, frames={})
+        memory, known = self._present(now_ns, peers), self.memory and replace(self.memory, response=None, frames={})
         epochs = self._navigator.epochs
         if memory == known and epochs == self._stored_epochs:
             return
@@ -79,7 +80,7 @@ class Remembering:
             memory = replace(memory, response=self._navigator.response.found, frames=frames)
         self.memory = memory
 
-    def _present(self, now_ns: int) -> Memory | None:
+    def _present(self, now_ns: int, peers: Peers) -> Memory | None:
         """The memory without response and frames; None where there is nothing to remember."""
         home_m = self._navigator.home.in_mission
         home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
@@ -87,7 +88,7 @@ class Remembering:
         copied = tuple(sorted(self.copied))
         if memory is not None:
             epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
-            return replace(memory, epoch=epoch, copied=copied)
+            return replace(memory, epoch=epoch, copied=copied, unheard=self._navigator.last_news(peers, now_ns))
         if not copied:
             return None
         stage = self._mission.stage

@@ -22,7 +22,7 @@ from agent.navigation.ownground import OwnGround
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.crossing import WayHome
+from agent.navigation.unheard.crossing import WayHome, crossing_height_m
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
 
@@ -62,6 +62,8 @@ class Guidance:
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
+        self._waits_above: Vector3 | None = None  # where it waits for others that may fly anywhere, local
+        self._over_m = crossing_height_m(mission, drone.id)
 
     @property
     def comes_down(self) -> bool:
@@ -75,7 +77,7 @@ class Guidance:
 
     def begin(self) -> None:
         """Guidance begins, or begins again: any waiting is over."""
-        self._waits = self._stays = None
+        self._waits = self._stays = self._waits_above = None
         self._circling.begin()
         self._way.begin()
 
@@ -120,6 +122,9 @@ class Guidance:
         if frame is None:
             return self._wait(moment, state)
         if moment.stage is Stage.SURVEY or centre is None:
+            if absence is not None and absence.anywhere:
+                return self._wait_above(moment, state)
+            self._waits_above = None
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
@@ -194,6 +199,14 @@ class Guidance:
         turned = np.maximum(0.0, waited_s + STEP_S * np.arange(HORIZON + 2.0)) * (_WAITING_MPS / _WAITING_RADIUS_M)
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
+
+    def _wait_above(self, moment: Moment, state: PeerState) -> Reference:
+        """Above all that fly low, where it is: others that it has circled with before it was restarted, without its log, may fly
+        anywhere, and do not hear it.
+        """
+        x, y, _ = self._waits_above = self._waits_above or comes_to_rest(state, self._config.limits)
+        still = np.ones(HORIZON + 2)
+        return self._level(moment, x * still, y * still, self._over_m)
 
     def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
         """Home at the survey's speed and height, around others that hover, and the homes of those that are not heard; if home is

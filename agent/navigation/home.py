@@ -15,6 +15,7 @@ NEAR_M = 1.5
 LONGEST_NS = 5_000_000_000  # being near for this long counts too: an estimate that wanders by 0.4 m may never settle
 _GAP_NS = 1_000_000_000  # after a longer gap in the approach, all times start again
 NO_NEARER_S = 60.0  # a return that has not come a metre nearer for this long ends where the drone is
+REVOKED_NO_NEARER_S = 20.0  # that of one that is revoked
 _NEARER_M = 1.0
 
 
@@ -64,9 +65,9 @@ class Home:
         return settled or _lasts(self._near_since_ns, self._watched_ns, LONGEST_NS)
 
     @property
-    def is_no_nearer(self) -> bool:
-        """Whether a return gets no nearer: home is not known, or others or the fence keep the drone away from it."""
-        return self._watched_ns - self._nearest_ns >= NO_NEARER_S * 1e9
+    def no_nearer_s(self) -> float:
+        """For how long a return has got no nearer: home is not known, or others or the fence keep the drone away from it."""
+        return (self._watched_ns - self._nearest_ns) * 1e-9
 
     def watch(self, vehicle: VehicleState) -> None:
         """Take the newest telemetry of a return: note since when the drone has been near home, and over it."""

@@ -29,6 +29,7 @@ from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.lastnews import LastNews
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
@@ -109,11 +110,16 @@ class Navigator:
         """The epochs of the others that they have begun by a jump, and whose frames the log does not tell."""
         return self._neighbourhood.frames.epochs
 
-    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
-        """Take the plausible frames stored before the agent was restarted."""
+    def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
+        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
+        return self._neighbourhood.last_news(peers, now_ns)
+
+    def remember(self, frames: Mapping[str, KeptFrame], peers: Peers, unheard: Mapping[str, LastNews]) -> None:
+        """Take what was stored before the agent was restarted: plausible frames, and the news of those that were not heard."""
         if self._id in frames:
             self._own.remember(frames[self._id])
         self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
+        self._neighbourhood.remember(peers, unheard)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""

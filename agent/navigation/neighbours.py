@@ -18,7 +18,7 @@ it leaves. One that is heard, but whose plans tell that it does not hear this dr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import dist, hypot, inf
 
 from msgspec import Struct
@@ -37,6 +37,7 @@ from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle
 from agent.navigation.unheard.heardagain import HeardAgain
+from agent.navigation.unheard.lastnews import LastNews
 from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, Silent
 from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Stage
@@ -71,6 +72,14 @@ class Neighbourhood:
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
+
+    def remember(self, peers: Peers, kept: Mapping[str, LastNews]) -> None:
+        """Take what was known, before this agent was restarted, of those that were not heard any more."""
+        self._silent.remember(peers, kept)
+
+    def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
+        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
+        return self._silent.last_news(peers, now_ns)
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""

@@ -59,16 +59,18 @@ class Reckoning(Struct, frozen=True):
         return any(_is_beyond(place, one, self.stamp_ns, before_m) for one in self.others if not isinf(one.radius_m))
 
     def ends(self, sigmas: float) -> list[End]:
-        """Where others are expected when the plan ends, as seen from there, less so many sigmas. One that is somewhere beyond a
-        line is left out.
+        """Where others are expected when the plan ends, as seen from there, less so many sigmas; those that are somewhere beyond
+        a line, where it is nearest.
         """
-        end_s, (x, y, _) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
+        end_s, (x, y, z) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
         found = []
         for one in self.others:
-            if one.away is None:
-                u, v = one.at(self.stamp_ns, end_s)
-                clearance_m = hypot(u - x, v - y) - sigmas * one.sigma_m
-                found.append(End(one.id, clearance_m, atan2(v - y, u - x), one.blind))
+            u, v = one.at(self.stamp_ns, end_s)
+            away_m, bearing_rad = hypot(u - x, v - y), atan2(v - y, u - x)
+            if one.away is not None:
+                along_x, along_y = one.away[-1].tolist()
+                away_m, bearing_rad = _in_front_m((x, y, z), one, self.stamp_ns, end_s), atan2(-along_y, -along_x)
+            found.append(End(one.id, away_m - sigmas * one.sigma_m, bearing_rad, one.blind))
         return found
 
     @property
@@ -82,22 +84,23 @@ class Reckoning(Struct, frozen=True):
 def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> float:
     """Distance from a place to where a plan expects another drone, or to the line or circle that it is beyond, less its doubt."""
     if plan.away is not None:
-        return max(0.0, _in_front_m(place, plan, plan.away, now_ns)) - sigmas * plan.sigma_m
+        return max(0.0, _in_front_m(place, plan, now_ns)) - sigmas * plan.sigma_m
     x, y = plan.at(now_ns)
     return hypot(place[0] - x, place[1] - y) - sigmas * plan.sigma_m
 
 
 def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int, before_m: float) -> bool:
     """Whether a place, where it is known, lies beyond the line or circle of a plan, or at most ``before_m`` before it."""
-    return place is not None and plan.away is not None and _in_front_m(place, plan, plan.away, now_ns) <= before_m
+    return place is not None and plan.away is not None and _in_front_m(place, plan, now_ns) <= before_m
 
 
-def _in_front_m(place: Vector3, plan: PeerPlan, away: Array, now_ns: int) -> float:
+def _in_front_m(place: Vector3, plan: PeerPlan, now_ns: int, after_s: float = 0.0) -> float:
     """How far a place lies in front of the line of a plan, or of the circle that it touches: seen from elsewhere, the tangent
-    would leave out a part of the circle, or hold what is inside.
+    would leave out a part of the circle, or hold what is inside. ``after_s``: seconds from now on, 0 or to the plan's end.
     """
-    x, y = plan.at(now_ns)
-    away_x, away_y = away[0].tolist()
+    assert plan.away is not None
+    x, y = plan.at(now_ns, after_s)
+    away_x, away_y = plan.away[-1 if after_s > 0.0 else 0].tolist()
     if isinf(plan.radius_m):
         return float((place[0] - x) * away_x + (place[1] - y) * away_y)
     centre_x, centre_y = x + plan.radius_m * away_x, y + plan.radius_m * away_y

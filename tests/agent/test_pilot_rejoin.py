@@ -81,7 +81,7 @@ def test_a_response_that_cannot_be_a_vehicles_is_neither_stored_nor_believed_and
     estimator = one._executive._navigator.response
     assert estimator.response.drag_ps == 0.5  # the drone file's
     estimator.response = replace(estimator.response, drag_ps=wrong)
-    one._executive.remembering.note(BACK_NS + REFRESH_NS)
+    one._executive.remembering.note(BACK_NS + REFRESH_NS, one._peers)
     assert one.memory.response is None
 
 
@@ -125,10 +125,10 @@ def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
         told = replace(message, epoch=1) if isinstance(message, Pose) else message
         one.receive(key_of("radron", told), encode(told), BACK_NS)
     fly(one, BACK_NS, 0.5, FlightMode.OFFBOARD)
-    one._executive.remembering.note(BACK_NS + REFRESH_NS)
+    one._executive.remembering.note(BACK_NS + REFRESH_NS, one._peers)
     assert one.memory.frames.keys() == {"d2"}
     one.frames.graph.place("d2", 1, WRONG)
-    one._executive.remembering.note(BACK_NS + 2 * REFRESH_NS)
+    one._executive.remembering.note(BACK_NS + 2 * REFRESH_NS, one._peers)
     assert one.memory.frames == {}
     assert one.counters["kept_frame_implausible"] == 1
     found = decode_state(encode_state(State(memory=one.memory))).memory

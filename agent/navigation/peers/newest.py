@@ -146,6 +146,14 @@ class Peers:
         for peer in self._peers.values():
             peer.shift(by_ns)
 
+    def remember(self, pose: Pose, status: Status) -> bool:
+        """Take the last news of one kept before this agent was restarted. Returns whether it has not been heard since."""
+        peer = self._peers.get(pose.drone)
+        if peer is None or peer.pose is not None:
+            return False
+        peer.pose, peer.status = pose, peer.status or status
+        return True
+
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
         """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None.
 

@@ -39,6 +39,14 @@ class Lines:
         """There is no side to keep to."""
         self._walls.pop(name, None)
 
+    def remember(self, name: str, heard_ns: int, wall: Wall) -> None:
+        """Take the line kept before this agent was restarted; ``heard_ns``: stamp of the last contact."""
+        self._walls[name] = heard_ns, wall
+
+    def wall(self, name: str) -> Wall | None:
+        """The line that follows from the last contact, kept to at present or not any more."""
+        return self._walls[name][1] if name in self._walls else None
+
     def contact(self, name: str) -> Contact | None:
         """The last one."""
         return self._contacts.get(name)

@@ -22,7 +22,7 @@ Positions are horizontal, mission frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import hypot
 
 import numpy as np
@@ -36,11 +36,12 @@ from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import Agentless, Course, Stretch
-from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of
+from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
+from agent.navigation.unheard.lastnews import LastNews
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
-from agent.navigation.unheard.lines import APART_NS, Lines
+from agent.navigation.unheard.lines import APART_NS, TAKING_PART, Lines
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -86,6 +87,23 @@ class Silent:
             self._sights.shift(by_ns)
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
+
+    def remember(self, peers: Peers, kept: Mapping[str, LastNews]) -> None:
+        """Take what was known, before this agent was restarted, of those that were not heard any more."""
+        for name, news in kept.items():
+            if peers.remember(news.pose, news.status) and news.wall is not None:
+                self._lines.remember(name, news.pose.stamp_ns, news.wall)
+
+    def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
+        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
+        found = {}
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
+                continue
+            if now_ns - peer.pose.stamp_ns > SILENT_NS:
+                found[name] = LastNews.of(peer.pose, peer.status, self._lines.wall(name))
+        return found
 
     def heard(self, name: str) -> None:
         """It is heard again and hears this drone, or is on the ground."""
@@ -139,18 +157,10 @@ class Silent:
                 stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
             is_coming = name in self._courses and any(silent_s < course.down_s for course in courses)
             coming_home += [name] if is_coming else []
-        return Absence(
-            tuple(missing),
-            unhearing,
-            ring,
-            kept,
-            self._lines.at(now_ns),
-            not partners,
-            np.array(stops).reshape(-1, 2),
-            tuple(coming_home),
-            self.homes,
-            left,
-        )
+        walls = self._lines.at(now_ns)
+        anywhere = tuple(name for name in coming_home if name not in walls and _stage(peers[name]) in TAKING_PART)
+        alone, hover = not partners, np.array(stops).reshape(-1, 2)
+        return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
 
     @property
     def homes(self) -> tuple[KeptPlace, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot, inf, pi, sqrt, tau
 
+from agent.navigation.reckoning import End
 from agent.pilot import Pilot
 from protocol.entries import Exposure
 from sim.faults.machines import Clock
@@ -19,7 +20,9 @@ EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
 FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
 BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long one that evades somebody else may come nearer
-_AWAY_M = 1.0  # others that are no farther than this from being too near are in the way of going away from one
+# Others that are no farther than this from being too near are in the way of going away from one; the latter of those that give
+# no way, from which plans keep two metres more, and of lines and circles beyond which others may be.
+_AWAY_M, _BLIND_AWAY_M = 1.0, 3.0
 _LOOK_TICKS = 10
 _LOW_M = 1.5  # who takes off or lands does not choose its way
 
@@ -158,13 +161,17 @@ class WideBerth(Invariant[Moment]):
         """
         reckoning = pilot.reckoning if pilot is not None else None
         ends = reckoning.ends(BERTH_SIGMAS) if reckoning is not None else []
-        if _all_around([one.bearing_rad for one in ends if one.clearance_m < self._least_m + _AWAY_M]):
+        if _all_around([one.bearing_rad for one in ends if one.clearance_m < self._least_m + _away_m(one)]):
             return {}
         nearest: dict[str, float] = {}
         for one in ends:
             if not one.blind:
                 nearest[one.id] = min(one.clearance_m, nearest.get(one.id, inf))
         return nearest
+
+
+def _away_m(one: End) -> float:
+    return _BLIND_AWAY_M if one.blind else _AWAY_M
 
 
 def _all_around(bearings_rad: list[float]) -> bool:

@@ -79,5 +79,5 @@ def test_a_return_that_is_kept_from_home_is_given_up() -> None:
     for tick in range(1500):
         now_s = 1.0 + 0.05 * tick
         home.watch(state(round(now_s * SECOND), position=(max(5.0, 35.0 - 3.0 * now_s), 0.0, 3.0)))
-        given_up += [now_s] if home.is_no_nearer else []
+        given_up += [now_s] if home.no_nearer_s >= NO_NEARER_S else []
     assert 10.0 + NO_NEARER_S - 0.5 < given_up[0] < 10.0 + NO_NEARER_S + 0.5
