@@ -4,10 +4,11 @@ import msgspec
 import pytest
 from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, trusting
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, partner, state
+from one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 
 from agent.fusion.revocations import MOST_REFUSED
 from agent.mission.memory import Memory
+from agent.navigation.home import REVOKED_NO_NEARER_S
 from agent.vehicle.interface import FlightMode
 from protocol.codec import decode
 from protocol.identity import Role
@@ -40,6 +41,20 @@ def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode,
     one.receive(*revocation(member="d1"), START_NS + SECOND)
     assert obeying(one, START_NS + SECOND) == tells
     assert one.stage is Stage.RETURN
+
+
+@pytest.mark.parametrize(("revoked", "stage"), [(True, Stage.LANDING), (False, Stage.RETURN)])
+def test_a_revoked_drone_that_gets_no_nearer_to_its_home_lands_before_the_others_take_it_to_be_down(revoked, stage):
+    """Over home as high as it searches, it was kept away by the homes of others for a minute."""
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    one.step(START_NS)
+    one.receive(*(revocation(member="d1") if revoked else order(Action.RETURN, START_NS + SECOND)), START_NS + SECOND)
+    fly(one, START_NS + SECOND, REVOKED_NO_NEARER_S - 1.0, FlightMode.OFFBOARD, position=(8.0, 0.0, 3.0))
+    assert one.stage is Stage.RETURN
+    fly(one, START_NS + round(REVOKED_NO_NEARER_S * SECOND), 3.0, FlightMode.OFFBOARD, position=(8.0, 0.0, 3.0))
+    assert one.stage is stage
 
 
 def test_a_revoked_drone_that_does_not_fly_tells_nothing():

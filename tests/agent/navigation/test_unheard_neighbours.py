@@ -1,5 +1,6 @@
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -12,7 +13,8 @@ from agent.motion.reference import PeerState
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
-from agent.navigation.unheard.contact import Circle
+from agent.navigation.unheard.contact import Circle, Wall
+from agent.navigation.unheard.lastnews import LastNews
 from protocol.entries import Sighting
 from protocol.messages import Stage
 
@@ -137,6 +139,55 @@ def test_who_searched_keeps_to_its_own_side():
     revoked = hood.around(peers, replace(me, revoked=True))
     assert [one for one in revoked if one.plan.away is not None] == []
     assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
+
+
+def restarted(stage, circle):
+    """What remembers b, of that stage when it was heard last, at 0: a, and a after a restart, both at 4 s."""
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, me)
+    assert hood.last_news(peers, SECOND // 2) == {}  # it is heard
+    kept = hood.last_news(peers, me.now_ns)
+    assert msgspec.json.decode(msgspec.json.encode(kept), type=dict[str, LastNews]) == kept
+    again, anew = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    again.remember(anew, kept)
+    hood.around(peers, replace(me, now_ns=4 * SECOND))
+    around = again.around(anew, replace(me, now_ns=4 * SECOND, motion_at=lambda _: None))
+    return hood, again, around
+
+
+def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_heard():
+    """Two that searched took each other to be at home, and met at 6 m/s: 1.2 m."""
+    hood, again, around = restarted(Stage.SURVEY, None)
+    assert again.absence.walls == hood.absence.walls != {}
+    assert (again.absence.missing, again.absence.anywhere) == (("b",), ())
+    assert sum(one.plan.away is not None for one in around) == 1
+
+
+def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywhere():
+    hood, again, around = restarted(Stage.TRACK, BOTH_ON)
+    assert (again.absence.walls, again.absence.anywhere) == ({}, ("b",))
+    assert hood.absence.anywhere == ("b",)
+    assert around != []
+
+
+def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered():
+    peers, former = Peers(["b"]), LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)
+    assert peers.receive(pose(SECOND), SECOND) is None
+    assert not peers.remember(former.pose, former.status)
+    assert peers["b"].pose.stamp_ns == SECOND
+    assert not peers.remember(replace(pose(), drone="z"), former.status)  # no member of this mission
+
+
+def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_neither():
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.LANDED)):
+        assert peers.receive(message, 0) is None
+    assert hood.last_news(peers, 3 * SECOND) == {}
+    for offset in (math.nan, math.inf):
+        assert LastNews.of(pose(), status(Stage.SURVEY), Wall((1.0, 0.0), offset)).wall is None
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from agent.motion.separation import PeerPlan
 from protocol.entries import Counts, Exposure, PoseSample
 from sim.campaign.faults.course import DEALT
 from sim.campaign.faults.dealt import deal
@@ -196,6 +197,20 @@ def test_a_plan_amid_others_has_no_better_end(more, expected) -> None:
 
     def make(time_s):
         reckons = moments.reckoning(ends=(15.2, 10.0, 3.0), sigma_m=1.0, more=more, stamp_ns=round(time_s * 5.0))
+        return moments.moment(time_s, pilots=moments.changed(0, moments.pilot(reckons=reckons), moments.pilot))
+
+    assert found(WideBerth(moments.setting()), make, 4.0) == expected
+
+
+@pytest.mark.parametrize(("line_x_m", "expected"), [(19.0, []), (21.0, [("d1", "d2"), ("d1", "d3")])])
+def test_a_line_that_a_drone_keeps_behind_is_in_its_way_too(line_x_m, expected) -> None:
+    """On its circle between a place where one had stopped, one in doubt by 4 m, and the circle of the former if that flew on."""
+
+    def make(time_s):
+        places, stamp_ns = {"d2": (10.0, 12.0, 3.0), "d3": (12.5, 17.0, 3.0)}, round(time_s * 5.0)
+        plans = [PeerPlan(name, 0, 0.2, [place], 1.0) for name, place in places.items()]
+        plans.append(PeerPlan("d3", 0, 0.2, [(line_x_m, 10.0, 3.0)], 0.0, away=np.array([(-1.0, 0.0)]), blind=True))
+        reckons = replace(moments.reckoning(ends=(14.0, 13.0, 3.0), stamp_ns=stamp_ns), others=plans)
         return moments.moment(time_s, pilots=moments.changed(0, moments.pilot(reckons=reckons), moments.pilot))
 
     assert found(WideBerth(moments.setting()), make, 4.0) == expected

@@ -1,0 +1,37 @@
+"""Drones that do not hear each other, and whose agents are then started again in flight: they know of each other from before."""
+
+from itertools import combinations
+from math import dist
+
+from msgspec.structs import replace
+
+from protocol.messages import Stage
+from sim.faults.kinds import read_faults
+from sim.lockstep.flight import watched
+from sim.scenario import load_scenario
+from sim.scoring.moment import Moment
+
+PART_S, FREEZE_S, END_S = 22.0, 30.0, 60.0
+FAULTS = (
+    {"kind": "partition", "at_s": PART_S, "groups": [["d1"], ["d2"], ["d3"]]},
+    {"kind": "freeze", "at_s": FREEZE_S, "for_s": 2.9},  # of all: their watchdogs start them again
+)
+
+
+def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart() -> None:
+    least_m, rejoined, stages = float("inf"), set[str](), set[Stage]()
+
+    def watch(moment: Moment) -> bool:
+        nonlocal least_m
+        least_m = min(least_m, *(dist(one, other) for one, other in combinations(moment.position_m.tolist(), 2)))
+        if moment.time_s > FREEZE_S + 3.0:
+            for name, pilot in zip(("d1", "d2", "d3"), moment.pilots, strict=True):
+                if pilot is not None and pilot.counters["rejoined"]:
+                    rejoined.add(name)
+                    stages.add(pilot.stage)
+        return moment.time_s > END_S
+
+    watched(replace(load_scenario("demo"), fault=read_faults(list(FAULTS), "test")), 3, watch)
+    assert rejoined == {"d1", "d2", "d3"}
+    assert Stage.SURVEY in stages
+    assert least_m > 3.0
