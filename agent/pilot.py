@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
 
+from agent.computing import ALONE, Computing
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.readout import Readout
@@ -20,7 +21,6 @@ from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior
 from agent.fusion.proofs import Proofs
-from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose, Whereabouts
 from agent.mission.commanding import Commanding, Verdict
@@ -40,7 +40,6 @@ from agent.sensing.numbering import Numbering
 from agent.sensing.observer import Observer
 from agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
-from protocol.codec import Read, decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
@@ -71,11 +70,10 @@ class Pilot:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
-        estimators: Estimators = estimator_named,
         trust: Trust | None = None,
         *,
         nonce_key: bytes,
-        read: Read = decode_from,
+        computing: Computing = ALONE,
         tells_obeyed: bool = True,
     ) -> None:
         """Set up a drone.
@@ -86,9 +84,9 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
-            estimators, read: make estimators by name; decode messages. A simulation of many drones has them share the results.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
+            computing: computes what is the same in all agents that know the same.
             tells_obeyed: whether its statuses tell which order was obeyed last; False in the replay of an older record.
 
         Raises:
@@ -97,8 +95,8 @@ class Pilot:
         """
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
         self._swarm, self._mission_id, self._id, self._boot = mission.swarm, mission.mission_id, drone.id, boot
-        self._read, self.counters = read, Counter[str]()
-        self._world = WorldModel(mission, listeners, estimators)
+        self._read, self.counters = computing.read, Counter[str]()
+        self._world = WorldModel(mission, listeners, computing.estimators, computing.frame_estimates)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
+from agent.computing import Computing
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
@@ -104,9 +105,9 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
-        made = deferred_named if self.deferred else estimator_named
-        inputs = self.mission, drone, self.boot, (), self.memory, made, trust
-        return Pilot(*inputs, nonce_key=self.nonce_key, tells_obeyed=self.tells_obeyed)
+        computing = Computing(deferred_named if self.deferred else estimator_named)
+        inputs = self.mission, drone, self.boot, (), self.memory, trust
+        return Pilot(*inputs, nonce_key=self.nonce_key, computing=computing, tells_obeyed=self.tells_obeyed)
 
 
 def _versions() -> dict[str, str]:

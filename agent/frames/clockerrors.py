@@ -61,6 +61,14 @@ class ClockErrors:
         learned_ns = stamp_ns + _LEARNED_NS
         return max(self._least(stamp_ns, stamp_ns), self._least(learned_ns, learned_ns + _TOLD_NS))
 
+    def content(self, after_ns: int, until_ns: int) -> tuple[object, ...]:
+        """By value, all that the errors in (after_ns, until_ns] follow from; empty where there are none."""
+        if not self._wrong:
+            return ()
+        later = self._within(after_ns + _LEARNED_NS, until_ns + _LEARNED_NS + _TOLD_NS)
+        told = *self._within(after_ns, until_ns), *later
+        return told if any(error_s > 0.0 for _, _, error_s in told) else ()
+
     def _least(self, from_ns: int, until_ns: int) -> float:
         """The least error (s) told in any exposure of that time.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +23,13 @@ from agent.frames.slides import find_slides, note_moves, place_anew
 _RETRY = 3  # keyframes between attempts to align a lost frame
 _ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 20 ms, during which the flight loop waits
 _TOO_WIDE_M = 25.0  # sigma of a position beyond which it counts as unknown
+
+
+class KeyframeEstimate(Protocol):
+    """What estimates the frames of a swarm, as ``Estimate`` does."""
+
+    def step(self, before: Checkpoint, index: int) -> Checkpoint:
+        """The checkpoint after keyframe ``index``."""
 
 
 class Estimate:
@@ -44,6 +53,9 @@ class Estimate:
         clear_suspicions(keyframe)
         _publish(keyframe)
         return keyframe.checkpoint()
+
+
+FrameEstimates = Callable[[MissionConfig, Intake], KeyframeEstimate]  # as ``Estimate``
 
 
 def _launch(keyframe: Keyframe, drone: int) -> None:

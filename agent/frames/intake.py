@@ -118,6 +118,18 @@ class Intake:
         """Fixes of the keyframes ``first`` to ``last``."""
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
+    def content(self, after: int, until: int) -> tuple[object, ...]:
+        """By value, all that the keyframes after ``after`` up to ``until`` follow from, besides what those up to ``after`` do.
+
+        ``after``: -1: from the first one on.
+        """
+        buckets = [self._buckets[index] for index in self._between(after + 1, until)]
+        seen = frozenset(payload for bucket in buckets for payload in bucket.sightings.values())
+        fixed = frozenset(payload for bucket in buckets for payload in bucket.fixes.values())
+        span_ns = after * self.grid_ns, until * self.grid_ns
+        tracks = tuple(track.content(*span_ns) for track in self.tracks)
+        return seen, fixed, tracks, tuple(clock.content(*span_ns) for clock in self._clock_errors)
+
     def has_recent_fix(self, number: int, stamp_ns: int) -> bool:
         """Whether a drone had a fix shortly before a stamp, or has only just started."""
         stamps, first_ns = self._fix_stamps[number], self.tracks[number].first_ns

@@ -10,7 +10,7 @@ from agent.config.mission import MissionConfig
 from agent.frames.batches import LATE_NS, Batches
 from agent.frames.carried import CarriedFrames
 from agent.frames.checkpoint import Checkpoint, beginning
-from agent.frames.estimate import Estimate
+from agent.frames.estimate import Estimate, FrameEstimates
 from agent.frames.graph import FrameGraph, Known
 from agent.frames.intake import READS, Intake
 from agent.frames.placement import Placement
@@ -38,7 +38,8 @@ class SwarmFrames:
     exact, nothing is computed. Their frames after a jump are in the graph, too, as they tell them (``carried``).
     """
 
-    def __init__(self, mission: MissionConfig) -> None:
+    def __init__(self, mission: MissionConfig, estimates: FrameEstimates = Estimate) -> None:
+        """``estimates``: makes what estimates the frames."""
         self.graph = FrameGraph.from_launch_layout(mission)
         self._carried = CarriedFrames(mission, self.graph)
         self._names = [drone.id for drone in mission.drones]
@@ -47,7 +48,7 @@ class SwarmFrames:
         self._slice = max(1, _SLICE // len(mission.drones))
         self._settle_ns = round(mission.frames.settle_s * 1e9)
         self._intake = Intake(mission)
-        self._estimate = Estimate(mission, self._intake)
+        self._estimate = estimates(mission, self._intake)
         self._beginning = beginning(len(mission.drones))
         self._checkpoints: dict[int, Checkpoint] = {}  # ascending
         self._lines = [_Line() for _ in mission.drones]

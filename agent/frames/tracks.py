@@ -89,6 +89,11 @@ class Track:
         """Whether there are samples in (after_ns, until_ns]."""
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
+    def content(self, after_ns: int, until_ns: int) -> tuple[bytes, bytes, bytes]:
+        """By value, all that the track in (after_ns, until_ns] follows from, besides what it was before: also the next sample."""
+        first, end = bisect_right(self._stamps, after_ns), bisect_right(self._stamps, until_ns) + 1
+        return self._stamps[first:end].tobytes(), self._epochs[first:end].tobytes(), self._local.content(first, end)
+
     def drop_before(self, stamp_ns: int) -> None:
         """Discard the samples before that stamp."""
         count = bisect_left(self._stamps, stamp_ns)
@@ -249,6 +254,9 @@ class _Rows:
 
     def insert(self, index: int, row: tuple[float, float, float, float]) -> None:
         self._numbers[4 * index : 4 * index] = array("d", row)
+
+    def content(self, first: int, end: int) -> bytes:
+        return self._numbers[4 * first : 4 * end].tobytes()
 
     def delete(self, first: int, end: int) -> None:
         del self._numbers[4 * first : 4 * end]

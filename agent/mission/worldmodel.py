@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from agent.config.mission import MissionConfig
+from agent.frames.estimate import Estimate, FrameEstimates
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import RECOUNTED, Fusion
 from agent.fusion.posterior import Posterior, posterior_of
@@ -24,8 +25,14 @@ class WorldModel:
     where late entries keep coming, and ``pending`` all the time.
     """
 
-    def __init__(self, mission: MissionConfig, listeners: Sequence[str], estimators: Estimators) -> None:
-        self.frames = SwarmFrames(mission)
+    def __init__(
+        self,
+        mission: MissionConfig,
+        listeners: Sequence[str],
+        estimators: Estimators,
+        frame_estimates: FrameEstimates = Estimate,
+    ) -> None:
+        self.frames = SwarmFrames(mission, frame_estimates)
         graph = self.frames.graph
         self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
         self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}

@@ -7,6 +7,7 @@ import time
 
 from msgspec import Struct
 
+from agent.computing import Computing
 from agent.config.drone import DroneConfig
 from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
@@ -36,7 +37,8 @@ class Aboard(Struct, frozen=True):
 def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None, log: Logger) -> Aboard:
     """The pilot for the mission in force. Records that cannot be written prevent a start, but not the rejoining of a flight."""
     trust, nonce_key = trust_of(identity), secrets.token_bytes(NONCE_KEY_BYTES)
-    flown = Pilot(force.mission, drone, boot, memory=saved.memory, estimators=deferred_named, trust=trust, nonce_key=nonce_key)
+    computing = Computing(estimators=deferred_named)
+    flown = Pilot(force.mission, drone, boot, memory=saved.memory, trust=trust, nonce_key=nonce_key, computing=computing)
     records, recorder, unrecorded = drone.recorder, None, None
     if records.folder is not None:
         inputs = force.mission, drone, boot, time.time_ns(), saved.memory, trust, force.origin

@@ -6,9 +6,9 @@ An estimator's step is a pure function of a state that never changes and of obse
 agents of a flight begin with the same state. So a state is known by its lineage: all steps that led to it, and what was observed
 in each. Agents with equal logs walk along one lineage. Where their logs differ they part; once the logs are equal again, they
 replay from where they parted, and are on one lineage again, even if the states of it had been forgotten and each has its own.
-Nothing else is shared: every agent has its own log, frames, observations and replays, and whatever goes wrong there parts it
-from the others. In every tenth mission of a campaign one drone is recorded (``sim.campaign.faults.recording``): it folds on its
-own, in flight and in the replay, as a check on the others.
+So it is with the frames (``sharedframes``). Nothing else is shared: every agent has its own log, observations and replays, and
+whatever goes wrong there parts it from the others. In every tenth mission of a campaign one drone is recorded
+(``sim.campaign.faults.recording``): it computes on its own, in flight and in the replay, as a check on the others.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from agent.computing import Computing
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
@@ -26,6 +27,7 @@ from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
 from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
 from sim.lockstep.revoker import Revoker
+from sim.lockstep.sharedframes import SharedFrames
 from sim.lockstep.sharing import Folds, Readings
 from sim.lockstep.telemetry import Telemetry
 from sim.scenario import Scenario
@@ -80,7 +82,7 @@ class World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
-        self._folds, self._read = Folds(), Readings()
+        self._computing = Computing(Folds(), SharedFrames(), Readings())
         self._authority = authority = SimulatedAuthority(seed)
         self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
@@ -195,7 +197,7 @@ class World:
             for forged in self._forgers.forged(drone, key, payload):
                 self._radio.send(drone, key, forged, now_ns)
             if key.endswith(KINDS):
-                self.recorder.take(drone, self._read(key, payload))
+                self.recorder.take(drone, self._computing.read(key, payload))
 
     def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
@@ -253,8 +255,8 @@ class World:
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]
         trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
-        given = self._mission, config, boot, listeners, memory, self._folds, trust
-        return self._make(*given, nonce_key=nonce_key, read=self._read)
+        given = self._mission, config, boot, listeners, memory, trust
+        return self._make(*given, nonce_key=nonce_key, computing=self._computing)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

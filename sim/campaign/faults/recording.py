@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
+from agent.computing import ALONE, Computing
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.errors import RadronError
@@ -14,12 +15,10 @@ from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import Difference, replay
-from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.ownpose import Whereabouts
 from agent.mission.memory import Memory
 from agent.navigation.reckoning import Reckoning
 from agent.pilot import Pilot
-from protocol.codec import Read, decode_from
 from protocol.signing import Trust
 
 _LIMIT_MB = 1000  # far beyond a random mission
@@ -75,15 +74,15 @@ class Recording:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
-        estimators: Estimators = estimator_named,
         trust: Trust | None = None,
         *,
         nonce_key: bytes,
-        read: Read = decode_from,
+        computing: Computing = ALONE,
     ) -> Pilot:
-        """As ``Pilot``. The recorded one folds on its own, as in the replay, and is the check on those that share a fold."""
-        estimators = estimator_named if drone.id == self._drone else estimators
-        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust, nonce_key=nonce_key, read=read)
+        """As ``Pilot``. The recorded one computes on its own, as in the replay, and is the check on those that share."""
+        if drone.id == self._drone:
+            computing = ALONE._replace(read=computing.read)
+        pilot = Pilot(mission, drone, boot, listeners, memory, trust, nonce_key=nonce_key, computing=computing)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot

@@ -89,7 +89,7 @@ class Mortal:
 def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     agents = []
 
-    def made(mission, config, boot, listeners, memory, estimators, trust, *, nonce_key, read):
+    def made(mission, config, boot, listeners, memory, trust, *, nonce_key, computing):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, trust, mortal=config.id == "d2"))
         return agents[-1]
 

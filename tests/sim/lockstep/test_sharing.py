@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from agent.frames.estimate import Estimate
 from agent.frames.transform import Transform
 from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.estimator import GridStep
@@ -16,11 +17,13 @@ from agent.pilot import Pilot
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
 from sim.lockstep.flight import watched
+from sim.lockstep.sharedframes import SharedFrames
 from sim.lockstep.sharing import Descended, Folds, Results, SharedFold
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
 
 PARTITION = {"kind": "partition", "groups": [["d1", "d2"], ["d3"]], "at_s": 12.0, "for_s": 5.0}
+CLOCK = {"kind": "clock", "at_s": 8.0, "jump_s": 1.5, "target": "d2"}
 
 
 class Told(Pilot):
@@ -51,26 +54,36 @@ def flown(scenario, until_s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "until_s"), [("demo", 30.0), ("mixed-frames", 25.0)])
-def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkeypatch):
-    """With exact frames and with estimated ones, and while a partition parts the logs and heals."""
-    scenario = override(load_scenario(name), {"fault": [PARTITION]})
+@pytest.mark.parametrize(
+    ("name", "until_s", "faults", "estimates_frames"),
+    [("demo", 30.0, [PARTITION], False), ("mixed-frames", 25.0, [PARTITION], True), ("mixed-frames", 25.0, [CLOCK], True)],
+)
+def test_a_flight_with_shared_folds_and_frames_is_the_same_to_the_bit(name, until_s, faults, estimates_frames, monkeypatch):
+    """With exact frames and with estimated ones, while a partition parts the logs and heals, and where a clock is wrong."""
+    scenario = override(load_scenario(name), {"fault": faults})
     computed = Counter()
-    step = BayesEstimator.step
 
-    def counted(self, *args):
-        computed[kind] += 1
-        return step(self, *args)
+    def count(of):
+        step = of.step
 
-    monkeypatch.setattr(BayesEstimator, "step", counted)
+        def counted(self, *args):
+            computed[kind, of] += 1
+            return step(self, *args)
+
+        monkeypatch.setattr(of, "step", counted)
+
+    count(BayesEstimator)
+    count(Estimate)
     kind = "shared"
     shared = flown(scenario, until_s)
     monkeypatch.setattr(Folds, "__call__", lambda self, *what: estimator_named(*what))
+    monkeypatch.setattr(SharedFrames, "__call__", lambda self, *what: Estimate(*what))
     kind = "alone"
     alone = flown(scenario, until_s)
     assert shared == alone
     assert any(shared[0][-1][2])  # there are hypotheses
-    assert computed["shared"] < 0.8 * computed["alone"]
+    for of in (BayesEstimator, Estimate) if estimates_frames else (BayesEstimator,):
+        assert computed["shared", of] < 0.8 * computed["alone", of]
 
 
 def test_all_agents_of_a_flight_have_one_fold():

@@ -34,8 +34,8 @@ HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_80
 class LockstepPilot(RecordedPilot):
     """Takes a pilot's place in the lockstep. Makes the calls too that only a live agent makes."""
 
-    def __init__(self, folder, mission, config, boot, listeners, memory, estimators, trust, *, nonce_key, read):
-        pilot = Pilot(mission, config, boot, listeners, memory, estimators, trust, nonce_key=nonce_key, read=read)
+    def __init__(self, folder, mission, config, boot, listeners, memory, trust, *, nonce_key, computing):
+        pilot = Pilot(mission, config, boot, listeners, memory, trust, nonce_key=nonce_key, computing=computing)
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
         self.recorder = FlightRecorder(
             folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns(), memory, trust, nonce_key=nonce_key)

@@ -1,0 +1,22 @@
+"""What computes the same in all agents that know the same."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from agent.frames.estimate import Estimate, FrameEstimates
+from agent.fusion.registry import Estimators, estimator_named
+from protocol.codec import Read, decode_from
+
+
+class Computing(NamedTuple):
+    """Makes estimators by name, and what estimates the frames of a swarm; decodes messages. A simulation of many drones has them
+    share the results.
+    """
+
+    estimators: Estimators = estimator_named
+    frame_estimates: FrameEstimates = Estimate
+    read: Read = decode_from
+
+
+ALONE = Computing()
