@@ -125,7 +125,7 @@ class Pilot:
     def observe_vehicle(self, state: VehicleState) -> None:
         """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
         if (vehicle := self._own.take(state)) is not None:
-            self._executive.follow(vehicle, self._peers)
+            self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
         """Take a readout of the camera. Returns the resulting log entries, to be published at once."""

@@ -99,11 +99,11 @@ class Executive:
         """Width searched along a path."""
         return self._coverage.swath_m
 
-    def follow(self, vehicle: VehicleState, peers: Peers) -> None:
+    def follow(self, vehicle: VehicleState) -> None:
         """Take telemetry, each once."""
         self._navigator.follow(vehicle)
         self._aloft.take(vehicle)
-        if (started_ns := self.remembering.rejoin(vehicle, peers)) != 0:
+        if (started_ns := self.remembering.rejoin(vehicle)) != 0:
             self._begin(started_ns)
 
     @property

@@ -28,8 +28,8 @@ class Memory(Struct, frozen=True, kw_only=True):
     offboard has not been reached since the drone was to be steered, or to be steered again. ``epoch_offset``: the number of
     epochs added to the vehicle's own; ``epoch``: the present one, these included, so that the frame of a new one is stored at
     once. ``response``: the identified response of the vehicle. ``frames``: those of all drones that the mission does not tell, by
-    id. ``copied``: the revoked drones whose keys have shown to be copied. ``unheard``: the last news of those that flew and are
-    not heard any more, by id.
+    id. ``copied``: the revoked drones whose keys have shown to be copied. ``others``: the last news of those that fly, by
+    id.
     """
 
     mission: str
@@ -48,7 +48,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     response: FoundResponse | None = None
     frames: dict[str, KeptFrame] = {}
     copied: tuple[str, ...] = ()
-    unheard: dict[str, LastNews] = {}
+    others: dict[str, LastNews] = {}
 
     @property
     def flies(self) -> bool:

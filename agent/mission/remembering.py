@@ -14,6 +14,7 @@ from agent.mission.memory import Memory
 from agent.mission.stages import Mission
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
+from agent.navigation.unheard.contact import Wall
 from agent.vehicle.interface import VehicleState
 
 
@@ -37,11 +38,12 @@ class Remembering:
         self._mission_id, self._mission, self._navigator = mission_id, mission, navigator
         self._own, self._counters = own, counters
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
-        self._stored_epochs: dict[str, int] = {}  # as of ``Navigator.epochs``, when the frames were last stored
+        # As of ``Navigator.epochs`` and ``walls``, when frames and others were last stored.
+        self._stored_once: tuple[dict[str, int], dict[str, Wall]] = {}, {}
         # Until telemetry shows whether that flight goes on.
         self._former = memory if memory is not None and memory.flies else None
 
-    def rejoin(self, vehicle: VehicleState, peers: Peers) -> int:
+    def rejoin(self, vehicle: VehicleState) -> int:
         """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.
 
         Returns the stamp with which the swarm's mission began; 0 where it is not known, or nothing is continued.
@@ -57,7 +59,7 @@ class Remembering:
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
         self._navigator.home.remember(memory.home_m)
-        self._navigator.remember(self._plausible(memory.frames), peers, memory.unheard)
+        self._navigator.remember(self._plausible(memory.frames), memory.others)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
         return memory.started_ns
@@ -65,30 +67,30 @@ class Remembering:
     def note(self, now_ns: int, peers: Peers) -> None:
         """Keep the memory up to date; not before it is known whether the former flight goes on.
 
-        Response and frames change all the time: they are only stored along with the rest, or with a frame by continuity, which
-        is not found again once the jump has been missed.
+        Response, frames and the others' news change all the time: they are only stored along with the rest, or with what is not
+        found again once it has been missed: a frame by continuity, after a jump, and a line that parts this drone from another.
         """
         if self._former is not None:
             return
-        memory, known = self._present(now_ns, peers), self.memory and replace(self.memory, response=None, frames={})
-        epochs = self._navigator.epochs
-        if memory == known and epochs == self._stored_epochs:
+        memory, known = self._present(now_ns), self.memory and replace(self.memory, response=None, frames={}, others={})
+        once = self._navigator.epochs, self._navigator.walls
+        if memory == known and once == self._stored_once:
             return
-        self._stored_epochs = epochs
+        self._stored_once = once
         if memory is not None and memory.flies:
-            frames = self._plausible(self._navigator.frames)
-            memory = replace(memory, response=self._navigator.response.found, frames=frames)
+            frames, others = self._plausible(self._navigator.frames), self._navigator.last_news(peers, now_ns)
+            memory = replace(memory, response=self._navigator.response.found, frames=frames, others=others)
         self.memory = memory
 
-    def _present(self, now_ns: int, peers: Peers) -> Memory | None:
-        """The memory without response and frames; None where there is nothing to remember."""
+    def _present(self, now_ns: int) -> Memory | None:
+        """The memory without response, frames and others; None where there is nothing to remember."""
         home_m = self._navigator.home.in_mission
         home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
         memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
         copied = tuple(sorted(self.copied))
         if memory is not None:
             epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
-            return replace(memory, epoch=epoch, copied=copied, unheard=self._navigator.last_news(peers, now_ns))
+            return replace(memory, epoch=epoch, copied=copied)
         if not copied:
             return None
         stage = self._mission.stage

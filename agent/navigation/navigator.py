@@ -29,6 +29,7 @@ from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
+from agent.navigation.unheard.contact import Wall
 from agent.navigation.unheard.lastnews import LastNews
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
@@ -94,6 +95,11 @@ class Navigator:
         return self._neighbourhood.absence
 
     @property
+    def walls(self) -> dict[str, Wall]:
+        """What this drone keeps behind, by the drone beyond that it does not hear, or that does not hear it."""
+        return self.absence.walls if self.absence is not None else {}
+
+    @property
     def has_room(self) -> bool:
         """Whether the circle that is this drone's while others are not heard lies inside the fence."""
         return self._guidance.has_room
@@ -111,15 +117,15 @@ class Navigator:
         return self._neighbourhood.frames.epochs
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
+        """What is known of the others that fly, or may, for an agent that is restarted in flight."""
         return self._neighbourhood.last_news(peers, now_ns)
 
-    def remember(self, frames: Mapping[str, KeptFrame], peers: Peers, unheard: Mapping[str, LastNews]) -> None:
-        """Take what was stored before the agent was restarted: plausible frames, and the news of those that were not heard."""
+    def remember(self, frames: Mapping[str, KeptFrame], others: Mapping[str, LastNews]) -> None:
+        """Take what was stored before the agent was restarted: plausible frames, and the news of the others."""
         if self._id in frames:
             self._own.remember(frames[self._id])
         self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
-        self._neighbourhood.remember(peers, unheard)
+        self._neighbourhood.remember(others)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""

@@ -71,15 +71,21 @@ class Neighbourhood:
         # The stage of each that hears this drone, and the circle of this one then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
+        self._before: dict[str, LastNews] = {}  # the news of before a restart of this agent, of those not heard since
         self.absence: Absence | None = None
 
-    def remember(self, peers: Peers, kept: Mapping[str, LastNews]) -> None:
-        """Take what was known, before this agent was restarted, of those that were not heard any more."""
-        self._silent.remember(peers, kept)
-
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
-        return self._silent.last_news(peers, now_ns)
+        """What is known of the others that fly, or may, for an agent that is restarted in flight."""
+        found = {}
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is not None and peer.status is not None and not peer.sources.is_on_ground(now_ns):
+                found[name] = LastNews.of(peer.pose, peer.status, self._silent.wall(name))
+        return self._before | found
+
+    def remember(self, before: Mapping[str, LastNews]) -> None:
+        """Take what was known of the others before this agent was restarted."""
+        self._before = dict(before)
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""
@@ -109,12 +115,15 @@ class Neighbourhood:
     def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
         """One drone, at each place where it may be; and whether it is missing."""
         if peer.sources.is_on_ground(me.now_ns):
+            self._before.pop(name, None)
             self._forget(name)
             return [], False
+        if peer.pose is None and name in self._before and self._is_missing(name, me):
+            self._recall(name, peer)
         if peer.pose is None:
             self._forget(name)
-            is_missing = me.may_fly(name) and self._is_unheard(name, me.now_ns)
-            return list(self._of_unknown(name, peer, me)), is_missing
+            return list(self._of_unknown(name, peer, me)), self._is_missing(name, me)
+        self._before.pop(name, None)
         self._following.compare(name, peer, peer.pose)
         other = Other(name, peer, peer.pose, self.frames.of(name, peer.pose))
         if me.now_ns - peer.pose.stamp_ns <= SILENT_NS:
@@ -178,9 +187,16 @@ class Neighbourhood:
         """It is revoked, and on its way home."""
         self._silent.obeys(name, now_ns)
 
-    def _is_unheard(self, name: str, now_ns: int) -> bool:
-        """Whether one that may fly was not heard for long enough; its measurements may come before its first pose does."""
-        return not 0 <= now_ns - self._unheard_ns.setdefault(name, now_ns) < SILENT_NS
+    def _is_missing(self, name: str, me: Self) -> bool:
+        """Whether one that was never heard may fly, for long enough; its measurements may come before its first pose does."""
+        return me.may_fly(name) and not 0 <= me.now_ns - self._unheard_ns.setdefault(name, me.now_ns) < SILENT_NS
+
+    def _recall(self, name: str, peer: Peer) -> None:
+        """It has not been heard since a restart of this agent, which knows of it, and of its frame, from before."""
+        news = self._before[name]
+        if self.frames.of(name, news.pose) is not None:
+            peer.recall(news.pose, news.status)
+            self._silent.recall(name, news)
 
     def follow(self, peers: Peers) -> None:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""

@@ -157,6 +157,23 @@ def test_of_the_stored_frames_those_that_cannot_be_frames_are_counted_and_the_ot
     assert one.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0))
 
 
+def test_who_flew_is_remembered_and_reckoned_with_until_it_is_heard_again():
+    one = tracking()
+    now_ns = START_NS + 5 * SECOND
+    for message in partner(now_ns):
+        one.receive(key_of("radron", message), encode(message), now_ns)
+    fly(one, now_ns, 1.0, FlightMode.OFFBOARD)
+    assert one.memory.others.keys() == set()  # not yet: it is heard
+    fly(one, now_ns + SECOND, REFRESH_NS / SECOND, FlightMode.OFFBOARD)
+    kept = decode_state(encode_state(State(memory=one.memory))).memory
+    assert kept.others["d2"].pose.position_m == (30.0, 20.0, 3.0)
+    for memory, expected in ((kept, {"d2"}), (replace(kept, others={}), set())):
+        again, _ = back(replace(memory, stamp_ns=BACK_NS), mode=FlightMode.OFFBOARD)
+        fly(again, BACK_NS, 2.0, FlightMode.OFFBOARD)
+        assert {other.id for other in again.reckoning.others} == expected
+        assert again.memory.others.keys() == expected
+
+
 @pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND])
 def test_goes_on_from_the_failsafe_by_streaming_setpoints(mode):
     one, step = back(mode=mode)

@@ -50,6 +50,10 @@ class Peer:
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    def recall(self, pose: Pose, status: Status) -> None:
+        """Take the news of before a restart of this agent; no pose has been heard since."""
+        self.pose, self.status = pose, self.status or status
+
     @property
     def usual_delay_ns(self) -> int:
         """Of its newest messages, by their stamps (median); 0 without any."""
@@ -145,14 +149,6 @@ class Peers:
         self.set_ns += by_ns
         for peer in self._peers.values():
             peer.shift(by_ns)
-
-    def remember(self, pose: Pose, status: Status) -> bool:
-        """Take the last news of one kept before this agent was restarted. Returns whether it has not been heard since."""
-        peer = self._peers.get(pose.drone)
-        if peer is None or peer.pose is not None:
-            return False
-        peer.pose, peer.status = pose, peer.status or status
-        return True
 
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
         """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None.

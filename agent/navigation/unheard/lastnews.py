@@ -1,4 +1,4 @@
-"""What an agent that is restarted in flight still knows of the drones that it had not heard any more before."""
+"""What an agent that is restarted in flight still knows of the other drones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from protocol.messages import Pose, Status
 
 
 class LastNews(Struct, frozen=True, kw_only=True):
-    """The last news of a drone that flew by them, and the line between it and this one; None: there is none.
+    """The last news of a drone that flies by them, and the line that parts it from this one if it is not heard any more; None:
+    there is none.
 
     That line follows from how both moved when they last heard each other. A restarted agent, which has no telemetry of then,
     could not work it out again.

@@ -39,8 +39,8 @@ class Lines:
         """There is no side to keep to."""
         self._walls.pop(name, None)
 
-    def remember(self, name: str, heard_ns: int, wall: Wall) -> None:
-        """Take the line kept before this agent was restarted; ``heard_ns``: stamp of the last contact."""
+    def recall(self, name: str, heard_ns: int, wall: Wall) -> None:
+        """Take the line of before a restart of this agent; ``heard_ns``: stamp of the last contact."""
         self._walls[name] = heard_ns, wall
 
     def wall(self, name: str) -> Wall | None:

@@ -22,7 +22,7 @@ Positions are horizontal, mission frame.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
@@ -36,7 +36,7 @@ from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import Agentless, Course, Stretch
-from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
+from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastnews import LastNews
@@ -88,22 +88,14 @@ class Silent:
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
-    def remember(self, peers: Peers, kept: Mapping[str, LastNews]) -> None:
-        """Take what was known, before this agent was restarted, of those that were not heard any more."""
-        for name, news in kept.items():
-            if peers.remember(news.pose, news.status) and news.wall is not None:
-                self._lines.remember(name, news.pose.stamp_ns, news.wall)
+    def recall(self, name: str, news: LastNews) -> None:
+        """Take the line of before a restart of this agent."""
+        if news.wall is not None:
+            self._lines.recall(name, news.pose.stamp_ns, news.wall)
 
-    def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """What is known of those that flew and are not heard any more, for an agent that is restarted in flight."""
-        found = {}
-        for name in peers.names:
-            peer = peers[name]
-            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
-                continue
-            if now_ns - peer.pose.stamp_ns > SILENT_NS:
-                found[name] = LastNews.of(peer.pose, peer.status, self._lines.wall(name))
-        return found
+    def wall(self, name: str) -> Wall | None:
+        """The line that follows from the last contact with one that is not heard, kept to at present or not any more."""
+        return self._lines.wall(name)
 
     def heard(self, name: str) -> None:
         """It is heard again and hears this drone, or is on the ground."""

@@ -324,7 +324,7 @@ def test_one_that_is_restarted_without_its_log_waits_above_those_that_circled_wi
     where = {"position_m": (0.0, 0.0, 3.0), "velocity_mps": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
     pose = Pose(stamp_ns=heard_ns, drone="d2", epoch=0, position_sigma_m=0.1, yaw_sigma_rad=0.01, **where)
     status = Status(stamp_ns=heard_ns, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK)
-    assert peers.remember(pose, status)
+    peers["d2"].recall(pose, status)
     places = flown(lambda _: None, 90.0, stage=Stage.SURVEY, peers=peers)
     waits = places[:600]  # half a minute
     assert np.hypot(*(waits[:, :2] - (35.0, 25.0)).T).max() < 0.5

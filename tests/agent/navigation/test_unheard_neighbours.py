@@ -148,13 +148,16 @@ def restarted(stage, circle):
     for message in (pose(), status(stage)):
         assert peers.receive(message, 0) is None
     hood.around(peers, me)
-    assert hood.last_news(peers, SECOND // 2) == {}  # it is heard
     kept = hood.last_news(peers, me.now_ns)
     assert msgspec.json.decode(msgspec.json.encode(kept), type=dict[str, LastNews]) == kept
     again, anew = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    again.remember(anew, kept)
+    again.remember(kept)
+    back = replace(me, motion_at=lambda _: None, resumed=True)
+    again.around(anew, back)
+    assert again.absence is None  # it may be heard yet
+    assert again.last_news(anew, me.now_ns) == kept
     hood.around(peers, replace(me, now_ns=4 * SECOND))
-    around = again.around(anew, replace(me, now_ns=4 * SECOND, motion_at=lambda _: None))
+    around = again.around(anew, replace(back, now_ns=4 * SECOND))
     return hood, again, around
 
 
@@ -170,15 +173,25 @@ def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywh
     hood, again, around = restarted(Stage.TRACK, BOTH_ON)
     assert (again.absence.walls, again.absence.anywhere) == ({}, ("b",))
     assert hood.absence.anywhere == ("b",)
-    assert around != []
+    assert [one.takes_part for one in around] == [False] * len(around) != []
 
 
 def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered():
-    peers, former = Peers(["b"]), LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    hood.remember({"b": LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)})
+    me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
+    hood.around(peers, me)
     assert peers.receive(pose(SECOND), SECOND) is None
-    assert not peers.remember(former.pose, former.status)
+    hood.around(peers, replace(me, now_ns=3 * SECOND))
     assert peers["b"].pose.stamp_ns == SECOND
-    assert not peers.remember(replace(pose(), drone="z"), former.status)  # no member of this mission
+
+
+def test_one_that_tells_after_a_restart_that_it_is_on_the_ground_is_remembered_no_more():
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    hood.remember({"b": LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)})
+    assert peers.receive(status(Stage.LANDED), SECOND) is None
+    assert hood.around(peers, Self(SECOND, 0, 0.1, Transform(), resumed=True)) == []
+    assert hood.last_news(peers, SECOND) == {}
 
 
 def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_neither():

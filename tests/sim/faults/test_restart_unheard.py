@@ -3,6 +3,7 @@
 from itertools import combinations
 from math import dist
 
+import pytest
 from msgspec.structs import replace
 
 from protocol.messages import Stage
@@ -11,14 +12,15 @@ from sim.lockstep.flight import watched
 from sim.scenario import load_scenario
 from sim.scoring.moment import Moment
 
-PART_S, FREEZE_S, END_S = 22.0, 30.0, 60.0
-FAULTS = (
-    {"kind": "partition", "at_s": PART_S, "groups": [["d1"], ["d2"], ["d3"]]},
-    {"kind": "freeze", "at_s": FREEZE_S, "for_s": 2.9},  # of all: their watchdogs start them again
-)
+FREEZE_S, END_S = 30.0, 60.0
 
 
-def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart() -> None:
+@pytest.mark.parametrize("part_s", [22.0, 31.0])  # before, and while none of them runs
+def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart(part_s) -> None:
+    faults = (
+        {"kind": "partition", "at_s": part_s, "groups": [["d1"], ["d2"], ["d3"]]},
+        {"kind": "freeze", "at_s": FREEZE_S, "for_s": 2.9},  # of all: their watchdogs start them again
+    )
     least_m, rejoined, stages = float("inf"), set[str](), set[Stage]()
 
     def watch(moment: Moment) -> bool:
@@ -31,7 +33,7 @@ def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart() -
                     stages.add(pilot.stage)
         return moment.time_s > END_S
 
-    watched(replace(load_scenario("demo"), fault=read_faults(list(FAULTS), "test")), 3, watch)
+    watched(replace(load_scenario("demo"), fault=read_faults(list(faults), "test")), 3, watch)
     assert rejoined == {"d1", "d2", "d3"}
     assert Stage.SURVEY in stages
     assert least_m > 3.0
