@@ -10,7 +10,7 @@ mission        stages; who flies (takeover, failsafe), by the autopilot's mode; 
 navigation     from what a drone knows to what it flies next
 motion         geometry and control: survey, encirclement, tracker, ``separation``, fence
 vehicle        PX4 through MAVSDK: telemetry, requests, ``modes``
-computing      what computes the same in all agents that know the same
+computing      computations whose results agents with equal logs may share, in simulations
 flight         flight recorder, replay, identification of the vehicle's response
 preflight      what is ready, not yet, or failed
 config         mission and drone files

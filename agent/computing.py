@@ -1,4 +1,4 @@
-"""What computes the same in all agents that know the same."""
+"""The computations whose results depend on their inputs alone, and so are the same in all agents with equal logs."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Pilot:
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
-            computing: computes what is the same in all agents that know the same.
+            computing: computes what depends on its inputs alone.
             tells_obeyed: whether its statuses tell which order was obeyed last; False in the replay of an older record.
 
         Raises:

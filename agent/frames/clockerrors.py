@@ -62,7 +62,9 @@ class ClockErrors:
         return max(self._least(stamp_ns, stamp_ns), self._least(learned_ns, learned_ns + _TOLD_NS))
 
     def content(self, after_ns: int, until_ns: int) -> tuple[object, ...]:
-        """By value, all that the errors in (after_ns, until_ns] follow from; empty where there are none."""
+        """By value, all that the errors in (after_ns, until_ns] follow from; empty where there are none. For simulations, whose
+        agents share what they compute.
+        """
         if not self._wrong:
             return ()
         later = self._within(after_ns + _LEARNED_NS, until_ns + _LEARNED_NS + _TOLD_NS)

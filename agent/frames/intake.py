@@ -121,6 +121,8 @@ class Intake:
     def content(self, after: int, until: int) -> tuple[object, ...]:
         """By value, all that the keyframes after ``after`` up to ``until`` follow from, besides what those up to ``after`` do.
 
+        For simulations, whose agents share what they compute.
+
         ``after``: -1: from the first one on.
         """
         buckets = [self._buckets[index] for index in self._between(after + 1, until)]

@@ -74,7 +74,7 @@ class Track:
         self._epochs.insert(index, sample.epoch)
         self._local.insert(index, (*sample.position_m, sample.yaw_rad))
         self._forget(index)
-        return self._stamps[index - 1] if index else sample.stamp_ns - 1
+        return self._before_ns(index, sample.stamp_ns)
 
     def remove(self, sample: Sample) -> int | None:
         """Remove a sample. Returns the stamp after which the track has changed (None: it was not held)."""
@@ -83,14 +83,17 @@ class Track:
             return None
         self._delete(index)
         self._forget(index)
-        return self._stamps[index - 1] if index else sample.stamp_ns - 1
+        return self._before_ns(index, sample.stamp_ns)
 
     def any_within(self, after_ns: int, until_ns: int) -> bool:
         """Whether there are samples in (after_ns, until_ns]."""
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
     def content(self, after_ns: int, until_ns: int) -> tuple[bytes, bytes, bytes]:
-        """By value, all that the track in (after_ns, until_ns] follows from, besides what it was before: also the next sample."""
+        """By value, all that the track in (after_ns, until_ns] follows from, besides what it was before: also the next sample.
+
+        For simulations, whose agents share what they compute.
+        """
         first, end = bisect_right(self._stamps, after_ns), bisect_right(self._stamps, until_ns) + 1
         return self._stamps[first:end].tobytes(), self._epochs[first:end].tobytes(), self._local.content(first, end)
 
@@ -180,6 +183,10 @@ class Track:
         while index < len(self._stamps) and self._stamps[index] == sample.stamp_ns and self._epochs[index] < sample.epoch:
             index += 1
         return index
+
+    def _before_ns(self, index: int, stamp_ns: int) -> int:
+        """Stamp after which a change of the sample at ``index`` matters: also what the track is at its own stamp."""
+        return min(self._stamps[index - 1], stamp_ns - 1) if index else stamp_ns - 1
 
     def _sample(self, index: int) -> Sample:
         position_m, yaw_rad = self._local.vector(index), self._local.last(index)

@@ -28,13 +28,13 @@ from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
+from agent.navigation.unheard.crossing import low_m
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.entries import Coverage
 from protocol.messages import Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
-_LOW_M = 1.0  # above the height of the survey
 
 
 class Decision(Struct, frozen=True):
@@ -231,12 +231,12 @@ class Executive:
 
     def _is_no_nearer(self, returning_s: float) -> bool:
         """Whether the return gets no nearer for long enough to land where it is; one that is revoked has less time: the others,
-        which do not hear it, take it to be down soon. Not while it is high above the way of others.
+        which do not hear it, take it to be down soon. Not while it is above the way of others, or over home.
         """
-        vehicle = self._own.vehicle
-        low = vehicle is not None and vehicle.height_m < self._config.survey.height_m + _LOW_M
-        longest_s = REVOKED_NO_NEARER_S if self._revoked and low else NO_NEARER_S
-        return min(returning_s, self._navigator.home.no_nearer_s) >= longest_s
+        vehicle, home = self._own.vehicle, self._navigator.home
+        is_low = vehicle is not None and vehicle.height_m < low_m(self._config)
+        longest_s = REVOKED_NO_NEARER_S if self._revoked and is_low and not home.is_near else NO_NEARER_S
+        return min(returning_s, home.no_nearer_s) >= longest_s
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had

@@ -38,8 +38,8 @@ class Remembering:
         self._mission_id, self._mission, self._navigator = mission_id, mission, navigator
         self._own, self._counters = own, counters
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
-        # As of ``Navigator.epochs`` and ``walls``, when frames and others were last stored.
-        self._stored_once: tuple[dict[str, int], dict[str, Wall]] = {}, {}
+        # As of ``Navigator.epochs`` and ``parted``, when frames and others were last stored.
+        self._stored_urgent: tuple[dict[str, int], dict[str, Wall | None]] = {}, {}
         # Until telemetry shows whether that flight goes on.
         self._former = memory if memory is not None and memory.flies else None
 
@@ -68,15 +68,15 @@ class Remembering:
         """Keep the memory up to date; not before it is known whether the former flight goes on.
 
         Response, frames and the others' news change all the time: they are only stored along with the rest, or with what is not
-        found again once it has been missed: a frame by continuity, after a jump, and a line that parts this drone from another.
+        found again once it has been missed: a frame by continuity, after a jump, and the last contact with another drone.
         """
         if self._former is not None:
             return
         memory, known = self._present(now_ns), self.memory and replace(self.memory, response=None, frames={}, others={})
-        once = self._navigator.epochs, self._navigator.walls
-        if memory == known and once == self._stored_once:
+        urgent = self._navigator.epochs, self._navigator.parted
+        if memory == known and urgent == self._stored_urgent:
             return
-        self._stored_once = once
+        self._stored_urgent = urgent
         if memory is not None and memory.flies:
             frames, others = self._plausible(self._navigator.frames), self._navigator.last_news(peers, now_ns)
             memory = replace(memory, response=self._navigator.response.found, frames=frames, others=others)

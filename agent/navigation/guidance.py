@@ -105,6 +105,7 @@ class Guidance:
         ``others``: all that fly, or may.
         """
         self._absence, self._others = absence, others
+        above, self._waits_above = self._waits_above, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
@@ -123,8 +124,7 @@ class Guidance:
             return self._wait(moment, state)
         if moment.stage is Stage.SURVEY or centre is None:
             if absence is not None and absence.anywhere:
-                return self._wait_above(moment, state)
-            self._waits_above = None
+                return self._wait_above(moment, state, above)
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
@@ -200,11 +200,11 @@ class Guidance:
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _wait_above(self, moment: Moment, state: PeerState) -> Reference:
-        """Above all that fly low, where it is: others that it has circled with before it was restarted, without its log, may fly
-        anywhere, and do not hear it.
+    def _wait_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
+        """Above all that fly low, at ``above`` (None: where it is): others with which it has circled, or flown before it was
+        restarted, may be anywhere, and do not hear it.
         """
-        x, y, _ = self._waits_above = self._waits_above or comes_to_rest(state, self._config.limits)
+        x, y, _ = self._waits_above = above or comes_to_rest(state, self._config.limits)
         still = np.ones(HORIZON + 2)
         return self._level(moment, x * still, y * still, self._over_m)
 

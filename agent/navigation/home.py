@@ -65,6 +65,11 @@ class Home:
         return settled or _lasts(self._near_since_ns, self._watched_ns, LONGEST_NS)
 
     @property
+    def is_near(self) -> bool:
+        """Whether the drone is near home, by what ``watch`` has seen last."""
+        return self._near_since_ns is not None
+
+    @property
     def no_nearer_s(self) -> float:
         """For how long a return has got no nearer: home is not known, or others or the fence keep the drone away from it."""
         return (self._watched_ns - self._nearest_ns) * 1e-9

@@ -95,9 +95,10 @@ class Navigator:
         return self._neighbourhood.absence
 
     @property
-    def walls(self) -> dict[str, Wall]:
-        """What this drone keeps behind, by the drone beyond that it does not hear, or that does not hear it."""
-        return self.absence.walls if self.absence is not None else {}
+    def parted(self) -> dict[str, Wall | None]:
+        """The drones that this one does not hear, or that do not hear it, and the lines that part them."""
+        absence = self.absence
+        return {name: absence.walls.get(name) for name in absence.missing} if absence is not None else {}
 
     @property
     def has_room(self) -> bool:

@@ -79,8 +79,10 @@ class Neighbourhood:
         found = {}
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is not None and peer.status is not None and not peer.sources.is_on_ground(now_ns):
-                found[name] = LastNews.of(peer.pose, peer.status, self._silent.wall(name))
+            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
+                continue
+            if (news := LastNews.of(peer.pose, peer.status, self._silent.wall(name))) is not None:
+                found[name] = news
         return self._before | found
 
     def remember(self, before: Mapping[str, LastNews]) -> None:
@@ -90,6 +92,8 @@ class Neighbourhood:
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""
         self._silent.keep_time(peers.set_ns)
+        if not me.resumed:
+            self._before.clear()
         found, missing = self._seen_from(peers, me)
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
@@ -119,7 +123,7 @@ class Neighbourhood:
             self._forget(name)
             return [], False
         if peer.pose is None and name in self._before and self._is_missing(name, me):
-            self._recall(name, peer)
+            self._recall(name, peer, me.now_ns)
         if peer.pose is None:
             self._forget(name)
             return list(self._of_unknown(name, peer, me)), self._is_missing(name, me)
@@ -191,12 +195,13 @@ class Neighbourhood:
         """Whether one that was never heard may fly, for long enough; its measurements may come before its first pose does."""
         return me.may_fly(name) and not 0 <= me.now_ns - self._unheard_ns.setdefault(name, me.now_ns) < SILENT_NS
 
-    def _recall(self, name: str, peer: Peer) -> None:
+    def _recall(self, name: str, peer: Peer, now_ns: int) -> None:
         """It has not been heard since a restart of this agent, which knows of it, and of its frame, from before."""
         news = self._before[name]
         if self.frames.of(name, news.pose) is not None:
-            peer.recall(news.pose, news.status)
-            self._silent.recall(name, news)
+            pose, status = news.told_before(now_ns - SILENT_NS - 1)
+            peer.recall(pose, status)
+            self._silent.recall(name, pose.stamp_ns, news.wall)
 
     def follow(self, peers: Peers) -> None:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""

@@ -66,10 +66,11 @@ class Reckoning(Struct, frozen=True):
         found = []
         for one in self.others:
             u, v = one.at(self.stamp_ns, end_s)
-            away_m, bearing_rad = hypot(u - x, v - y), atan2(v - y, u - x)
-            if one.away is not None:
-                along_x, along_y = one.away[-1].tolist()
-                away_m, bearing_rad = _in_front_m((x, y, z), one, self.stamp_ns, end_s), atan2(-along_y, -along_x)
+            if one.away is None:
+                away_m, bearing_rad = hypot(u - x, v - y), atan2(v - y, u - x)
+            else:
+                back_x, back_y = one.away[-1].tolist()
+                away_m, bearing_rad = _in_front_m((x, y, z), one, self.stamp_ns, end_s), atan2(-back_y, -back_x)
             found.append(End(one.id, away_m - sigmas * one.sigma_m, bearing_rad, one.blind))
         return found
 

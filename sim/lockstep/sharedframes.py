@@ -6,7 +6,7 @@ A keyframe's estimate is a pure function of the checkpoint before and of what an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from agent.config.mission import MissionConfig
 from agent.frames.checkpoint import Checkpoint
@@ -50,4 +50,4 @@ class SharedEstimate:
 
     def _computed(self, before: Checkpoint, index: int, lineage: object) -> DescendedCheckpoint:
         after = self._estimate.step(before, index)
-        return DescendedCheckpoint(after.index, after.joint, after.members, after.tallies, after.emissions, lineage)
+        return DescendedCheckpoint(**{one.name: getattr(after, one.name) for one in fields(after)}, lineage=lineage)

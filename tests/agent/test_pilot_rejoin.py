@@ -163,8 +163,8 @@ def test_who_flew_is_remembered_and_reckoned_with_until_it_is_heard_again():
     for message in partner(now_ns):
         one.receive(key_of("radron", message), encode(message), now_ns)
     fly(one, now_ns, 1.0, FlightMode.OFFBOARD)
-    assert one.memory.others.keys() == set()  # not yet: it is heard
-    fly(one, now_ns + SECOND, REFRESH_NS / SECOND, FlightMode.OFFBOARD)
+    assert one.memory.others.keys() == set()  # not stored yet
+    fly(one, now_ns + SECOND, 0.5, FlightMode.OFFBOARD)  # it is not heard any more
     kept = decode_state(encode_state(State(memory=one.memory))).memory
     assert kept.others["d2"].pose.position_m == (30.0, 20.0, 3.0)
     for memory, expected in ((kept, {"d2"}), (replace(kept, others={}), set())):

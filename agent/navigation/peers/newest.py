@@ -53,6 +53,7 @@ class Peer:
     def recall(self, pose: Pose, status: Status) -> None:
         """Take the news of before a restart of this agent; no pose has been heard since."""
         self.pose, self.status = pose, self.status or status
+        self.take_status(self.status)
 
     @property
     def usual_delay_ns(self) -> int:

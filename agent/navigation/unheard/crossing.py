@@ -23,6 +23,11 @@ def is_over_m(mission: MissionConfig, drone: str) -> float:
     return crossing_height_m(mission, drone) - _NEAR_M
 
 
+def low_m(mission: MissionConfig) -> float:
+    """Below this height (m) above the ground a drone is among those that search and track."""
+    return mission.survey.height_m + _NEAR_M
+
+
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses."""
     return max(mission.return_height_m(drone), highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M)
@@ -65,7 +70,7 @@ class WayHome:
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         self._height_m = crossing_height_m(mission, drone)
-        self._low_m = mission.survey.height_m + _NEAR_M
+        self._low_m = low_m(mission)
         self.begin()
 
     def begin(self) -> None:

@@ -5,25 +5,37 @@ from __future__ import annotations
 from math import isfinite
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.navigation.unheard.contact import Wall
-from protocol.messages import Pose, Status
+from protocol.messages import Pose, Stage, Status
 
 
 class LastNews(Struct, frozen=True, kw_only=True):
-    """The last news of a drone that flies by them, and the line that parts it from this one if it is not heard any more; None:
-    there is none.
+    """The last pose and stage of a drone that flies by them, and the line that parts it from this one; None: there is none.
 
     That line follows from how both moved when they last heard each other. A restarted agent, which has no telemetry of then,
-    could not work it out again.
+    could not work it out again. Of one that was heard until this agent was ended, all this is up to 5 s older.
     """
 
     pose: Pose
-    status: Status
+    stage: Stage
+    mission: str
+    boot: str
     wall: Wall | None
 
     @classmethod
-    def of(cls, pose: Pose, status: Status, wall: Wall | None) -> LastNews:
-        """Without a line that a state file could not hold: JSON has no number that is not finite."""
+    def of(cls, pose: Pose, status: Status, wall: Wall | None) -> LastNews | None:
+        """None where a state file cannot hold it: after the own clock was set back to before this pose. Without a line whose
+        numbers are not finite, as JSON has none.
+        """
+        if pose.stamp_ns < 0:
+            return None
         holds = wall is not None and all(map(isfinite, (*wall.normal, wall.offset)))
-        return cls(pose=pose, status=status, wall=wall if holds else None)
+        return cls(pose=pose, stage=status.stage, mission=status.mission, boot=status.boot, wall=wall if holds else None)
+
+    def told_before(self, latest_ns: int) -> tuple[Pose, Status]:
+        """The messages, with a stamp no later than this: the own clock may have been set back since."""
+        stamp_ns = min(self.pose.stamp_ns, latest_ns)
+        status = Status(stamp_ns=stamp_ns, drone=self.pose.drone, mission=self.mission, boot=self.boot, stage=self.stage)
+        return replace(self.pose, stamp_ns=stamp_ns), status

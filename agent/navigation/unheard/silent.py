@@ -39,7 +39,6 @@ from agent.navigation.unheard.agentless import Agentless, Course, Stretch
 from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
-from agent.navigation.unheard.lastnews import LastNews
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
 from agent.navigation.unheard.lines import APART_NS, TAKING_PART, Lines
 from agent.navigation.unheard.sides import ring_of, side
@@ -88,10 +87,10 @@ class Silent:
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
-    def recall(self, name: str, news: LastNews) -> None:
-        """Take the line of before a restart of this agent."""
-        if news.wall is not None:
-            self._lines.recall(name, news.pose.stamp_ns, news.wall)
+    def recall(self, name: str, heard_ns: int, wall: Wall | None) -> None:
+        """Take the line of before a restart of this agent, if there was one; ``heard_ns``: stamp of the last contact."""
+        if wall is not None:
+            self._lines.recall(name, heard_ns, wall)
 
     def wall(self, name: str) -> Wall | None:
         """The line that follows from the last contact with one that is not heard, kept to at present or not any more."""
@@ -149,9 +148,8 @@ class Silent:
                 stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
             is_coming = name in self._courses and any(silent_s < course.down_s for course in courses)
             coming_home += [name] if is_coming else []
-        walls = self._lines.at(now_ns)
-        anywhere = tuple(name for name in coming_home if name not in walls and _stage(peers[name]) in TAKING_PART)
-        alone, hover = not partners, np.array(stops).reshape(-1, 2)
+        anywhere = tuple(name for name in missing if name not in left and self._may_be_anywhere(name, peers[name], now_ns))
+        walls, alone, hover = self._lines.at(now_ns), not partners, np.array(stops).reshape(-1, 2)
         return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
 
     @property
@@ -163,6 +161,13 @@ class Silent:
         """Whether one that is revoked, and obeys, has climbed from the circle."""
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
+
+    def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int) -> bool:
+        """Whether one took part, and no line has parted it from this drone; until a vehicle without its agent must be down."""
+        if name not in self._courses or peer.status is None or peer.status.stage not in TAKING_PART:
+            return False
+        silent_s = (now_ns - self._courses[name][0]) * 1e-9
+        return self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name)
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""

@@ -124,7 +124,8 @@ class WideBerth(Invariant[Moment]):
 
     That is judged by what the drone itself knows: the truth shows only by chance, and too late, that a doubt was not allowed for.
     Exempt are pairs one of which is on the ground or nearly so, others that do not know of it, which may turn up anywhere, and a
-    drone with others all around: going away from one of them it would come too near to the next.
+    drone with others, or lines and circles that it keeps behind, all around: going away from one it would come too near to the
+    next.
     """
 
     name = "berth"

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
-from agent.config.mission import DroneInMission
+from agent.config.mission import DroneInMission, SafetyConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.motion.reference import PeerState
@@ -135,22 +135,25 @@ def test_who_searched_keeps_to_its_own_side():
     assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
     over = hood.around(peers, replace(me, height_m=20.0))
     assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
+    hood.around(peers, replace(me, now_ns=61 * SECOND))
+    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ())  # and searches the other side after a minute
+    hood.around(peers, me)
     assert hood.absence.walls == {"b": wall}
     revoked = hood.around(peers, replace(me, revoked=True))
     assert [one for one in revoked if one.plan.away is not None] == []
     assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
 
 
-def restarted(stage, circle):
+def restarted(stage, circle, mission=MISSION):
     """What remembers b, of that stage when it was heard last, at 0: a, and a after a restart, both at 4 s."""
     me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
-    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b"])
     for message in (pose(), status(stage)):
         assert peers.receive(message, 0) is None
     hood.around(peers, me)
     kept = hood.last_news(peers, me.now_ns)
     assert msgspec.json.decode(msgspec.json.encode(kept), type=dict[str, LastNews]) == kept
-    again, anew = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    again, anew = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b"])
     again.remember(kept)
     back = replace(me, motion_at=lambda _: None, resumed=True)
     again.around(anew, back)
@@ -169,8 +172,10 @@ def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_h
     assert sum(one.plan.away is not None for one in around) == 1
 
 
-def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywhere():
-    hood, again, around = restarted(Stage.TRACK, BOTH_ON)
+@pytest.mark.parametrize("agent_lost", ["return", "land", "hold"])
+def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywhere(agent_lost):
+    """Whatever their vehicles do if their agents are gone."""
+    hood, again, around = restarted(Stage.TRACK, BOTH_ON, replace(MISSION, safety=SafetyConfig(agent_lost=agent_lost)))
     assert (again.absence.walls, again.absence.anywhere) == ({}, ("b",))
     assert hood.absence.anywhere == ("b",)
     assert [one.takes_part for one in around] == [False] * len(around) != []
@@ -178,7 +183,7 @@ def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywh
 
 def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    hood.remember({"b": LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)})
+    hood.remember({"b": LastNews.of(pose(), status(Stage.SURVEY), None)})
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
     assert peers.receive(pose(SECOND), SECOND) is None
@@ -188,7 +193,7 @@ def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered()
 
 def test_one_that_tells_after_a_restart_that_it_is_on_the_ground_is_remembered_no_more():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    hood.remember({"b": LastNews(pose=pose(), status=status(Stage.SURVEY), wall=None)})
+    hood.remember({"b": LastNews.of(pose(), status(Stage.SURVEY), None)})
     assert peers.receive(status(Stage.LANDED), SECOND) is None
     assert hood.around(peers, Self(SECOND, 0, 0.1, Transform(), resumed=True)) == []
     assert hood.last_news(peers, SECOND) == {}
@@ -201,6 +206,19 @@ def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_
     assert hood.last_news(peers, 3 * SECOND) == {}
     for offset in (math.nan, math.inf):
         assert LastNews.of(pose(), status(Stage.SURVEY), Wall((1.0, 0.0), offset)).wall is None
+    assert LastNews.of(pose(-1), status(Stage.SURVEY), None) is None  # the own clock was set back to before 1970
+
+
+@pytest.mark.parametrize("told_s", [0.0, 60.0])
+def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhile(told_s):
+    """Taken for ones of a drone that is heard, they had it fly backwards, and all that it told later was older."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    hood.remember({"b": LastNews.of(pose(round(told_s * SECOND)), status(Stage.TRACK), None)})
+    for now_s in (30, 32):
+        hood.around(peers, Self(now_s * SECOND, 0, 0.1, Transform(), resumed=True))
+    assert hood.absence.missing == ("b",)
+    assert peers["b"].at_launch_since_ns is None  # it has left that place
+    assert peers.receive(pose(32 * SECOND), 32 * SECOND) is None
 
 
 @pytest.mark.parametrize(
