@@ -22,7 +22,8 @@ from agent.navigation.ownground import OwnGround
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.crossing import WayHome, crossing_height_m
+from agent.navigation.unheard.crossing import WayHome, crossing_height_m, is_over_m
+from agent.navigation.unheard.lines import KEPT_M
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
 
@@ -62,8 +63,7 @@ class Guidance:
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
-        self._waits_above: Vector3 | None = None  # where it waits for others that may fly anywhere, local
-        self._over_m = crossing_height_m(mission, drone.id)
+        self._climbs_at: Vector3 | None = None  # above others that may fly anywhere, local
 
     @property
     def comes_down(self) -> bool:
@@ -77,7 +77,7 @@ class Guidance:
 
     def begin(self) -> None:
         """Guidance begins, or begins again: any waiting is over."""
-        self._waits = self._stays = self._waits_above = None
+        self._waits = self._stays = self._climbs_at = None
         self._circling.begin()
         self._way.begin()
 
@@ -105,7 +105,7 @@ class Guidance:
         ``others``: all that fly, or may.
         """
         self._absence, self._others = absence, others
-        above, self._waits_above = self._waits_above, None
+        above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
@@ -124,7 +124,7 @@ class Guidance:
             return self._wait(moment, state)
         if moment.stage is Stage.SURVEY or centre is None:
             if absence is not None and absence.anywhere:
-                return self._wait_above(moment, state, above)
+                return self._search_above(moment, state, partners, frame, above)
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
@@ -148,6 +148,9 @@ class Guidance:
             self._yaw_rad = atan2(cy - y, cx - x)
         return self._yaw_rad, rate_rps
 
+    def _over_z_m(self, moment: Moment) -> float:
+        return self._ground.level_m(moment.vehicle) + crossing_height_m(self._config, self._id)
+
     def _survey_z_m(self, moment: Moment) -> float:
         return self._ground.level_m(moment.vehicle) + self._config.survey.height_m
 
@@ -166,7 +169,8 @@ class Guidance:
         level = np.zeros(HORIZON + 1)
         placed = to_local.apply(np.column_stack((positions, level)))
         moving = to_local.rotate(np.column_stack((velocities, level)))
-        placed[:, 2] = self._survey_z_m(moment)
+        is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was gone
+        placed[:, 2] = self._over_z_m(moment) if is_beyond else self._survey_z_m(moment)
         return Reference(placed, moving, STEP_S)
 
     def circles_of_others(
@@ -200,13 +204,19 @@ class Guidance:
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _wait_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
-        """Above all that fly low, at ``above`` (None: where it is): others with which it has circled, or flown before it was
-        restarted, may be anywhere, and do not hear it.
+    def _search_above(
+        self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
+    ) -> Reference:
+        """Search at the height at which this drone crosses, above all that fly low: others with which it has circled, or flown
+        before it was restarted, may be anywhere, and do not hear it. First it climbs: at ``above``, None: where it is.
         """
-        x, y, _ = self._waits_above = above or comes_to_rest(state, self._config.limits)
+        if moment.vehicle.height_m > is_over_m(self._config, self._id):
+            found = self._survey(moment, state, partners, frame)
+            found.positions[:, 2] = self._over_z_m(moment)
+            return found
+        x, y, _ = self._climbs_at = above or comes_to_rest(state, self._config.limits)
         still = np.ones(HORIZON + 2)
-        return self._level(moment, x * still, y * still, self._over_m)
+        return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))
 
     def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
         """Home at the survey's speed and height, around others that hover, and the homes of those that are not heard; if home is
@@ -217,7 +227,8 @@ class Guidance:
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
         unheard, height_m = self._absence is not None, moment.vehicle.height_m
-        to, over_m = self._way.course((x, y), height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
+        rest = comes_to_rest(state, self._config.limits)[:2]
+        to, over_m = self._way.course((x, y), rest, height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
         way = np.array([(x, y), to])
         if (frame := self._own.frame) is not None:
             homes = self._absence.homes if self._absence is not None else ()

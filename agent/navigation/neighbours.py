@@ -58,7 +58,8 @@ class Neighbour(Struct, frozen=True):
 class Neighbourhood:
     """The drones that fly around one drone.
 
-    ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none.
+    ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none,
+    and none returns unheard while this drone does.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -96,7 +97,8 @@ class Neighbourhood:
             self._before.clear()
         found, missing = self._seen_from(peers, me)
         partners = [one.id for one in found if one.takes_part]
-        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
+        returns = me.returning_s is not None and self._silent.may_return(peers, me.now_ns)
+        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing or returns else None
         if (elsewhere := me.elsewhere()) is not None:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]

@@ -16,6 +16,8 @@ from agent.navigation.unheard.wayaround import KeptPlace
 class Absence(Struct, frozen=True):
     """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
 
+    Also where this drone returns, and only drones that did so, too, are not heard: then none is ``missing``.
+
     ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
     from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
     the circle is kept;
@@ -23,8 +25,8 @@ class Absence(Struct, frozen=True):
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
     their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
-    of the missing that are revoked, obey, and have climbed from the circle. ``anywhere``: those not
-    heard that took part, and that no line has parted from this drone: they may fly on, nobody knows where.
+    of the missing that are revoked, obey, and have climbed from the circle. ``anywhere``: those not heard that took part, and
+    that no line parts from this drone: they may fly on, nobody knows where.
     """
 
     missing: tuple[str, ...]

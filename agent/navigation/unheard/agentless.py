@@ -21,7 +21,7 @@ from agent.navigation.peers.newest import Peer
 from protocol.messages import Stage
 
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
-_STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
+STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
 # An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
 # checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
 # more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
@@ -124,7 +124,7 @@ class Agentless:
         (x, y, z), (u, v, _) = moves.position, moves.velocity
         stop = Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
         reaction = self._reaction(name, stage)
-        goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in _STEERED else 0.0
+        goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in STEERED else 0.0
         if reaction == "hold":
             return Course(stop, inf, goes_on_m=goes_on_m)
         if reaction == "land":
@@ -151,7 +151,7 @@ class Agentless:
         """What its autopilot does; without offboard mode, what it did before."""
         if stage in (Stage.LANDING, Stage.ABORT):
             return "land"
-        if stage not in _STEERED:
+        if stage not in STEERED:
             return "hold"
         return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
 

@@ -26,9 +26,9 @@ class Wall(Struct, frozen=True):
     normal: Point2
     offset: float
 
-    def parts_from(self, place: Point2) -> bool:
-        """Whether a place lies beyond it."""
-        return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset
+    def parts_from(self, place: Point2, by_m: float = 0.0) -> bool:
+        """Whether a place lies beyond it, by more than that."""
+        return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset - by_m
 
 
 class Circle(Struct, frozen=True):

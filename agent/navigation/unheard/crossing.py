@@ -29,8 +29,11 @@ def low_m(mission: MissionConfig) -> float:
 
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
-    """Height (m) above the ground at which a drone crosses."""
-    return max(mission.return_height_m(drone), highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M)
+    """Height (m) above the ground at which a drone crosses: that of its autopilot's return, all of them higher by as much as the
+    lowest needs to be above all circles.
+    """
+    least_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M
+    return mission.return_height_m(drone) + max(0.0, least_m - min(mission.return_heights_m))
 
 
 class Crossing:
@@ -79,13 +82,14 @@ class WayHome:
         self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
 
     def course(
-        self, here: Point2, height_m: float, home: Point2, *, unheard: bool, taken: bool = False
+        self, here: Point2, rest: Point2, height_m: float, home: Point2, *, unheard: bool, taken: bool = False
     ) -> tuple[Point2, float | None]:
         """Where to go, and at which height above the ground; None: that of the search.
 
-        ``here``, ``home``: in one frame; ``unheard``: there are drones that are not heard and may fly anywhere on the way;
-        ``taken``: below home, too: it waits above. Once above them it stays there to the end, as it may be over one that is
-        heard again. Over home it comes down by setpoints, three times as fast as autopilots land.
+        ``here``, ``home``, and ``rest``, where it would come to rest: in one frame; ``unheard``: there are drones that are not
+        heard and may fly anywhere on the way; ``taken``: below home, too: it waits above. Once above them it stays there to the
+        end, as it may be over one that is heard again. Over home it comes down by setpoints, three times as fast as autopilots
+        land.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
         self._is_home = self._is_home or dist(here, home) < _OVER_HOME_M
@@ -93,7 +97,7 @@ class WayHome:
         if not self._crosses or self._is_home:
             self.climbs = False
             return home, self._height_m if taken and self.comes_down else None
-        self._held = self._held or here
+        self._held = self._held or rest
         self._is_over = self._is_over or height_m > self._height_m - _NEAR_M
         self.climbs = not self._is_over
         return (self._held if self.climbs else home), self._height_m

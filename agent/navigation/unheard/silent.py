@@ -35,8 +35,8 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import Agentless, Course, Stretch
-from agent.navigation.unheard.contact import Circle, Contact, Wall, motion_of
+from agent.navigation.unheard.agentless import STEERED, Agentless, Course, Stretch
+from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
@@ -132,8 +132,22 @@ class Silent:
         self._sights.note(name, seen, me.epoch, flies=flies)
         return flies
 
+    def may_return(self, peers: Peers, now_ns: int) -> bool:
+        """Whether there are drones that returned when they were heard last, and may still fly: neither side hears the other one.
+
+        Two that lost each other then flew home low, each taking the other to return in its layer: 0.2 m.
+        """
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
+                continue
+            silent_ns = now_ns - peer.pose.stamp_ns
+            if peer.status.stage is Stage.RETURN and SILENT_NS < silent_ns < self._agentless.longest_s(name) * 1e9:
+                return True
+        return False
+
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
-        """What follows from the silence of these drones. ``partners``: those that take part and are heard."""
+        """What follows from the silence of these drones, if any. ``partners``: those that take part and are heard."""
         unhearing = tuple(name for name in missing if name in self._unhearing)
         left = tuple(name for name in missing if self._has_left(name, now_ns))
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
@@ -148,8 +162,9 @@ class Silent:
                 stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
             is_coming = name in self._courses and any(silent_s < course.down_s for course in courses)
             coming_home += [name] if is_coming else []
-        anywhere = tuple(name for name in missing if name not in left and self._may_be_anywhere(name, peers[name], now_ns))
-        walls, alone, hover = self._lines.at(now_ns), not partners, np.array(stops).reshape(-1, 2)
+        walls, alone, hover = self._lines.at(now_ns), bool(missing) and not partners, np.array(stops).reshape(-1, 2)
+        unparted = [name for name in missing if name not in left and name not in walls]
+        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, alone=alone))
         return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
 
     @property
@@ -162,12 +177,16 @@ class Silent:
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
-    def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int) -> bool:
-        """Whether one took part, and no line has parted it from this drone; until a vehicle without its agent must be down."""
+    def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, alone: bool) -> bool:
+        """Whether one that no line parts from this drone at present took part, and may still do so.
+
+        Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who is
+        ``alone`` may be the one that is cut off: two that were, met a minute after the line between them had ended (1.8 m).
+        """
         if name not in self._courses or peer.status is None or peer.status.stage not in TAKING_PART:
             return False
         silent_s = (now_ns - self._courses[name][0]) * 1e-9
-        return self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name)
+        return alone or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
@@ -222,14 +241,19 @@ class Silent:
     ) -> list[Course]:
         """What its vehicle does if its agent is gone: from where it was seen last, or else by its last pose; by each frame.
 
-        Its autopilot flies home by its localisation, as that is: where that is wrong, to beside its home.
+        Its autopilot flies home by its localisation, as that is: where that is wrong, to beside its home. Where its agent did not
+        steer it any more by its last pose, a human pilot may have it hold there, and no status has told it yet.
         """
+        stages = [_stage(peer)]
+        if last is None and not pose.steered and stages[0] in STEERED:
+            stages.append(Stage.HOLD)
         home = self._agentless.home(name, peer, frames[-1])
         found = []
         for frame in frames:
             moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
-            found.append(self._agentless.course(name, moves, _stage(peer), there, steered=pose.steered and last is None))
+            steered = pose.steered and last is None
+            found += [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:

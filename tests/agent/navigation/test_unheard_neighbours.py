@@ -136,7 +136,7 @@ def test_who_searched_keeps_to_its_own_side():
     over = hood.around(peers, replace(me, height_m=20.0))
     assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
     hood.around(peers, replace(me, now_ns=61 * SECOND))
-    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ())  # and searches the other side after a minute
+    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ("b",))  # alone, it may be the one that is cut off
     hood.around(peers, me)
     assert hood.absence.walls == {"b": wall}
     revoked = hood.around(peers, replace(me, revoked=True))
@@ -170,6 +170,20 @@ def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_h
     assert again.absence.walls == hood.absence.walls != {}
     assert (again.absence.missing, again.absence.anywhere) == (("b",), ())
     assert sum(one.plan.away is not None for one in around) == 1
+
+
+def test_who_hears_others_takes_one_that_searched_to_be_down_once_the_line_to_it_has_ended():
+    mission = replace(MISSION, drones=(*MISSION.drones, DroneInMission(id="c", origin_m=(0.0, 9.0, 0.0))))
+    hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b", "c"])
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    for now_s in (3, 61):
+        now_ns = now_s * SECOND
+        for message in (pose(now_ns), status(Stage.SURVEY)):
+            assert peers.receive(replace(message, drone="c", stamp_ns=now_ns), now_ns) is None
+        hood.around(peers, replace(me, now_ns=now_ns))
+        assert (set(hood.absence.walls), hood.absence.anywhere) == ({"b"} if now_s == 3 else set(), ())
 
 
 @pytest.mark.parametrize("agent_lost", ["return", "land", "hold"])

@@ -41,38 +41,46 @@ def test_a_way_with_nobody_in_between_needs_no_climb(taken_m):
 
 
 def test_it_crosses_well_above_the_circles_even_where_returns_are_lower():
-    """Of these every second is higher by the separation."""
+    """Of these every second is higher by the separation. All keep their layers: lifted alone, some had crossed at one height."""
     low = replace(THREE, encirclement=EncirclementConfig(height_m=15.0))
-    highest_m = 15.0 + max(ring_lift_m(low, ring) for ring in range(3))
-    assert Crossing(low, "d3").course(9.0, 15.0, 21.0, [15.0]) == (9.0, highest_m + THREE.limits.separation_m + 1.0)
+    least_m = 15.0 + max(ring_lift_m(low, ring) for ring in range(3)) + THREE.limits.separation_m + 1.0
+    for drone, layers in (("d1", 0), ("d3", 2)):
+        over_m = least_m + layers * THREE.safety.return_layer_m
+        assert Crossing(low, drone).course(9.0, 15.0, 21.0, [15.0]) == (9.0, over_m)
 
 
 def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     way = WayHome(THREE, "d3")
-    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
-    assert way.course((30.5, 1.5), 14.5, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # it climbs where it was
+    assert way.course((31.5, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # where it comes to rest
+    assert way.course((30.5, 1.5), (30.0, 1.5), 14.5, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # it climbs there
     assert way.climbs
     for height_m in (15.5, 14.0, 16.0):
-        assert way.course((15.0, 0.5), height_m, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
-    assert way.course((1.5, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
-    assert way.course((2.5, 0.0), 9.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)  # blown away on the last metres
+        assert way.course((15.0, 0.5), (15.0, 0.5), height_m, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
+    assert way.course((1.5, 0.0), (1.5, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
+    assert way.course((2.5, 0.0), (2.5, 0.0), 9.0, (0.0, 0.0), unheard=True) == (
+        (0.0, 0.0),
+        None,
+    )  # blown away
     assert not way.climbs
     way.begin()
-    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
+    assert way.course((30.0, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
 
 
 def test_it_waits_above_home_as_long_as_one_that_it_does_not_hear_may_search_there():
     way = WayHome(THREE, "d3")
-    assert way.course((1.5, 0.0), 16.0, (0.0, 0.0), unheard=True, taken=True) == ((0.0, 0.0), OVER_M)
+    assert way.course((1.5, 0.0), (1.5, 0.0), 16.0, (0.0, 0.0), unheard=True, taken=True) == ((0.0, 0.0), OVER_M)
     assert way.comes_down  # and is not to land yet
-    assert way.course((1.0, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
+    assert way.course((1.0, 0.0), (1.0, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
     assert way.comes_down
-    assert way.course((0.5, 0.0), 3.0, (0.0, 0.0), unheard=True, taken=True) == ((0.0, 0.0), None)  # it is down already
+    assert way.course((0.5, 0.0), (0.5, 0.0), 3.0, (0.0, 0.0), unheard=True, taken=True) == (
+        (0.0, 0.0),
+        None,
+    )  # it is down
     assert not way.comes_down
 
 
 def test_the_way_home_is_low_where_all_are_heard():
     way = WayHome(THREE, "d3")
-    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)
-    assert way.course((20.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((20.0, 1.0), OVER_M)
-    assert way.course((20.0, 1.0), 9.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)  # heard again
+    assert way.course((30.0, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)
+    assert way.course((20.0, 1.0), (20.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((20.0, 1.0), OVER_M)
+    assert way.course((20.0, 1.0), (20.0, 1.0), 9.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)  # heard again
