@@ -1,0 +1,85 @@
+"""Flights in which drones that do not hear each other had come near: both on the way home, one held by a pilot, one back on the
+wrong side of a line, all searching on after the lines have ended.
+"""
+
+from itertools import combinations
+from math import dist, inf
+
+import pytest
+from msgspec.structs import replace
+
+from sim.faults.kinds import read_faults
+from sim.lockstep.flight import watched
+from sim.scenario import Scenario, load_scenario
+from sim.scoring.moment import Moment
+
+LOW = {"kind": "battery", "level": 0.09, "drain_ps": 0.0, "acts": False}  # all return at once
+ALONE_3, ALONE_5 = [["d1"], ["d2"], ["d3"]], [["d1"], ["d2"], ["d3"], ["d4"], ["d5"]]
+
+
+def least_m(scenario: Scenario, seed: int, faults: list[dict[str, object]], end_s: float) -> float:
+    """The least distance between two vehicles in the air."""
+    least = inf
+
+    def watch(moment: Moment) -> bool:
+        nonlocal least
+        flying = [place for drone, place in enumerate(moment.position_m.tolist()) if moment.airborne(drone)]
+        least = min(least, *(dist(one, other) for one, other in combinations(flying, 2)), inf)
+        return moment.time_s > end_s
+
+    watched(replace(scenario, fault=read_faults(faults, "test")), seed, watch)
+    return least
+
+
+def empty_field(homes: tuple[tuple[float, float], ...]) -> Scenario:
+    """Three drones search 50 x 50 m in which there is nothing."""
+    scenario, demo = load_scenario("empty"), load_scenario("demo").mission
+    outline = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
+    area = replace(scenario.mission.area, polygon_m=outline, fence_margin_m=30.0)
+    drones = tuple(replace(drone, origin_m=(*home, 0.0)) for drone, home in zip(demo.drones, homes, strict=True))
+    return replace(scenario, mission=replace(scenario.mission, area=area, drones=drones))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seed", "faults", "end_s", "before_m"),
+    [
+        ("demo", 4, [LOW | {"at_s": 30.0}, {"kind": "revoked", "at_s": 32.2, "target": "d2"}], 70.0, 0.60),
+        ("stabilization", 3, [LOW | {"at_s": 40.0}, {"kind": "partition", "at_s": 42.6, "groups": ALONE_5}], 90.0, 0.17),
+        ("stabilization", 4, [LOW | {"at_s": 42.0}, {"kind": "partition", "at_s": 45.2, "groups": ALONE_5}], 90.0, 0.30),
+    ],
+)
+def test_drones_that_lose_each_other_on_the_way_home_cross_in_their_layers(name, seed, faults, end_s, before_m) -> None:
+    """Each had taken the other to return as high as it would without its agent."""
+    assert before_m < 2.5 < least_m(load_scenario(name), seed, faults, end_s)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "then",
+    [{"kind": "revoked", "at_s": 50.4, "target": "d2"}, {"kind": "partition", "at_s": 51.2, "groups": [["d1", "d3"], ["d2"]]}],
+)
+def test_one_that_a_pilot_holds_is_kept_clear_of_although_no_status_has_told_it(then) -> None:
+    """It was taken to have gone home after 15 s: 1.0 m."""
+    assert (
+        least_m(load_scenario("demo"), 3, [{"kind": "takeover", "mode": "hold", "at_s": 50.0, "target": "d2"}, then], 90.0) > 2.5
+    )
+
+
+@pytest.mark.slow
+def test_one_that_is_back_on_the_wrong_side_of_its_line_is_above_those_that_search_there() -> None:
+    """Its vehicle had flown home across the line while its agent was gone: 1.9 m."""
+    faults = [
+        {"kind": "partition", "at_s": 20.0, "groups": ALONE_3},
+        {"kind": "kill", "at_s": 22.0, "for_s": 13.9, "target": "d1"},
+    ]
+    assert least_m(empty_field(((48.0, 48.0), (25.0, 2.0), (2.0, 2.0))), 3, faults, 60.0) > 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frozen", [False, True])
+def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_ended(frozen) -> None:
+    """All at one height, they met at 114 and 84 s: 1.8 and 1.7 m."""
+    faults = [{"kind": "partition", "at_s": 21.0, "groups": ALONE_3}]
+    faults += [{"kind": "freeze", "at_s": 20.0, "for_s": 2.9}] if frozen else []
+    assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 130.0) > 2.5
