@@ -61,9 +61,8 @@ def test_drones_that_lose_each_other_on_the_way_home_cross_in_their_layers(name,
 )
 def test_one_that_a_pilot_holds_is_kept_clear_of_although_no_status_has_told_it(then) -> None:
     """It was taken to have gone home after 15 s: 1.0 m."""
-    assert (
-        least_m(load_scenario("demo"), 3, [{"kind": "takeover", "mode": "hold", "at_s": 50.0, "target": "d2"}, then], 90.0) > 2.5
-    )
+    held = {"kind": "takeover", "mode": "hold", "at_s": 50.0, "target": "d2"}
+    assert least_m(load_scenario("demo"), 3, [held, then], 90.0) > 2.5
 
 
 @pytest.mark.slow
