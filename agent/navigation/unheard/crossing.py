@@ -1,7 +1,7 @@
 """From one circle to another, or home, while drones that are not heard may fly on those in between, anywhere: over them.
 
 Such a drone climbs where it is to the height of its own at which its autopilot would return (``MissionConfig.return_heights_m``),
-or higher where that is not well above all circles, goes across, and comes down where it belongs.
+or, where the lowest of these is not well above all circles, higher, as all others; goes across, and comes down where it belongs.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # so near to its height or its circle it has arrived
 _OVER_HOME_M = 2.0
+_CEILING_SHARE = 0.9  # of the ceiling, which plans keep from: no layer is higher
 CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
 
 
@@ -30,10 +31,16 @@ def low_m(mission: MissionConfig) -> float:
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses: that of its autopilot's return, all of them higher by as much as the
-    lowest needs to be above all circles.
+    lowest needs to be above all circles, or by less where the ceiling does not allow as much.
     """
-    least_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M
-    return mission.return_height_m(drone) + max(0.0, least_m - min(mission.return_heights_m))
+    layers_m, height_m = mission.return_heights_m, mission.return_height_m(drone)
+    lift_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M - min(layers_m)
+    if lift_m <= 0.0:
+        return height_m
+    highest_m = max(*layers_m, _CEILING_SHARE * mission.area.ceiling_m)
+    lowest_m, highest_m = min(min(layers_m) + lift_m, highest_m), min(max(layers_m) + lift_m, highest_m)
+    share = (height_m - min(layers_m)) / max(max(layers_m) - min(layers_m), 1e-9)
+    return lowest_m + share * (highest_m - lowest_m)
 
 
 class Crossing:
@@ -95,7 +102,7 @@ class WayHome:
         self._is_home = self._is_home or dist(here, home) < _OVER_HOME_M
         self.comes_down = self._crosses and self._is_home and height_m > self._low_m
         if not self._crosses or self._is_home:
-            self.climbs = False
+            self.climbs, self._held = False, None
             return home, self._height_m if taken and self.comes_down else None
         self._held = self._held or rest
         self._is_over = self._is_over or height_m > self._height_m - _NEAR_M

@@ -222,6 +222,7 @@ class Silent:
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         found = []
+        stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
         for course in courses:
             # Homes are apart. Pushed from its own by the doubt about the others' until all had to be down, one that is revoked
             # came down when the others took it to have landed.
@@ -230,6 +231,10 @@ class Silent:
             if course.way is not None and silent_s < course.down_s:
                 self._homes.keep(name, course.way[1], doubt_m)
             for stretch in course.stretches(times, below_m):
+                if course.is_stop(stretch):
+                    if any(course.is_stop(known) for known in stops):
+                        continue
+                    stops.append(stretch)
                 place_m = doubt_m
                 if last is not None and course.is_stop(stretch) and not is_late:
                     place_m = last.sigma_after_m(silent_s if course.way is not None else 0.0)  # one that holds stays there
@@ -245,7 +250,7 @@ class Silent:
         steer it any more by its last pose, a human pilot may have it hold there, and no status has told it yet.
         """
         stages = [_stage(peer)]
-        if last is None and not pose.steered and stages[0] in STEERED:
+        if not pose.steered and stages[0] in STEERED:
             stages.append(Stage.HOLD)
         home = self._agentless.home(name, peer, frames[-1])
         found = []
@@ -254,7 +259,7 @@ class Silent:
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
             steered = pose.steered and last is None
             found += [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
-        return found
+        return [course for number, course in enumerate(found) if course not in found[:number]]
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""

@@ -121,6 +121,32 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
     assert after_silence(60.0, Stage.LANDING)[0] == []
 
 
+@pytest.mark.parametrize(("agent_lost", "places"), [("return", 2), ("hold", 1)])
+def test_one_that_its_agent_had_ceased_to_steer_may_be_held_where_it_was(agent_lost, places):
+    """Besides that it may have gone home; each place once."""
+    peers, mission = Peers(["b"]), replace(MISSION, safety=SafetyConfig(agent_lost=agent_lost))
+    hood = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a")
+    for message in (replace(pose(), steered=False), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    me = Self(5 * SECOND, 0, 0.1, Transform(), circle=BOTH_ON)
+    assert len(hood.around(peers, me)) == places
+    for now_s in (60, 600):  # it may be there for good
+        held = hood.around(peers, replace(me, now_ns=now_s * SECOND))
+        assert any(one.plan.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1.5) for one in held)
+
+
+def test_one_that_returned_when_it_was_heard_last_is_crossed_above_while_it_may_fly():
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.RETURN)):
+        assert peers.receive(message, 0) is None
+    me = Self(3 * SECOND, 0, 0.1, Transform(), returning_s=5.0)
+    hood.around(peers, me)
+    assert (hood.absence.missing, hood.absence.alone) == ((), False)
+    for other in (replace(me, returning_s=None), replace(me, now_ns=SECOND // 2), replace(me, now_ns=300 * SECOND)):
+        hood.around(peers, other)  # this one does not return; that one is heard; it must be down
+        assert hood.absence is None
+
+
 def test_who_searched_keeps_to_its_own_side():
     """Half-way between (0, 0), where a was and stayed, and where b gets until a notices: to (10, 3) from (10, 1)."""
     me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)

@@ -1,12 +1,13 @@
 """From one circle to another over those in between, on which somebody may fly."""
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION
 
 from agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
 from agent.motion.orbit import ring_lift_m
-from agent.navigation.unheard.crossing import Crossing, WayHome
+from agent.navigation.unheard.crossing import Crossing, WayHome, crossing_height_m, is_over_m
 
 OVER_M = 16.0  # return height of d3
 THREE = replace(
@@ -49,6 +50,17 @@ def test_it_crosses_well_above_the_circles_even_where_returns_are_lower():
         assert Crossing(low, drone).course(9.0, 15.0, 21.0, [15.0]) == (9.0, over_m)
 
 
+@pytest.mark.parametrize(("height_m", "ceiling_m", "highest_m"), [(12.0, 30.0, 27.0), (5.0, 15.0, 13.5), (10.0, 60.0, 24.0)])
+def test_lifted_layers_stay_below_the_ceiling_and_apart(height_m, ceiling_m, highest_m):
+    """Above it, a drone never got to its height: it climbed to the end."""
+    area = replace(THREE.area, ceiling_m=ceiling_m)
+    lifted = replace(THREE, encirclement=EncirclementConfig(height_m=height_m), area=area)
+    heights_m = [crossing_height_m(lifted, drone.id) for drone in lifted.drones]
+    assert max(heights_m) <= highest_m + 1e-9
+    assert min(np.diff(heights_m)) > 0.4
+    assert is_over_m(lifted, lifted.drones[-1].id) < ceiling_m - 0.5
+
+
 def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     way = WayHome(THREE, "d3")
     assert way.course((31.5, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # where it comes to rest
@@ -84,3 +96,4 @@ def test_the_way_home_is_low_where_all_are_heard():
     assert way.course((30.0, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)
     assert way.course((20.0, 1.0), (20.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((20.0, 1.0), OVER_M)
     assert way.course((20.0, 1.0), (20.0, 1.0), 9.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)  # heard again
+    assert way.course((9.0, 1.0), (8.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((8.0, 1.0), OVER_M)  # and not back there
