@@ -207,8 +207,8 @@ class Guidance:
     def _search_above(
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
     ) -> Reference:
-        """Search at the height at which this drone crosses, above all that fly low: others with which it has circled, or flown
-        before it was restarted, may be anywhere, and do not hear it. First it climbs: at ``above``, None: where it is.
+        """Search at the height at which this drone crosses, above all that fly low: others that no line parts from it may be
+        anywhere (``Absence``), and do not hear it. First it climbs: at ``above``, None: where it is.
         """
         if moment.vehicle.height_m > is_over_m(self._config, self._id):
             found = self._survey(moment, state, partners, frame)

@@ -91,7 +91,7 @@ class Navigator:
 
     @property
     def absence(self) -> Absence | None:
-        """The drones that took part, or may do so, and are not heard, as of the last step."""
+        """The drones that took part, or may do so, and are not heard, as of the last step (``Neighbourhood``)."""
         return self._neighbourhood.absence
 
     @property

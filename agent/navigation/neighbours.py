@@ -97,7 +97,7 @@ class Neighbourhood:
             self._before.clear()
         found, missing = self._seen_from(peers, me)
         partners = [one.id for one in found if one.takes_part]
-        returns = me.returning_s is not None and self._silent.may_return(peers, me.now_ns)
+        returns = me.returning_s is not None and self._silent.others_return(peers, me.now_ns)
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing or returns else None
         if (elsewhere := me.elsewhere()) is not None:
             others, _ = self._seen_from(peers, elsewhere)

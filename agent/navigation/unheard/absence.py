@@ -21,7 +21,7 @@ class Absence(Struct, frozen=True):
     ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
     from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
     the circle is kept;
-    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
+    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no drone that it hears;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
     their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those

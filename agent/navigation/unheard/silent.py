@@ -132,8 +132,8 @@ class Silent:
         self._sights.note(name, seen, me.epoch, flies=flies)
         return flies
 
-    def may_return(self, peers: Peers, now_ns: int) -> bool:
-        """Whether there are drones that returned when they were heard last, and may still fly: neither side hears the other one.
+    def others_return(self, peers: Peers, now_ns: int) -> bool:
+        """Whether there are drones that returned when they were heard last, are not heard any more, and may still fly.
 
         Two that lost each other then flew home low, each taking the other to return in its layer: 0.2 m.
         """
