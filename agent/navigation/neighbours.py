@@ -79,10 +79,9 @@ class Neighbourhood:
         """What is known of the others that fly, or may, for an agent that is restarted in flight."""
         found = {}
         for name in peers.names:
-            peer = peers[name]
-            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
-                continue
-            if (news := LastNews.of(peer.pose, peer.status, self._silent.wall(name))) is not None:
+            told = peers[name].last_news(now_ns)
+            news = LastNews.of(*told, self._silent.wall(name)) if told is not None else None
+            if news is not None:
                 found[name] = news
         return self._before | found
 

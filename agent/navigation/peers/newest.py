@@ -50,6 +50,12 @@ class Peer:
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    def last_news(self, now_ns: int) -> tuple[Pose, Status] | None:
+        """Its last pose and status; None where one of these was never heard, or it is on the ground."""
+        if self.pose is None or self.status is None or self.sources.is_on_ground(now_ns):
+            return None
+        return self.pose, self.status
+
     def recall(self, pose: Pose, status: Status) -> None:
         """Take the news of before a restart of this agent; no pose has been heard since."""
         self.pose, self.status = pose, self.status or status

@@ -138,11 +138,10 @@ class Silent:
         Two that lost each other then flew home low, each taking the other to return in its layer: 0.2 m.
         """
         for name in peers.names:
-            peer = peers[name]
-            if peer.pose is None or peer.status is None or peer.sources.is_on_ground(now_ns):
+            told = peers[name].last_news(now_ns)
+            if told is None or told[1].stage is not Stage.RETURN:
                 continue
-            silent_ns = now_ns - peer.pose.stamp_ns
-            if peer.status.stage is Stage.RETURN and SILENT_NS < silent_ns < self._agentless.longest_s(name) * 1e9:
+            if SILENT_NS < now_ns - told[0].stamp_ns < self._agentless.longest_s(name) * 1e9:
                 return True
         return False
 
