@@ -18,6 +18,7 @@ from agent.frames.joint import NO_HEADINGS, Headings, corrected
 from agent.frames.judgement import clear_suspicions, judge
 from agent.frames.keyframe import Keyframe, Setting
 from agent.frames.placement import Placement
+from agent.frames.residuals import FIX_OUTLIER_SHARE
 from agent.frames.slides import find_slides, note_moves, place_anew
 
 _RETRY = 3  # keyframes between attempts to align a lost frame
@@ -101,7 +102,7 @@ def _correct(keyframe: Keyframe) -> None:
     believed[counted] = result.fixes
     believed[known & slides] = result.joint.fits(fixes.take(known & slides))
     for drone, weight in zip(fixes.drone[known].tolist(), believed[known].tolist(), strict=True):
-        missed = 0 if weight > 0.5 else keyframe.members[drone].missed + 1
+        missed = 0 if weight > 1.0 - FIX_OUTLIER_SHARE else keyframe.members[drone].missed + 1
         keyframe.members[drone] = replace(keyframe.members[drone], missed=missed)
 
 

@@ -82,6 +82,7 @@ class Fusion:
         self._stale = True
         self._told: tuple[int, Any, int] = (NEVER, None, NEVER)  # of the present hypothesis: newest step, its state, due step
         self._put_at: tuple[int, int] | None = None  # time and due step when last nothing waited, but to be computed
+        self._ended = False
         self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the hypothesis
 
     @property
@@ -102,7 +103,7 @@ class Fusion:
     @property
     def is_behind(self) -> bool:
         """As ``pending``, but for what another process has to compute first."""
-        return self._stale or self._waits or self._revision != self._frames.revision
+        return not self._ended and (self._stale or self._waits or self._revision != self._frames.revision)
 
     @property
     def _waits(self) -> bool:
@@ -112,7 +113,7 @@ class Fusion:
     @property
     def is_busy(self) -> bool:
         """Whether much is being computed again, or was a moment ago: what reaches far back is to wait."""
-        return self._chains.is_replaying or self._batches.is_resting
+        return not self._ended and (self._chains.is_replaying or self._batches.is_resting)
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -151,12 +152,16 @@ class Fusion:
             self._chains.begin(self.estimator.initial(stamp_ns))
             self._told, self._stale = (NEVER, None, NEVER), True
 
+    def end(self) -> None:
+        """Keep the log only, for good: there is no hypothesis from now on, and nothing is computed."""
+        self._ended, self.hypothesis, self._due_step = True, None, NEVER
+
     def receive(self, entry: Entry, payload: bytes) -> bool:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
         identity = self.log.identity_of(entry)
-        if isinstance(entry, self.estimator.reads) and self.log.counts(identity):
+        if not self._ended and isinstance(entry, self.estimator.reads) and self.log.counts(identity):
             self._take(identity, entry, known_ns(entry) // self._grid_ns)
         return True
 
@@ -186,9 +191,7 @@ class Fusion:
                 self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
-        """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
-        beside the present states if that is much.
-        """
+        """Take back entries that do not count any more; returns those that were held. What follows is computed again."""
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:
             self._late.pop(identity, None)
@@ -213,6 +216,9 @@ class Fusion:
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is computed. ``pending``
         tells whether work is left for the next call. ``takes_late``: whether the replay of much may begin.
         """
+        if self._ended:
+            self.complete_ns = now_ns
+            return
         before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
         if self._due_step < before:
             self._rewind(self._due_step + 1)
@@ -234,9 +240,8 @@ class Fusion:
 
     def _take_waiting(self, before: int, takes_late: bool) -> None:
         """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
-        late: dict[EntryId, AnyEntry | None] = {}
-        if takes_late:
-            late, self._late = self._late, {}
+        late = self._late if takes_late else {}
+        self._late = {} if takes_late else self._late
         if self._latecomers:
             latecomers = self._latecomers.all_taken() if late else self._latecomers.taken(before, self._due_step)
             for identity, entry in latecomers.items():
@@ -274,8 +279,7 @@ class Fusion:
         observation = observe(entry, transform, identity)
         if observation is None:
             return first
-        step = observation.stamp_ns // self._grid_ns
-        if step < self._first_step:
+        if (step := observation.stamp_ns // self._grid_ns) < self._first_step:
             return first
         self._observations.put(identity, observation)
         return min(first, step) if self._timeline.add(step, identity, entry.epoch) else first

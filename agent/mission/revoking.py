@@ -121,12 +121,14 @@ class Revoking:
     def _carry_out(self, revocation: Revocation, now_ns: int) -> None:
         """What is known of a revoked drone's body stays: it is kept away from as from one that is silent.
 
-        This drone itself returns: nobody counts what it measures, nor knows any more where it is.
+        This drone itself returns: nobody counts what it measures, nor knows any more where it is. It has no hypothesis either:
+        nobody would hear it, and it would rest on one camera that flies away.
         """
         name, log = revocation.member, self._world.fusion.log
         self._due_ns = now_ns
         if name == self._drone:
             self._executive.revoke()
+            self._world.end_estimates()
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):

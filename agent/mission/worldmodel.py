@@ -67,6 +67,11 @@ class WorldModel:
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.start(started_ns)
 
+    def end_estimates(self) -> None:
+        """Have no hypothesis from now on; log and frames go on, as the way home needs them."""
+        for fusion in (self.fusion, *self.listeners.values()):
+            fusion.end()
+
     def take(self, entry: Entry, payload: bytes, now_ns: int) -> bool:
         """Take an entry and its encoded bytes; False where it is a duplicate or not accepted."""
         log, publisher = self.fusion.log, (entry.drone, entry.boot)

@@ -204,6 +204,21 @@ def test_a_forged_source_is_forgotten():
     assert not one.fusion.pending
 
 
+def test_the_revoked_drone_itself_has_no_hypothesis_any_more_and_keeps_the_log():
+    one = trusting()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    give(one, credential(), *cones(range(1, 21)), now_ns=START_NS + 9 * SECOND)
+    one.advance(START_NS + 9 * SECOND)
+    assert one.hypothesis is not None
+    digest = one.digest
+    assert one.receive(*revocation(member="d1"), START_NS + 9 * SECOND) == OBEYED
+    give(one, *cones(range(21, 41)), now_ns=START_NS + 10 * SECOND)
+    one.advance(START_NS + 10 * SECOND)
+    assert (one.hypothesis, one.outlook, one.pending, one.backlog_s) == (None, None, False, 0.0)
+    assert one.digest != digest
+
+
 def test_what_a_revoked_drone_has_searched_is_searched_again():
     path = tuple((float(x), 10.0) for x in range(8))
     width_m = MISSION.survey.lane_spacing_m

@@ -7,10 +7,15 @@ import pytest
 
 from agent.config.mission import DatumConfig
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from sim.campaign.faults.mission import Mission
 from sim.faults.base import Fault
 from sim.faults.machines import Drag, PositionJump, SatellitesLost
 from sim.faults.poses import PoseFaults, with_dead_reckoning
 from sim.faults.schedule import Schedule
+from sim.lockstep.flight import watched
+from sim.scenario import parse_scenario
+from sim.scoring.invariants.base import Setting
+from sim.scoring.invariants.judge import Judge
 from sim.vehicle.autopilot import Autopilot
 from sim.world.localization import Localization, LocalizationTruth
 from sim.world.localizers import VehicleTruth
@@ -139,3 +144,13 @@ def test_a_vehicle_without_satellites_does_not_miss_them() -> None:
     world = World(SatellitesLost(at_s=0.0, target="d1"), vehicles={"d1": VehicleTruth(kind="slam")})
     assert np.abs(world.fly(5.0)).max() < 0.5
     assert world.poses.trusted(0)
+
+
+@pytest.mark.slow
+def test_a_receiver_without_corrections_that_is_dragged_by_5_m_is_named():
+    """By 5.3 of the sigmas that it tells; each fix that fitted half began the count anew, and it took 12 s (mission 1240499)."""
+    mission = Mission(1240499)
+    scenario = parse_scenario(mission.drawn, mission.label)
+    judge = Judge(Setting(scenario, mission.course.heal_s, mission.course.end_s))
+    watched(scenario, mission.seed, lambda moment: judge(moment) or moment.time_s > 24.0)
+    assert judge.violations == []
