@@ -303,7 +303,8 @@ class Executive:
             self._counters["held_without_telemetry"] += 1
             self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))
-        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, focus(self._world.fusion.hypothesis, self._config))
+        believed = focus(self._world.fusion.hypothesis, self._config)
+        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, believed, self._mission.took_part_ns)
         setpoint, plan = self._navigator.step(moment, peers)
         if self._navigator.waits:
             self._counters["waited_without_frame"] += 1

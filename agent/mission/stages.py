@@ -10,6 +10,7 @@ from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.situation import Situation
 from agent.mission.takeover import MODES, SEARCHING, STEERED, Takeover
+from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
@@ -55,6 +56,7 @@ class Mission:
         """
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
+        self.took_part_ns = 0  # since when it has taken part, where it does so
         self.started_ns = 0  # stamp of the start command with which the swarm's mission began; 0: not known
         self.tracking_since_ns: int | None = None
         self._track = track
@@ -326,6 +328,8 @@ class Mission:
     def _enter(self, stage: Stage, now_ns: int) -> None:
         if stage not in STEERED or self.stage not in STEERED:
             self._takeover.changed()
+        if self.stage not in TAKING_PART:
+            self.took_part_ns = now_ns
         self.stage, self.since_ns = stage, now_ns
         if stage is Stage.SURVEY and self._search_since_ns is None:
             self._search_since_ns = now_ns

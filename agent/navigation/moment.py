@@ -14,13 +14,16 @@ HORIZON = 20
 
 
 class Moment(Struct, frozen=True):
-    """``since_ns``: when the stage began; ``hypothesis``: mission frame."""
+    """``since_ns``: when the stage began; ``hypothesis``: mission frame; ``took_part_ns``: since when it has taken part, where it
+    does so.
+    """
 
     now_ns: int
     stage: Stage
     since_ns: int
     vehicle: VehicleState
     hypothesis: Hypothesis | None
+    took_part_ns: int = 0
 
     @property
     def stage_s(self) -> float:

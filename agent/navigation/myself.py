@@ -34,10 +34,10 @@ class Self(Struct, frozen=True):
     ``otherwise``: the same frame, mission from local, if the own localisation that has jumped is right; None without that doubt;
     ``doubt_m``: distance between the places by the two. ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal
     distance), that doubt included. ``ahead``: gives its planned positions (K, 3) from now on, ``step_s`` apart, local frame;
-    ``motion_at``: where it was at a stamp, and how fast, mission frame; ``circle``: None where it does not track; ``height_m``:
-    above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent was started in flight;
-    ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it; ``excluded``: the others
-    that are revoked.
+    ``motion_at``: where it was at a stamp, and how fast, mission frame, if it took part then; ``circle``: None where it does not
+    track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
+    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it;
+    ``excluded``: the others that are revoked.
     """
 
     now_ns: int

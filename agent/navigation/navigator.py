@@ -29,7 +29,7 @@ from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import Wall
+from agent.navigation.unheard.contact import SILENT_NS, Wall
 from agent.navigation.unheard.lastnews import LastNews
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
@@ -228,7 +228,7 @@ class Navigator:
             frame.local_from_mission if frame is not None else None,
             ahead=ahead,
             step_s=STEP_S,
-            motion_at=self._own.motion_at,
+            motion_at=partial(self._motion_at, moment.took_part_ns),
             circle=self._guidance.circle(moment, centre),
             height_m=moment.vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
@@ -239,6 +239,10 @@ class Navigator:
             otherwise=self._own.otherwise,
             doubt_m=self._own.doubt_m,
         )
+
+    def _motion_at(self, took_part_ns: int, stamp_ns: int) -> PeerState | None:
+        """How this drone moved when it took part, and the others know it from a status."""
+        return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:
         """The message, with those that this drone does not hear."""

@@ -182,7 +182,9 @@ class Silent:
         Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who is
         ``alone`` may be the one that is cut off: two that were, met a minute after the line between them had ended (1.8 m).
         """
-        if name not in self._courses or peer.status is None or peer.status.stage not in TAKING_PART:
+        if peer.status is None:  # it has measured, or may have taken off before this agent was restarted
+            return alone
+        if name not in self._courses or peer.status.stage not in TAKING_PART:
             return False
         silent_s = (now_ns - self._courses[name][0]) * 1e-9
         return alone or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))

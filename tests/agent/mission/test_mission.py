@@ -163,6 +163,15 @@ def test_returns_lands_and_rests():
     assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)
 
 
+def test_it_takes_part_from_the_takeoff_to_a_hold_and_again_from_then_on():
+    mission = tracking()
+    assert mission.took_part_ns == SECOND
+    mission.command(Action.HOLD, 12 * SECOND, at(12.0))
+    mission.command(Action.RESUME, 20 * SECOND, at(20.0))
+    mission.step(at(21.0, has_hypothesis=True))
+    assert (mission.stage, mission.took_part_ns) == (Stage.TRACK, 20 * SECOND)
+
+
 def test_hold_and_resume():
     mission = tracking()
     assert mission.command(Action.HOLD, 11 * SECOND, at(11.0)) is None

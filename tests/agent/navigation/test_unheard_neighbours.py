@@ -198,6 +198,24 @@ def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_h
     assert sum(one.plan.away is not None for one in around) == 1
 
 
+def test_one_that_did_not_take_part_at_the_last_contact_has_no_line_as_the_others_have_none():
+    """It held, and searches again: it may meet the others anywhere, and is alone in its layer."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: None))
+    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ("b",))
+
+
+def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
+    """What this agent remembers is of before the takeoff."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
+    hood.around(peers, me)
+    hood.around(peers, replace(me, now_ns=3 * SECOND))
+    assert hood.absence.anywhere == ("b",)
+
+
 def test_who_hears_others_takes_one_that_searched_to_be_down_once_the_line_to_it_has_ended():
     mission = replace(MISSION, drones=(*MISSION.drones, DroneInMission(id="c", origin_m=(0.0, 9.0, 0.0))))
     hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b", "c"])

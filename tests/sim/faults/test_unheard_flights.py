@@ -76,6 +76,18 @@ def test_one_that_is_back_on_the_wrong_side_of_its_line_is_above_those_that_sear
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("before", "parted"),
+    [({"kind": "old-command", "at_s": 20.0, "target": "d1"}, 21.5), ({"kind": "freeze", "at_s": 2.0, "for_s": 2.9}, 3.0)],
+)
+def test_one_that_others_may_meet_anywhere_searches_in_its_layer(before, parted) -> None:
+    """It held when they lost each other, so that only it had a line; and all were frozen in their takeoff: 0.6 and 0.1 m."""
+    groups = [["d1"], ["d2", "d3"]] if parted > 20.0 else ALONE_3
+    faults = [before, {"kind": "partition", "at_s": parted, "groups": groups}]
+    assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 100.0) > 2.5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [False, True])
 def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_ended(frozen) -> None:
     """All at one height, they met at 114 and 84 s: 1.8 and 1.7 m."""
