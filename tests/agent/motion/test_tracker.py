@@ -232,6 +232,21 @@ def test_between_a_drone_that_is_heard_and_one_that_is_not_it_keeps_clear_of_the
     assert hypot(x + 4.0, y) > hypot(x - 4.5, y) + 0.3
 
 
+def test_who_catches_up_with_its_place_on_the_circle_does_not_cut_short_around_one_whose_place_is_doubtful() -> None:
+    """10.5 m are wanted of it, and there is room; 7.4 m were left (2.3 m between two vehicles, mission 1250032)."""
+    tracker, state, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), PeerState((-12.0, 8.0, 3.0), (-1.0, -2.5, 0.0)), []
+    tracker.reset(state.position, state.velocity)
+    for step in range(40):
+        angles = np.pi + 0.9 + (3.1 / 12.8) * 0.2 * (step + np.arange(31.0))
+        along = np.column_stack((np.cos(angles), np.sin(angles), np.zeros(31)))
+        places, speeds = np.array((-3.0, 8.0, 3.0)) + 12.8 * along, 3.1 * along[:, [1, 0, 2]] * (-1.0, 1.0, 0.0)
+        doubtful = PeerPlan("a", step * STEP_NS, 0.2, [(-6.6, 0.7, 3.0)] * 2, 2.75, blind=True)
+        tracker.plan(step * STEP_NS, state, Reference(places, speeds, 0.2), [doubtful])
+        state = tracker.state((step + 1) * STEP_NS)
+        apart_m.append(hypot(state.position[0] + 6.6, state.position[1] - 0.7))
+    assert min(apart_m) > 8.5
+
+
 def test_a_vehicle_that_returns_to_its_plan_as_slowly_as_vehicles_do_passes_at_the_whole_distance() -> None:
     """It flies 1.6 m beside its plan, on the side of one that hovers there, of which plans keep 5 m."""
     tracker, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), []
