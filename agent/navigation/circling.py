@@ -42,6 +42,7 @@ class Circling:
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._shared = SharedCircle(mission, drone)
+        self.kept: list[PeerPlan] = []
 
     def begin(self) -> None:
         """The local frame may be another one."""
@@ -92,9 +93,12 @@ class Circling:
         heard = {partner.id: partner.plan for partner in partners}
         stands = self._shared.stands(absence, centre.in_mission[0], radius_m)
         stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, others, heard)
+        places = self._shared.places(moment.now_ns, heard, absence, (centre.position, centre.velocity), radius_m, stands)
+        unheard = ((name, place) for name, place in places.items() if name not in heard)
+        self.kept = [PeerPlan.from_pose(name, moment.now_ns, place, blind=True) for name, place in unheard]
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
-            self._shared.places(moment.now_ns, heard, absence, (centre.position, centre.velocity), radius_m, stands),
+            places,
             self._id,
             center=(x, y, self._ground.level_m(moment.vehicle)),
             center_velocity=centre.velocity,

@@ -104,7 +104,7 @@ class Guidance:
         ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
         ``others``: all that fly, or may.
         """
-        self._absence, self._others = absence, others
+        self._absence, self._others, self._circling.kept = absence, others, []
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
@@ -172,6 +172,11 @@ class Guidance:
         is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was gone
         placed[:, 2] = self._over_z_m(moment) if is_beyond else self._survey_z_m(moment)
         return Reference(placed, moving, STEP_S)
+
+    @property
+    def kept_places(self) -> list[PeerPlan]:
+        """Where those that are not heard are on the circle, as far as it is divided among them, too; local frame."""
+        return self._circling.kept
 
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]

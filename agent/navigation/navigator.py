@@ -215,7 +215,8 @@ class Navigator:
         wanted = self._ground.kept_off(reference, vehicle)
         made = tracker.plan(now_ns, here, wanted, kept_from, self._ground.relief(vehicle))
         known = frame.mission_from_local if frame is not None else None
-        self.reckoning = Reckoning(now_ns, vehicle.position_m, kept_from, self._room, known, made.positions, made.step_s)
+        divided = self._guidance.kept_places
+        self.reckoning = Reckoning(now_ns, vehicle.position_m, kept_from, self._room, known, made.positions, made.step_s, divided)
         return self._published(made, vehicle.epoch)
 
     def _myself(self, moment: Moment, centre: Centre | None, ahead: Callable[[], Array]) -> Self:

@@ -29,7 +29,8 @@ class Reckoning(Struct, frozen=True):
     """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
 
     ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone. ``planned``:
-    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ...
+    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ... ``divided``: those that are not heard, and among which
+    the circle is divided, too: it is their places on it that are left free.
     """
 
     stamp_ns: int
@@ -39,6 +40,7 @@ class Reckoning(Struct, frozen=True):
     mission_from_local: Transform | None
     planned: Array
     step_s: float
+    divided: Sequence[PeerPlan] = ()
 
     def distance_m(self, drone: str, sigmas: float, place_m: Vector3, before_m: float = 0.0) -> float:
         """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
@@ -48,7 +50,8 @@ class Reckoning(Struct, frozen=True):
         """
         frame = self.mission_from_local
         place = None if frame is None else frame.inverse().apply_point(place_m)
-        expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
+        places = (*self.others, *self.divided)
+        expected = (one for one in places if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
     def keeps_from_circle(self, place_m: Vector3, before_m: float) -> bool:

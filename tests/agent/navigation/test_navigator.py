@@ -183,6 +183,30 @@ def test_who_comes_home_flies_around_two_that_human_pilots_hold_beside_each_othe
     assert apart_m > mission.limits.separation_m + 1.0
 
 
+def test_the_place_on_the_circle_that_is_kept_for_one_that_is_not_heard_is_reckoned_with():
+    """It was heard at the other end of the circle, at 3 m/s, and stands a second later, as its vehicle may hover."""
+    navigator, own, frames = made()
+    local, theirs = (frames.mission_from_local(name, 0).inverse() for name in ("d1", "d2"))
+    vehicle_at, peers = local.apply_point((30.0, 25.0, 3.0)), Peers(["d2"])
+    for now_ns in (START_NS, START_NS + SECOND // 5, START_NS + 3 * SECOND):
+        told = {"stamp_ns": now_ns, "drone": "d2"}
+        at = {
+            "position_m": theirs.apply_point((20.0, 25.0, 3.0)),
+            "velocity_mps": (0.0, -3.0, 0.0),
+            "quaternion": (1.0, 0.0, 0.0, 0.0),
+        }
+        status = Status(**told, mission=MISSION.mission_id, boot="1" * 16, stage=Stage.TRACK)
+        for message in (Pose(**told, **at, epoch=0, position_sigma_m=0.1, yaw_sigma_rad=0.01), status):
+            assert now_ns > START_NS + SECOND or peers.receive(message, now_ns) is None
+        vehicle = own.take(state(now_ns, FlightMode.OFFBOARD, vehicle_at))
+        navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, hypothesis(now_ns)), peers)
+    (kept,) = navigator.reckoning.divided
+    assert kept.id == "d2"
+    x, y = frames.mission_from_local("d1", 0).apply_point((*kept.at(now_ns), 3.0))[:2]
+    assert np.arctan2(25.0 - y, 25.0 - x) == pytest.approx(np.arctan2(3.0, 5.0), abs=0.05)
+    assert navigator.reckoning.distance_m("d2", 0.0, (x, y, 3.0)) < 11.0
+
+
 def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centre_moves_into_the_fence():
     """It stops near the fence, and circles on when the source is elsewhere: not all that was once too near has to return."""
     navigator, own, frames = made(replace(MISSION, area=replace(MISSION.area, fence_margin_m=5.0)))
