@@ -33,7 +33,7 @@ class Member:
     sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame and none contradicted it
     since: int = -1  # first keyframe whose sightings refer to its present frame
     contradicted: int = 0  # consecutive keyframes
-    missed: int = 0  # consecutive fixes that are likelier outliers than before they were measured
+    missed: int = 0  # consecutive fixes whose probability of being right is below the prior
     lost_ns: int | None = None  # stamp since which its frame is unknown; None while it is known
     attempted: int = -1  # keyframe of the last attempt to align its frame
     trusted: bool = True  # whether its layout and compass are used

@@ -98,7 +98,7 @@ class Fusion:
     @property
     def pending(self) -> bool:
         """Whether the hypothesis lacks something of the log, or of the known frames; further calls of ``advance`` add it."""
-        return self.is_behind or (isinstance(self.estimator, Deferred) and self.estimator.waits)
+        return self.is_behind or (not self._ended and isinstance(self.estimator, Deferred) and self.estimator.waits)
 
     @property
     def is_behind(self) -> bool:

@@ -168,6 +168,11 @@ class OwnPose:
         return self._is_left_out and self.frame is None
 
     @property
+    def is_displaced(self) -> bool:
+        """Whether its localisation had jumped before this agent was started, out of the frame that the mission tells exactly."""
+        return not self.is_estimated and self.vehicle is not None and self.frame is None
+
+    @property
     def kept_frame(self) -> KeptFrame | None:
         """The present frame, as it is told, and as it is otherwise, for an agent that is restarted in flight; None where it is
         not known, or the mission tells it.

@@ -65,7 +65,8 @@ class Commanding:
 
     def look(self, now_ns: int) -> None:
         """Note what stands in the way of a start at present."""
-        self._problems.unplaced, self._problems.taken_over = self._own.is_unplaced, self.uploads.obstacle
+        self._problems.unplaced, self._problems.displaced = self._own.is_unplaced, self._own.is_displaced
+        self._problems.taken_over = self.uploads.obstacle
         self._problems.passing = self._executive.passing(now_ns, self._peers)
 
     def _obey(self, command: Command, now_ns: int) -> str | None:

@@ -75,6 +75,7 @@ class Executive:
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding, self._revoked = "", False
+        self._left: Hypothesis | None = None  # the last one of a drone that is revoked: the others circle there
         self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory)
 
     @property
@@ -132,6 +133,8 @@ class Executive:
 
     def revoke(self) -> None:
         """This drone has been revoked: it returns, and no other one hears it any more."""
+        if not self._revoked:
+            self._left = focus(self._world.fusion.hypothesis, self._config)
         self._revoked = self._navigator.revoked = True
 
     def left_out(self) -> None:
@@ -303,7 +306,7 @@ class Executive:
             self._counters["held_without_telemetry"] += 1
             self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))
-        believed = focus(self._world.fusion.hypothesis, self._config)
+        believed = self._left if self._revoked else focus(self._world.fusion.hypothesis, self._config)
         moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, believed, self._mission.took_part_ns)
         setpoint, plan = self._navigator.step(moment, peers)
         if self._navigator.waits:

@@ -21,7 +21,8 @@ class Problems:
     ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``revoked``:
     that this drone has been, which prevents one too. ``noticed``, ``seen``: found by the pilot, and no obstacle to a start: of
     camera and spectrum, and of clock, localisation and frames. ``unplaced``: nothing relates the heading of its local frame to
-    the mission frame yet. ``taken_over``: a mission is. ``passing``: ids of drones that fly too near for a takeoff.
+    the mission frame yet. ``displaced``: its localisation had jumped before this agent was started. ``taken_over``: a mission
+    is. ``passing``: ids of drones that fly too near for a takeoff.
     """
 
     def __init__(self, drone: str, mission_id: str, battery_reserve: float) -> None:
@@ -30,7 +31,7 @@ class Problems:
         self._mission_id = mission_id
         self._battery_reserve = battery_reserve
         self._twin_ns: int | None = None  # when another agent with this id was last heard
-        self.unplaced = False
+        self.unplaced = self.displaced = False
         self.revoked: tuple[str, ...] = ()
         self.taken_over: str | None = None
         self.passing: tuple[str, ...] = ()
@@ -60,6 +61,10 @@ class Problems:
             problems.append(f"another agent is running as {self._drone}")
         if self.unplaced:
             problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")
+        if self.displaced:
+            problems.append(
+                "its localisation had jumped before this agent was started: restart autopilot and agent at its launch place"
+            )
         if self.taken_over is not None:
             problems.append(self.taken_over)
         problems += [

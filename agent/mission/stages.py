@@ -56,7 +56,7 @@ class Mission:
         """
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
-        self.took_part_ns = 0  # since when it has taken part, where it does so
+        self.took_part_ns = 0  # since when it takes part without a break; of no meaning while it does not
         self.started_ns = 0  # stamp of the start command with which the swarm's mission began; 0: not known
         self.tracking_since_ns: int | None = None
         self._track = track
@@ -208,6 +208,7 @@ class Mission:
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
         vehicle, now_ns = situation.vehicle, situation.now_ns
+        self.took_part_ns = min(self.took_part_ns, now_ns)  # a later time is from before the clock was set back
         if vehicle is None or self.stage not in FLYING:
             return
         self._was_armed = self._was_armed or vehicle.armed

@@ -68,7 +68,7 @@ class WorldModel:
             fusion.start(started_ns)
 
     def end_estimates(self) -> None:
-        """Have no hypothesis from now on; log and frames go on, as the way home needs them."""
+        """Have no hypothesis from now on. Log and frames go on: the way home needs them."""
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.end()
 

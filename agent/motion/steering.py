@@ -30,9 +30,9 @@ _FENCE_YIELDS = 1.0
 _LINE_YIELDS = 0.3
 _FACING = -0.9  # cosine between the normals of two lines that face each other
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
-# them, a drone turned back into the next one on the circle, which could not brake in time. The more so for a doubt, but where
-# nobody else needs room: one that had to catch up with its place on the circle cut short, across where another one came down
-# 3.4 m from its home (2.3 m).
+# them, a drone turned back into the next one on the circle, which could not brake in time. They yield more for a larger doubt,
+# unless this is the only constraint near the plan: a drone that caught up with its place on the circle cut the corner, where
+# another one came down 3.4 m beside its home, and passed it at 2.3 m.
 _UNHEARD_YIELDS = 2.0
 # Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
 # (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). Expected back within a second, two that passed each other at
@@ -231,7 +231,7 @@ class Steering:
         here = (float(situation.start[0, 0]), float(situation.start[0, 1]))
         normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
         doubted_m = max((other.doubted_m for other in neighbours), default=0.0) if len(fence[0]) else 0.0
-        is_only = len(neighbours) + len(fence[0]) == 1  # nobody else needs room
+        is_only = len(neighbours) + len(fence[0]) == 1
         for row, other in enumerate(neighbours):
             # Near the fence there may be no room at the end of the plan, either.
             yielding[row] = other.yields if len(fence[0]) == 0 else np.max(other.yields)

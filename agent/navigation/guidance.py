@@ -175,7 +175,7 @@ class Guidance:
 
     @property
     def kept_places(self) -> list[PeerPlan]:
-        """Where those that are not heard are on the circle, as far as it is divided among them, too; local frame."""
+        """The places on the shared circle that are kept free for drones that are not heard, local frame."""
         return self._circling.kept
 
     def circles_of_others(

@@ -14,8 +14,8 @@ HORIZON = 20
 
 
 class Moment(Struct, frozen=True):
-    """``since_ns``: when the stage began; ``hypothesis``: mission frame; ``took_part_ns``: since when it has taken part, where it
-    does so.
+    """``since_ns``: when the stage began; ``hypothesis``: mission frame; ``took_part_ns``: since when this drone takes part
+    without a break; of no meaning while it does not.
     """
 
     now_ns: int

@@ -242,7 +242,7 @@ class Navigator:
         )
 
     def _motion_at(self, took_part_ns: int, stamp_ns: int) -> PeerState | None:
-        """How this drone moved when it took part, and the others know it from a status."""
+        """How this drone moved at that stamp; None from before it took part, or before the others could know it from a status."""
         return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:

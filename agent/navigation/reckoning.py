@@ -29,8 +29,8 @@ class Reckoning(Struct, frozen=True):
     """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
 
     ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone. ``planned``:
-    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ... ``divided``: those that are not heard, and among which
-    the circle is divided, too: it is their places on it that are left free.
+    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ... ``divided``: the places on the shared circle
+    that are kept free for drones that are not heard.
     """
 
     stamp_ns: int

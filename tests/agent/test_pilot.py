@@ -43,6 +43,17 @@ def test_a_drone_that_is_not_in_the_mission():
         pilot("d9")
 
 
+@pytest.mark.parametrize("epoch", [0, 1])
+def test_a_drone_whose_localisation_jumped_before_its_agent_was_started_does_not_know_where_it_stands_and_does_not_start(epoch):
+    """It took off, and three others, which did not know either, flew home through it."""
+    one = pilot()
+    one.observe_vehicle(state(START_NS, armed=False, in_air=False, epoch=epoch))
+    one.step(START_NS)
+    verdict = one.receive(*command(), START_NS)
+    assert (one.stage is Stage.TAKEOFF) == (verdict.because == "") == (epoch == 0)
+    assert ("had jumped before this agent was started" in verdict.because) == (epoch == 1)
+
+
 def test_reports_pose_at_10_hz_and_status_at_1_hz():
     one, poses, statuses = pilot(), 0, 0
     for tick in range(100):
@@ -261,24 +272,6 @@ def test_a_copy_of_a_landing_command_does_not_take_the_vehicle_from_a_human_pilo
     assert one.step(now_ns).command.request is Request.RELEASE
     one.receive(*command(Action.LAND, stamp_ns=now_ns), now_ns)  # a new one is what the operator wants now
     assert one.step(now_ns).command.request is Request.LAND
-
-
-def test_a_drone_whose_frame_is_not_known_waits_where_it_is():
-    one = pilot()
-    one.observe_vehicle(state(START_NS, epoch=1))
-    one.receive(*command(), START_NS)
-    places = []
-    for tick in range(400):
-        now_ns = START_NS + tick * TICK_NS
-        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=places[-1] if places else (0.0, 0.0, 3.0), epoch=1))
-        step = one.step(now_ns)
-        assert step.command.request is Request.OFFBOARD
-        places.append(step.command.setpoint.position_m)
-    assert places[:20] == pytest.approx(np.tile((0.0, 0.0, 3.0), (20, 1)), abs=0.01)
-    away = np.hypot(*np.array(places)[:, :2].T)
-    assert 3.0 < away.max() < 5.0  # later on a circle of 4 m across, on which ranges tell its heading
-    assert one.stage is Stage.SURVEY  # nobody has taken over
-    assert one.counters["waited_without_frame"] == 400
 
 
 def test_a_frame_that_jumps_does_not_move_the_drone():

@@ -118,6 +118,22 @@ def test_a_jump_that_was_announced_while_its_agent_was_down_leaves_it_without_it
     assert (one.whereabouts is None) == (NO_PLACE in one.problems) == (epoch == 1)
 
 
+def test_a_drone_whose_frame_is_not_known_waits_where_it_is():
+    one, _ = back(epoch=1)
+    places = []
+    for tick in range(1, 401):
+        now_ns = BACK_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=places[-1] if places else (0.0, 0.0, 3.0), epoch=1))
+        step = one.step(now_ns)
+        assert step.command.request is Request.OFFBOARD
+        places.append(step.command.setpoint.position_m)
+    assert places[:20] == pytest.approx(np.tile((0.0, 0.0, 3.0), (20, 1)), abs=0.01)
+    away = np.hypot(*np.array(places)[:, :2].T)
+    assert 3.0 < away.max() < 5.0  # later on a circle of 4 m across, on which ranges tell its heading
+    assert one.stage is Stage.SURVEY  # nobody has taken over
+    assert one.counters["waited_without_frame"] == 401
+
+
 def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
     one, _ = back()
     one.frames.graph.place("d2", 1, RIGHT.mission_from_local)

@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace as replace_in
+from math import isinf
 
 import pytest
 from hypothesis import given, settings
@@ -23,12 +24,13 @@ from members import (
     trusting,
 )
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, partner, state
+from one_pilot import MISSION, SECOND, START_NS, fly, messages, partner, state
 
 from agent.config.drone import DroneConfig
 from agent.fusion.revocations import MOST_REFUSED
 from agent.mission.commanding import Verdict
 from agent.pilot import Pilot
+from agent.vehicle.interface import FlightMode
 from protocol.codec import decode, encode
 from protocol.entries import Coverage
 from protocol.identity import Role
@@ -217,6 +219,22 @@ def test_the_revoked_drone_itself_has_no_hypothesis_any_more_and_keeps_the_log()
     one.advance(START_NS + 10 * SECOND)
     assert (one.hypothesis, one.outlook, one.pending, one.backlog_s) == (None, None, False, 0.0)
     assert one.digest != digest
+
+
+def test_a_revoked_drone_that_climbs_keeps_from_the_circle_of_those_that_it_does_not_hear():
+    """They circle on around the source, of which it has no estimate any more."""
+    one = trusting()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    give(one, credential(), *cones(range(1, 21)), now_ns=START_NS + 9 * SECOND)
+    for message in partner(START_NS + 9 * SECOND):
+        one.receive(*keyed(message), START_NS + 9 * SECOND)
+    fly(one, START_NS + 9 * SECOND, 0.5, FlightMode.OFFBOARD, position=(10.0, 0.0, 3.0))
+    assert one.stage is Stage.TRACK
+    assert one.receive(*revocation(member="d1"), START_NS + 10 * SECOND) == OBEYED
+    fly(one, START_NS + 10 * SECOND, 6.0, FlightMode.OFFBOARD, position=(10.0, 0.0, 3.0))
+    assert (one.stage, one.hypothesis) == (Stage.RETURN, None)
+    assert [plan.id for plan in one.reckoning.others if not isinf(plan.radius_m)] == ["d2"]
 
 
 def test_what_a_revoked_drone_has_searched_is_searched_again():

@@ -60,8 +60,8 @@ class Lines:
         return {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
 
     def of(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
-        """The line between the two of them; None where both were on the circle when they last heard of each other, or where one
-        of them did not take part then: the other one keeps to no line.
+        """The line between the two of them; None where both were on the circle when they last heard of each other, or where the
+        other one did not take part then, or this one has begun to do so since: then one of them keeps to no line.
         """
         known = self._walls.get(name)
         if known is not None and known[0] == contact.stamp_ns:

@@ -177,13 +177,14 @@ class Silent:
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
     def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, alone: bool) -> bool:
-        """Whether one that no line parts from this drone at present took part, and may still do so.
+        """Whether one that no line parts from this drone at present took part, or may have, and may still do so.
 
         Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who is
         ``alone`` may be the one that is cut off: two that were, met a minute after the line between them had ended (1.8 m).
         """
-        if peer.status is None:  # it has measured, or may have taken off before this agent was restarted
-            return alone
+        if peer.status is None:  # it has measured, or may have taken off before this agent was restarted; or is revoked
+            since_ns = self._excluded_ns.get(name, now_ns)
+            return alone and (now_ns - since_ns) * 1e-9 < self._agentless.longest_s(name)
         if name not in self._courses or peer.status.stage not in TAKING_PART:
             return False
         silent_s = (now_ns - self._courses[name][0]) * 1e-9

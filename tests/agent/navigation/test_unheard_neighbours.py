@@ -216,6 +216,16 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
     assert hood.absence.anywhere == ("b",)
 
 
+def test_one_that_was_revoked_before_a_restart_may_be_anywhere_until_it_must_be_down():
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND, 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)), resumed=True, excluded={"b"})
+    found = []
+    for now_s in (1, 3, 300):
+        hood.around(peers, replace(me, now_ns=now_s * SECOND))
+        found.append(hood.absence and hood.absence.anywhere)
+    assert found == [None, ("b",), ()]
+
+
 def test_who_hears_others_takes_one_that_searched_to_be_down_once_the_line_to_it_has_ended():
     mission = replace(MISSION, drones=(*MISSION.drones, DroneInMission(id="c", origin_m=(0.0, 9.0, 0.0))))
     hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b", "c"])
