@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import atan2
+from math import atan2, cos, sin
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from agent.navigation.home import Home
 from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
+from agent.navigation.peers.bearings import freest_bearing
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.contact import Circle
@@ -28,7 +29,7 @@ from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
 
 # A drone whose frame is not known waits in place; after a while on a small circle, because ranges alone give no heading of a
-# drone that does not move.
+# drone that does not move. Two that only saw in which direction the other one was, 6 m away, circled towards each other (2.2 m).
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
 
@@ -63,6 +64,7 @@ class Guidance:
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
+        self._freest_rad = 0.0  # where there is most room for it to move then
         self._climbs_at: Vector3 | None = None  # above others that may fly anywhere, local
 
     @property
@@ -98,11 +100,12 @@ class Guidance:
         deviation_m: float = 0.0,
         absence: Absence | None = None,
         others: Sequence[PeerPlan] = (),
+        seen: Sequence[float] = (),
     ) -> Reference:
         """The reference from ``state``, the tracker's own, together with the drones that take part.
 
         ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
-        ``others``: all that fly, or may.
+        ``others``: all that fly, or may; ``seen``: directions (rad) in which it sees some.
         """
         self._absence, self._others, self._circling.kept = absence, others, []
         above, self._climbs_at = self._climbs_at, None
@@ -121,7 +124,7 @@ class Guidance:
             return self._return(moment, state, deviation_m)
         self._way.begin()
         if frame is None:
-            return self._wait(moment, state)
+            return self._wait(moment, state, seen)
         if moment.stage is Stage.SURVEY or centre is None:
             if absence is not None and absence.anywhere:
                 return self._search_above(moment, state, partners, frame, above)
@@ -200,14 +203,17 @@ class Guidance:
         x, y, _ = self._stays = self._stays or state.position
         return self._level(moment, np.full(HORIZON + 2, x), np.full(HORIZON + 2, y))
 
-    def _wait(self, moment: Moment, state: PeerState) -> Reference:
-        """Stay; after a while fly a small circle through the place."""
+    def _wait(self, moment: Moment, state: PeerState, seen: Sequence[float]) -> Reference:
+        """Stay; after a while fly a small circle through the place, away from others that are seen."""
         x, y, _ = state.position
         since_ns, x, y = self._waits = self._waits or (moment.now_ns, x, y)
         waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
+        if waited_s <= 0.0:
+            self._freest_rad = freest_bearing(seen)
         turned = np.maximum(0.0, waited_s + STEP_S * np.arange(HORIZON + 2.0)) * (_WAITING_MPS / _WAITING_RADIUS_M)
-        over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
-        return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
+        turned += self._freest_rad
+        over_x = x + _WAITING_RADIUS_M * (cos(self._freest_rad) - np.cos(turned))
+        return self._level(moment, over_x, y + _WAITING_RADIUS_M * (sin(self._freest_rad) - np.sin(turned)))
 
     def _search_above(
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None

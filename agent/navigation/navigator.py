@@ -25,6 +25,7 @@ from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.passing import passing
+from agent.navigation.peers.bearings import seen_bearings
 from agent.navigation.peers.newest import Peers
 from agent.navigation.reckoning import Reckoning
 from agent.navigation.surveying import InformedSearch, Search
@@ -209,7 +210,8 @@ class Navigator:
         partners = [other for other in others if other.takes_part]
         deviation_m = self.response.response.tracking_error_m
         plans = [other.plan for other in others]
-        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans)
+        seen = seen_bearings(peers, vehicle.epoch, now_ns) if frame is None else ()
+        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans, seen)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         wanted = self._ground.kept_off(reference, vehicle)

@@ -1,0 +1,35 @@
+"""The directions in which a drone sees others: one whose frame is not known can still move away from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import atan2, pi
+
+from agent.motion.encirclement import wrapped
+from agent.navigation.peers.newest import RECENT_NS, Peers
+from protocol.entries import Sighting
+
+
+def seen_bearings(peers: Peers, epoch: int, now_ns: int) -> list[float]:
+    """Horizontal directions (rad) of the others that this drone has seen of late, in its own local frame of this epoch."""
+    found = (_usual(_bearings(peers[name].sightings, epoch, now_ns)) for name in peers.names)
+    return sorted(bearing for bearing in found if bearing is not None)
+
+
+def freest_bearing(seen: Sequence[float]) -> float:
+    """The middle of the widest gap between directions (rad, ascending); pi without any."""
+    if not seen:
+        return pi
+    width, first = max((after - before, before) for before, after in pairwise((*seen, seen[0] + 2.0 * pi)))
+    return wrapped(first + 0.5 * width)
+
+
+def _bearings(sightings: Sequence[Sighting], epoch: int, now_ns: int) -> list[float]:
+    recent = (one for one in sightings if one.epoch == epoch and now_ns - one.stamp_ns <= RECENT_NS)
+    return [atan2(one.direction[1], one.direction[0]) for one in recent if one.direction is not None]
+
+
+def _usual(bearings: Sequence[float]) -> float | None:
+    """The direction that is nearest to all others, as some are of something else; None without any."""
+    return min(bearings, key=lambda one: sum(abs(wrapped(one - other)) for other in bearings), default=None)
