@@ -31,7 +31,7 @@ _LINE_YIELDS = 0.3
 _FACING = -0.9  # cosine between the normals of two lines that face each other
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
 # them, a drone turned back into the next one on the circle, which could not brake in time. They yield more for a larger doubt,
-# unless this is the only constraint near the plan: a drone that caught up with its place on the circle cut the corner, where
+# unless that drone is the only one near the plan: a drone that caught up with its place on the circle cut the corner, where
 # another one came down 3.4 m beside its home, and passed it at 2.3 m.
 _UNHEARD_YIELDS = 2.0
 # Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
@@ -73,14 +73,16 @@ class Situation(Struct, frozen=True):
 class _Neighbour(Struct, frozen=True):
     """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
 
-    ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions. ``yields``: metres per metre of
-    slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``: what is held for the sake of its doubtful place.
+    ``is_blind``: it does not know of this drone. ``away``: (H, 2), normals of the lines that it is beyond; None where it is at
+    these positions. ``yields``: metres per metre of slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``:
+    what is held for the sake of its doubtful place.
     """
 
     positions: Array
     distance: float
     bare: float
     has_right_of_way: bool
+    is_blind: bool
     away: Array | None = None
     yields: float | Array = 1.0
     doubted_m: float = 0.0
@@ -172,7 +174,7 @@ class Steering:
             doubted_m = _doubted_m(peer)
             if peer.away is not None:
                 line_yields = max(_LINE_YIELDS, doubted_m / LEAST_MARGIN_M - 1.0)
-                lines.append(_Neighbour(np.array(theirs), distance, 0.0, True, peer.away[1:], line_yields, doubted_m))
+                lines.append(_Neighbour(np.array(theirs), distance, 0.0, True, peer.blind, peer.away[1:], line_yields, doubted_m))
                 continue
             apart = [
                 (px - qx) ** 2 + (py - qy) ** 2 for plan in mine for (px, py), (qx, qy) in zip(plan, theirs[1:], strict=True)
@@ -181,8 +183,8 @@ class Steering:
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
                 yields = self._yields(peer, distance - hypot(virtual_x - theirs[0][0], virtual_y - theirs[0][1]))
-                has_right_of_way = peer.goes_before(self._id)
-                neighbours.append(_Neighbour(np.array(theirs), distance, bare, has_right_of_way, None, yields, doubted_m))
+                goes_before = peer.goes_before(self._id)
+                neighbours.append(_Neighbour(np.array(theirs), distance, bare, goes_before, peer.blind, None, yields, doubted_m))
                 clear = clear and clearance >= 0.0
         for line in _with_room(lines, self._limits.separation_m):
             assert line.away is not None
@@ -235,7 +237,7 @@ class Steering:
         for row, other in enumerate(neighbours):
             # Near the fence there may be no room at the end of the plan, either.
             yielding[row] = other.yields if len(fence[0]) == 0 else np.max(other.yields)
-            if is_only:
+            if is_only and other.is_blind:
                 yielding[row] = np.minimum(yielding[row], _UNHEARD_YIELDS)
             if other.away is not None:
                 normals[row] = other.away

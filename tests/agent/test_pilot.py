@@ -45,7 +45,7 @@ def test_a_drone_that_is_not_in_the_mission():
 
 @pytest.mark.parametrize("epoch", [0, 1])
 def test_a_drone_whose_localisation_jumped_before_its_agent_was_started_does_not_know_where_it_stands_and_does_not_start(epoch):
-    """It took off, and three others, which did not know either, flew home through it."""
+    """It took off, and three others, which did not know where either, flew home through it (0.3 m)."""
     one = pilot()
     one.observe_vehicle(state(START_NS, armed=False, in_air=False, epoch=epoch))
     one.step(START_NS)
