@@ -128,9 +128,7 @@ class Fusion:
         return self.estimator.outlook(self.state, self._now_step)
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
-        """Where the camera was, as an entry of the log is fused: mission frame, m, and 1 sigma of the horizontal distance; None
-        where the entry holds no information or does not count, or its frame is not known.
-        """
+        """Where the camera was, mission frame, m, and 1 sigma of the horizontal distance; None where an entry is not fused."""
         if not self.log.counts(identity):
             return None
         with suppress(KeyError):
@@ -191,7 +189,9 @@ class Fusion:
                 self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
-        """Take back entries that do not count any more; returns those that were held. What follows is computed again."""
+        """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
+        beside the present states if that is much.
+        """
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:
             self._late.pop(identity, None)
@@ -240,8 +240,9 @@ class Fusion:
 
     def _take_waiting(self, before: int, takes_late: bool) -> None:
         """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
-        late = self._late if takes_late else {}
-        self._late = {} if takes_late else self._late
+        late: dict[EntryId, AnyEntry | None] = {}
+        if takes_late:
+            late, self._late = self._late, {}
         if self._latecomers:
             latecomers = self._latecomers.all_taken() if late else self._latecomers.taken(before, self._due_step)
             for identity, entry in latecomers.items():
@@ -276,8 +277,7 @@ class Fusion:
             key = self._waits_in[identity] = entry.drone, entry.epoch
             self._waiting.setdefault(key, {})[identity] = None
             return first
-        observation = observe(entry, transform, identity)
-        if observation is None:
+        if (observation := observe(entry, transform, identity)) is None:
             return first
         if (step := observation.stamp_ns // self._grid_ns) < self._first_step:
             return first

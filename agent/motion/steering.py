@@ -31,7 +31,7 @@ _LINE_YIELDS = 0.3
 _FACING = -0.9  # cosine between the normals of two lines that face each other
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
 # them, a drone turned back into the next one on the circle, which could not brake in time. They yield more for a larger doubt,
-# unless that drone is the only one near the plan: a drone that caught up with its place on the circle cut the corner, where
+# unless this half-plane is the only one near the plan: a drone that caught up with its place on the circle cut the corner, where
 # another one came down 3.4 m beside its home, and passed it at 2.3 m.
 _UNHEARD_YIELDS = 2.0
 # Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
