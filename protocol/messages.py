@@ -100,6 +100,7 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     quaternion: Quaternion
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
+    clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
     steered: bool = True
 
     def flaw(self) -> str | None:

@@ -26,12 +26,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from math import sqrt
 from statistics import median_high, median_low
+from typing import TypeVar
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from protocol.messages import Status
+from protocol.messages import Plan, Pose, Status
+
+N = TypeVar("N", bound=Pose | Plan | Status)
 
 WINDOW_NS = 10_000_000_000
 HEARD_NS = 3_000_000_000  # three periods of the statuses: who is silent for longer is not heard any more
@@ -187,6 +191,16 @@ class Clocks:
     def own_stamp_ns(self, drone: str, stamp_ns: int) -> int:
         """A stamp of another drone by the own clock, as far as it is known that the two differ."""
         return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
+
+    def by_own_clock(self, message: N) -> N:
+        """Another drone's message with its stamp by the own clock (``own_stamp_ns``). Where the difference is known, a pose is as
+        certain as that drone's localisation, whichever of the two clocks is wrong.
+        """
+        stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
+        if isinstance(message, Pose) and message.clock_sigma_m > 0.0 and message.drone in self._known:
+            sigma_m = sqrt(max(0.0, message.position_sigma_m**2 - message.clock_sigma_m**2))
+            return replace(message, stamp_ns=stamp_ns, position_sigma_m=sigma_m, clock_sigma_m=0.0)
+        return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
 
     def common_ns(self, now_ns: int) -> int:
         """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's.

@@ -108,7 +108,7 @@ class OwnPose:
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
     def take(self, state: VehicleState) -> VehicleState | None:
-        """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position.
+        """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position for others.
 
         What is not newer than known, not finite or out of range is counted and dropped: None. Where the own clock was set back,
         everything known is of another time, and forgotten.
@@ -334,9 +334,7 @@ class OwnPose:
 
     def _with_clock_error(self, state: VehicleState) -> VehicleState:
         clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))
-        if clock_m == 0.0:
-            return state
-        return replace(state, position_sigma_m=hypot(state.position_sigma_m, clock_m), clock_sigma_m=clock_m)
+        return state if clock_m == 0.0 else replace(state, clock_sigma_m=clock_m)
 
 
 def _plausible(state: VehicleState) -> bool:

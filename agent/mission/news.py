@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from msgspec.structs import replace
-
 from agent.fusion.proofs import Proofs
 from agent.localization.clocks import Clocks
 from agent.mission.problems import TWIN_NS, Problems
@@ -47,7 +45,6 @@ class News:
         if isinstance(message, _FOR_ONLOOKERS):
             return None
         if isinstance(message, NEWS):
-            stamp_ns = self._clocks.own_stamp_ns(message.drone, message.stamp_ns)
-            here = message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
-            return self._peers.receive(here, now_ns, ahead_ns=message.stamp_ns - stamp_ns)
+            here = self._clocks.by_own_clock(message)
+            return self._peers.receive(here, now_ns, ahead_ns=message.stamp_ns - here.stamp_ns)
         return "unused"

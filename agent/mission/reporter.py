@@ -190,8 +190,9 @@ class Reporter:
             position_m=vehicle.position_m,
             velocity_mps=vehicle.velocity_mps,
             quaternion=vehicle.quaternion,
-            position_sigma_m=vehicle.position_sigma_m,
+            position_sigma_m=vehicle.stamped_sigma_m,
             yaw_sigma_rad=vehicle.yaw_sigma_rad,
+            clock_sigma_m=vehicle.clock_sigma_m,
             steered=vehicle.mode is FlightMode.OFFBOARD,
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from math import hypot
 from typing import Literal
 
 from msgspec import Struct
@@ -39,8 +40,13 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     in_air: bool
     healthy: bool  # ready to arm, or flying without a failsafe
     battery: float | None = None  # 0 .. 1
-    clock_sigma_m: float = 0.0  # part of position_sigma_m due to a wrong clock
+    clock_sigma_m: float = 0.0  # what a wrong clock adds for others, who know by the stamp alone when it was here
     position_trusted: bool = True  # False: satellites lost or estimate inconsistent; the drone holds
+
+    @property
+    def stamped_sigma_m(self) -> float:
+        """1 sigma of the position at the stamp, as others take it: with what a wrong clock adds."""
+        return hypot(self.position_sigma_m, self.clock_sigma_m)
 
 
 class GnssFix(Struct, frozen=True, kw_only=True):

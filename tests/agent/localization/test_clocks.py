@@ -349,4 +349,17 @@ def test_pilots_tell_each_other_and_the_one_that_is_ahead_widens_its_sigma():
     assert any("0.20 s ahead of d1, d3" in problem for problem in last["d2", Status].problems)
     assert not any("clock" in problem for problem in last["d1", Status].problems)
     assert last["d2", Pose].position_sigma_m == pytest.approx(math.hypot(0.1, 1.0), abs=0.02)
+    assert last["d2", Pose].clock_sigma_m == pytest.approx(1.0, abs=0.02)
     assert last["d1", Pose].position_sigma_m == 0.1
+    assert pilots["d2"].whereabouts.sigma_m == 0.1  # where it is now, no clock changes
+
+
+def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks_differ():
+    pose = Pose(
+        stamp_ns=START_NS + 2_600 * MS, drone="b", epoch=0, position_m=(0.0, 0.0, 3.0), velocity_mps=(2.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=math.hypot(0.1, 5.2), yaw_sigma_rad=0.01, clock_sigma_m=5.2,
+    )  # fmt: skip
+    known = exchanged({"a": 0, "b": 2_600}, names=("a", "b"))[0]["a"].by_own_clock(pose)
+    assert known.stamp_ns == pytest.approx(START_NS, abs=2 * MS)
+    assert (known.position_sigma_m, known.clock_sigma_m) == (pytest.approx(0.1), 0.0)
+    assert Clocks("a", ["b"]).by_own_clock(pose) == pose
