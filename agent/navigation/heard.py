@@ -50,7 +50,7 @@ from agent.navigation.peers.placing import (
 )
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
-from agent.navigation.unheard.lines import TAKING_PART
+from agent.navigation.unheard.lines import MAY_TAKE_PART, TAKING_PART
 from protocol.messages import Pose
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
@@ -71,6 +71,11 @@ class Other(Struct, frozen=True):
     def took_part(self) -> bool:
         """Whether it took off, searched or tracked by its last status."""
         return self.peer.status is not None and self.peer.status.stage in TAKING_PART
+
+    @property
+    def may_take_part(self) -> bool:
+        """Whether it did, or held."""
+        return self.peer.status is not None and self.peer.status.stage in MAY_TAKE_PART
 
 
 class Heard:

@@ -133,7 +133,7 @@ class Neighbourhood:
         other = Other(name, peer, peer.pose, self.frames.of(name, peer.pose))
         if me.now_ns - peer.pose.stamp_ns <= SILENT_NS:
             return self._of_heard(other, me)
-        is_missing = other.took_part or (peer.status is None and me.may_fly(name))
+        is_missing = other.may_take_part or (peer.status is None and me.may_fly(name))
         return list(self._of_silent(other, me)), is_missing
 
     def _forget(self, name: str) -> None:
@@ -158,7 +158,7 @@ class Neighbourhood:
             found.append(Neighbour(name, followed, takes_part))
         found += self._of_unplaced(name, inf if plan is None else plan.sigma_m, me)
         found += (Neighbour(name, place, False) for place in (*self._heard.elsewhere(other, me), *self._stop(other, me)))
-        return found, other.took_part and apart is not None
+        return found, other.may_take_part and apart is not None
 
     def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
         """Where else one may be that was heard again, and is not placed (``heardagain``), by its error (1 sigma)."""

@@ -14,7 +14,7 @@ from agent.navigation.unheard.wayaround import KeptPlace
 
 
 class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
+    """Drones of the mission that took part, held, or may take part, and are not heard or do not hear this one, and what follows for it.
 
     Also where this drone returns, and only drones that did so, too, are not heard: then none is ``missing``.
 
@@ -25,8 +25,8 @@ class Absence(Struct, frozen=True):
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
     their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
-    of the missing that are revoked, obey, and have climbed from the circle. ``anywhere``: those not heard that took part, or may
-    have, and that no line parts from this drone: they may fly on, nobody knows where.
+    of the missing that are revoked, obey, and have climbed from the circle. ``anywhere``: those not heard that took part,
+    held, or may have, and that no line parts from this drone: they may fly on, nobody knows where.
     """
 
     missing: tuple[str, ...]

@@ -40,7 +40,7 @@ from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, m
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
-from agent.navigation.unheard.lines import APART_NS, TAKING_PART, Lines
+from agent.navigation.unheard.lines import APART_NS, MAY_TAKE_PART, Lines
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -185,7 +185,7 @@ class Silent:
         if peer.status is None:  # it has measured, or may have taken off before this agent was restarted; or is revoked
             since_ns = self._excluded_ns.get(name, now_ns)
             return alone and (now_ns - since_ns) * 1e-9 < self._agentless.longest_s(name)
-        if name not in self._courses or peer.status.stage not in TAKING_PART:
+        if name not in self._courses or peer.status.stage not in MAY_TAKE_PART:
             return False
         silent_s = (now_ns - self._courses[name][0]) * 1e-9
         return alone or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))

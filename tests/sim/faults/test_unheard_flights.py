@@ -88,6 +88,14 @@ def test_one_that_others_may_meet_anywhere_searches_in_its_layer(before, parted)
 
 
 @pytest.mark.slow
+def test_drones_that_all_held_when_they_lost_each_other_miss_each_other() -> None:
+    """None counted as missing for the others, and all went on to search at one height: 1.1 m."""
+    held = [{"kind": "old-command", "at_s": 20.0, "target": name} for name in ("d1", "d2", "d3")]
+    faults = [*held, {"kind": "partition", "at_s": 21.5, "groups": ALONE_3}]
+    assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 100.0) > 2.5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [False, True])
 def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_ended(frozen) -> None:
     """All at one height, they met at 114 and 84 s: 1.8 and 1.7 m."""
