@@ -111,8 +111,11 @@ class Guidance:
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
-        if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
+        if not moment.vehicle.position_trusted:
             return self._stay(state)
+        if self._holds and not circles and moment.stage is not Stage.RETURN:
+            is_low = moment.stage is Stage.SURVEY and self._may_meet
+            return self._hold_above(moment, state, above) if is_low else self._stay(state)
         if not self.has_room:
             return self._stay(state)
         if moment.stage is Stage.TAKEOFF:
@@ -126,7 +129,7 @@ class Guidance:
         if frame is None:
             return self._wait(moment, state, seen)
         if moment.stage is Stage.SURVEY or centre is None:
-            if absence is not None and absence.anywhere:
+            if self._may_meet:
                 return self._search_above(moment, state, partners, frame, above)
             return self._survey(moment, state, partners, frame)
         if self._holds:
@@ -137,6 +140,11 @@ class Guidance:
     def _holds(self) -> bool:
         """Whether it stays where it keeps clear of drones that it does not hear."""
         return self._absence is not None and self._absence.alone and self._config.safety.alone == "hold"
+
+    @property
+    def _may_meet(self) -> bool:
+        """Whether it may meet drones anywhere that it does not hear."""
+        return self._absence is not None and bool(self._absence.anywhere)
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
         """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
@@ -225,6 +233,10 @@ class Guidance:
             found = self._survey(moment, state, partners, frame)
             found.positions[:, 2] = self._over_z_m(moment)
             return found
+        return self._hold_above(moment, state, above)
+
+    def _hold_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
+        """Stay at that height; arguments as of ``_search_above``."""
         x, y, _ = self._climbs_at = above or comes_to_rest(state, self._config.limits)
         still = np.ones(HORIZON + 2)
         return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))

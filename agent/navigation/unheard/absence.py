@@ -14,7 +14,8 @@ from agent.navigation.unheard.wayaround import KeptPlace
 
 
 class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, held, or may take part, and are not heard or do not hear this one, and what follows for it.
+    """Drones of the mission that took part, held, or may take part, and are not heard or do not hear this one, and what follows
+    for it.
 
     Also where this drone returns, and only drones that did so, too, are not heard: then none is ``missing``.
 

@@ -163,7 +163,8 @@ class Silent:
             coming_home += [name] if is_coming else []
         walls, alone, hover = self._lines.at(now_ns), bool(missing) and not partners, np.array(stops).reshape(-1, 2)
         unparted = [name for name in missing if name not in left and name not in walls]
-        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, alone=alone))
+        cut_off = alone or (ring > 0 and len(unparted) > 1)
+        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, cut_off=cut_off))
         return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
 
     @property
@@ -176,19 +177,20 @@ class Silent:
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
-    def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, alone: bool) -> bool:
+    def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, cut_off: bool) -> bool:
         """Whether one that no line parts from this drone at present took part, or may have, and may still do so.
 
-        Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who is
-        ``alone`` may be the one that is cut off: two that were, met a minute after the line between them had ended (1.8 m).
+        Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who hears
+        nobody may be the one that is ``cut_off``: two that were, met a minute after the line between them had ended (1.8 m). So
+        may be all that are not on the side of the first one, where two or more are missing that may hear each other.
         """
         if peer.status is None:  # it has measured, or may have taken off before this agent was restarted; or is revoked
             since_ns = self._excluded_ns.get(name, now_ns)
-            return alone and (now_ns - since_ns) * 1e-9 < self._agentless.longest_s(name)
+            return cut_off and (now_ns - since_ns) * 1e-9 < self._agentless.longest_s(name)
         if name not in self._courses or peer.status.stage not in MAY_TAKE_PART:
             return False
         silent_s = (now_ns - self._courses[name][0]) * 1e-9
-        return alone or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))
+        return cut_off or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""

@@ -240,6 +240,21 @@ def test_who_hears_others_takes_one_that_searched_to_be_down_once_the_line_to_it
         assert (set(hood.absence.walls), hood.absence.anywhere) == ({"b"} if now_s == 3 else set(), ())
 
 
+@pytest.mark.parametrize(("drone", "partner", "anywhere"), [("a", "b", ()), ("c", "d", ("a", "b"))])
+def test_of_two_sides_that_search_that_of_the_first_drone_stays_low_once_the_lines_have_ended(drone, partner, anywhere):
+    mission = replace(MISSION, drones=(*MISSION.drones, *(DroneInMission(id=name, origin_m=(0.0, 9.0, 0.0)) for name in "cd")))
+    others = [name for name in "abcd" if name != drone]
+    hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), drone), Peers(others)
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
+    for now_s, heard in ((0, others), (3, [partner]), (61, [partner])):
+        now_ns = now_s * SECOND
+        for name in heard:
+            for message in (pose(now_ns), status(Stage.SURVEY)):
+                assert peers.receive(replace(message, drone=name, stamp_ns=now_ns), now_ns) is None
+        hood.around(peers, replace(me, now_ns=now_ns))
+        assert now_s == 0 or hood.absence.anywhere == (anywhere if now_s == 61 else ())
+
+
 @pytest.mark.parametrize("agent_lost", ["return", "land", "hold"])
 def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywhere(agent_lost):
     """Whatever their vehicles do if their agents are gone."""

@@ -32,11 +32,11 @@ def least_m(scenario: Scenario, seed: int, faults: list[dict[str, object]], end_
 
 
 def empty_field(homes: tuple[tuple[float, float], ...]) -> Scenario:
-    """Three drones search 50 x 50 m in which there is nothing."""
+    """Drones search 50 x 50 m in which there is nothing."""
     scenario, demo = load_scenario("empty"), load_scenario("demo").mission
     outline = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
     area = replace(scenario.mission.area, polygon_m=outline, fence_margin_m=30.0)
-    drones = tuple(replace(drone, origin_m=(*home, 0.0)) for drone, home in zip(demo.drones, homes, strict=True))
+    drones = tuple(replace(demo.drones[0], id=f"d{i}", origin_m=(*home, 0.0)) for i, home in enumerate(homes, 1))
     return replace(scenario, mission=replace(scenario.mission, area=area, drones=drones))
 
 
@@ -85,6 +85,23 @@ def test_one_that_others_may_meet_anywhere_searches_in_its_layer(before, parted)
     groups = [["d1"], ["d2", "d3"]] if parted > 20.0 else ALONE_3
     faults = [before, {"kind": "partition", "at_s": parted, "groups": groups}]
     assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 100.0) > 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [[], [{"kind": "freeze", "at_s": 2.0, "for_s": 2.9}]])
+def test_of_two_sides_that_search_one_is_above_the_other_where_no_line_parts_them(before) -> None:
+    """Both searched at one height, once the lines had ended or because they were lost in the takeoff: 0.14 and 0.07 m."""
+    parted = {"kind": "partition", "at_s": 3.0 if before else 21.0, "groups": [["d1", "d2"], ["d3", "d4"]]}
+    homes = ((13.0, 2.0), (19.0, 2.0), (25.0, 2.0), (31.0, 2.0))
+    assert least_m(empty_field(homes), 3 if before else 4, [*before, parted], 100.0 if before else 140.0) > 2.5
+
+
+@pytest.mark.slow
+def test_one_that_holds_alone_does_so_in_its_layer_once_the_lines_have_ended() -> None:
+    """It stayed at the height of those that search: 0.4 m."""
+    field = empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0)))
+    field = replace(field, mission=replace(field.mission, safety=replace(field.mission.safety, alone="hold")))
+    assert least_m(field, 3, [{"kind": "partition", "at_s": 21.0, "groups": [["d1"], ["d2", "d3"]]}], 150.0) > 2.5
 
 
 @pytest.mark.slow
