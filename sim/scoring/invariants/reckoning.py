@@ -23,6 +23,7 @@ ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
 _LOW_M = 1.5  # one that is lower may take itself to have landed
+_HOME_M = 3.0  # so near to its home a revoked one comes down
 _LINKED_S = 1.0  # after a revocation nothing passes any more
 
 
@@ -36,8 +37,9 @@ class Reckoned(Invariant[Moment]):
     heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
     until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost, or it was revoked,
     too, after they had heard each other last: when its vehicle leaves a circle, and climbs to where the first one flies over it,
-    nobody can know. Nor can anybody know that the own position of the other one was wrong after that, and that it flies on by it:
-    such a one may be reckoned with where it takes itself to be instead.
+    nobody can know. One that is revoked need not reckon with those that fly around its home while it comes down there: it is they
+    that keep clear of it. Nor can anybody know that the own position of the other one was wrong after that, and that it flies on
+    by it: such a one may be reckoned with where it takes itself to be instead.
     """
 
     name = "reckoned"
@@ -48,6 +50,7 @@ class Reckoned(Invariant[Moment]):
         self._late = {setting.names.index(name) for fault in late for name in fault.strikes(setting.names)}
         revoked = (fault for fault in setting.scenario.fault if isinstance(fault, Revoked))
         self._revoked_s = {setting.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(setting.names)}
+        self._home_m = [drone.origin_m[:2] for drone in setting.mission.drones]
         self._lost_s: dict[int, float] = {}  # since when agents are gone
         self._misled_s: dict[int, float] = {}  # until when own positions are faulted
         for fault in setting.scenario.fault:
@@ -83,6 +86,8 @@ class Reckoned(Invariant[Moment]):
         """The others that a drone has to reckon with."""
         pilot = moment.pilots[drone]
         if pilot is None or moment.autopilots[drone].setpoint_age_s is None:
+            return
+        if moment.time_s > self._unheard_s(drone, drone) and dist(places[drone][:2], self._home_m[drone]) < _HOME_M:
             return
         near = [other for other in range(len(places)) if other != drone and _is_near(places, drone, other)]
         if not near or self._is_exempt(moment, drone) or pilot.reckoning is None or pilot.whereabouts is None:

@@ -5,6 +5,7 @@ from math import inf
 import moments
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.mission.memory import Memory
 from agent.vehicle.interface import FlightMode
@@ -228,6 +229,23 @@ def test_nobody_knows_of_an_agent_that_was_lost_or_revoked_after_a_revocation(fa
     for time_s in np.arange(10.0, 16.0, 0.05):
         pilots = [first, None if time_s >= lost_s else second, moments.pilot()]
         found += invariant.look(moments.moment(float(time_s), pilots=pilots))
+    assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
+
+
+@pytest.mark.parametrize(
+    ("home_m", "revoked_s", "expected"),
+    [((12.0, 10.0), 8.0, []), ((12.0, 10.0), 9.5, [("d1", "d2")]), ((14.0, 10.0), 8.0, [("d1", "d2")])],
+)
+def test_others_keep_clear_of_the_home_of_one_that_is_revoked(home_m, revoked_s, expected) -> None:
+    """d1 is 2 or 4 m from its home, revoked or only about to be, and takes d2 to be farther away than it is."""
+    setting = moments.setting({"kind": "revoked", "at_s": revoked_s, "target": "d1"})
+    first, *others = setting.mission.drones
+    setting.mission = replace(setting.mission, drones=(replace(first, origin_m=(*home_m, 0.0)), *others))
+    invariant = Reckoned(setting)
+    pilots = [reckons(other=(35.0, 10.0, 3.0)), moments.pilot(), moments.pilot()]
+    found = [
+        one for time_s in np.arange(8.9, 10.45, 0.05) for one in invariant.look(moments.moment(float(time_s), pilots=pilots))
+    ]
     assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
 
 
