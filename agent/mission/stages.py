@@ -187,6 +187,11 @@ class Mission:
         elif memory.stage in STEERED:
             self._get_clear(vehicle, now_ns)
 
+    def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
+        """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
+        if self.stage in STEERED and vehicle.mode is FlightMode.LAND and not vehicle.healthy:
+            self._get_clear(vehicle, now_ns)
+
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
         """Go on after a failsafe: near the ground, or at home, it lands; below the floor it first rises where it is."""
         is_low = self._is_low(vehicle)
@@ -223,6 +228,7 @@ class Mission:
                 self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
             return
+        self._leave_failsafe(vehicle, now_ns)
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
                 self._rises = self._is_low(vehicle)  # the autopilot goes by its own height, and that drifts

@@ -36,11 +36,14 @@ class Camera:
         self._chain = DetectorChain(mission.detection, mission.nuclide, constants, self._watch.add)
         self._observer, self._counters = observer, counters
         self._newest_ns: int | None = None  # end of its last readout
+        self._is_silent = False
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the camera, or with what it sees. Whether it is there before a flight is for its driver to say."""
-        silent = self._newest_ns is not None and now_ns - self._newest_ns > _SILENT_NS
-        told = ("camera: it delivers nothing any more",) if silent else ()
+        if self._newest_ns is not None:
+            self._newest_ns = min(self._newest_ns, now_ns)  # the clock may have been set back
+            self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS
+        told = ("camera: it delivers nothing any more",) if self._is_silent else ()
         return (*told, *self._repeats.problems, *self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
 
     @property
@@ -50,7 +53,7 @@ class Camera:
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
         """The log entries of a readout."""
-        self._newest_ns = readout.end_ns
+        self._newest_ns, self._is_silent = readout.end_ns, False
         entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)
         self._chain.scale = self._watch.scale

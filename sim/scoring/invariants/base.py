@@ -9,6 +9,7 @@ from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from msgspec import Struct
 
+from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
 from sim.faults.machines import PositionJump
 from sim.scenario import Scenario
@@ -18,6 +19,7 @@ S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # what an invar
 AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
 ANNOUNCED_S = 5.0  # after a jump that a vehicle has announced its agent knows how its new frame lies
 RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
+_LINKED_S = 1.0  # after a revocation nothing passes any more
 FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")  # put wrong observations into every log
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
 
@@ -48,6 +50,8 @@ class Setting:
         self.scenario = scenario
         self.names = tuple(drone.id for drone in scenario.mission.drones)
         self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=inf)
+        revoked = (fault for fault in scenario.fault if isinstance(fault, Revoked))
+        self.revoked_s = {self.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(self.names)}
         self._spans = [
             (fault.family, [self.names.index(name) for name in fault.strikes(self.names)], fault.at_s, fault.end_s)
             for fault in scenario.fault
@@ -59,6 +63,10 @@ class Setting:
             drone in drones and family in families and at_s <= time_s <= end_s + after_s
             for family, drones, at_s, end_s in self._spans
         )
+
+    def unheard_s(self, *drones: int) -> float:
+        """From when on nobody hears one of these drones, nor it anybody, as it is revoked; infinite if none is."""
+        return min((self.revoked_s.get(drone, inf) for drone in drones), default=inf) + _LINKED_S
 
     def began_s(self, families: Collection[Family]) -> float:
         """When the first fault of these families begins, on any drone; infinite without one."""

@@ -39,7 +39,8 @@ class _Behind(NamedTuple):
 class TruthPossible(Invariant[Scene]):
     """No hypothesis excludes the true source at 6 sigma for 5 s: the operator is told where it is, and how surely.
 
-    Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log.
+    Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log. Nor
+    does one count that is revoked, which may not have heard of it: nobody is told what it believes.
     """
 
     name = "six-sigma"
@@ -53,7 +54,7 @@ class TruthPossible(Invariant[Scene]):
         """Drones that have excluded the truth for too long."""
         if moment.source is None or moment.time_s >= self._until_s:
             return
-        for drone, pilot in enumerate(moment.pilots):
+        for drone, pilot in enumerate(_told(self.setting, moment)):
             sigmas = _sigmas(pilot, moment.source) if pilot is not None else 0.0
             since_s = self._since_s[drone]
             if sigmas <= EXCLUDED_SIGMAS:
@@ -85,7 +86,7 @@ class SourceCalibrated(Invariant[Scene]):
         """Nothing in flight; counted twice a second."""
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
-            for drone, pilot in enumerate(moment.pilots):
+            for drone, pilot in enumerate(_told(self.setting, moment)):
                 if pilot is not None and pilot.hypothesis is not None and pilot.stage in _SEARCHING:
                     self.squares[drone].append(_sigmas(pilot, moment.source) ** 2)
         yield from ()
@@ -136,7 +137,7 @@ class FollowsSource(Invariant[Scene]):
 
     def _count(self, moment: Scene, source: tuple[float, float], velocity_mps: tuple[float, float], step_s: float) -> None:
         u, v = velocity_mps
-        for drone, pilot in enumerate(moment.pilots):
+        for drone, pilot in enumerate(_told(self.setting, moment)):
             if pilot is None or pilot.hypothesis is None or pilot.stage not in _SEARCHING:
                 continue
             if self.setting.struck(_SLOWING, drone, moment.time_s):
@@ -237,6 +238,11 @@ def _equal(one: Pilot, other: Pilot) -> bool:
         and (mine.covariance == theirs.covariance).all()
         and (mine.velocity == theirs.velocity).all()
     )
+
+
+def _told(setting: Setting, moment: Scene) -> list[Member | None]:
+    """The agents; None for one that is gone, and for one that is revoked: nobody is told what it believes."""
+    return [None if moment.time_s >= setting.unheard_s(drone) else pilot for drone, pilot in enumerate(moment.pilots)]
 
 
 def _sigmas(pilot: Member, source: tuple[float, float]) -> float:

@@ -7,12 +7,12 @@ import sys
 import types
 from collections.abc import Iterator
 from itertools import chain
-from math import hypot, inf
+from math import dist, hypot, inf
 
 import numpy as np
 
 from agent.pilot import Pilot
-from sim.faults.agents import Corrupt
+from sim.faults.agents import Corrupt, Cut, Partition, RadioRange
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
@@ -28,6 +28,7 @@ FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's ch
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Shared)
 _LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
+_CLOCK: tuple[Family, ...] = ("clock",)
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
@@ -52,10 +53,11 @@ class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
-    are where they take themselves to be: where all satellites are spoofed nobody can tell who is wrong. Nor do they count for a
-    drone that flies by SLAM, whose frame drifts anyway, while the others' sightings keep that frame right: it is where it takes
-    itself to be in the mission frame, and nothing that it measures contradicts that. One with satellites has to be named then,
-    too: its fixes contradict the sightings.
+    are where they take themselves to be, and hear it: where all satellites are spoofed nobody can tell who is wrong, and a
+    sighting tells something to those only that know both tracks, by clocks that agree. So they do not count while its agent is
+    gone or its clock is wrong, nor once it is revoked. Nor do they count for a drone that flies by SLAM, whose frame drifts
+    anyway, while the others' sightings keep that frame right: it is where it takes itself to be in the mission frame, and nothing
+    that it measures contradicts that. One with satellites has to be named then, too: its fixes contradict the sightings.
     """
 
     name = "named"
@@ -101,12 +103,32 @@ class Named(Invariant[Moment]):
         pilot = moment.pilots[drone]
         return self._by_slam[drone] and pilot is not None and pilot.whereabouts is not None and not excluded(moment, drone)
 
+    def _tells(self, moment: Moment, drone: int) -> bool:
+        """Whether its agent tells what means something to those that hear it."""
+        has_wrong_clock = self.setting.struck(_CLOCK, drone, moment.time_s)
+        return moment.pilots[drone] is not None and moment.time_s < self.setting.unheard_s(drone) and not has_wrong_clock
+
+    def _are_linked(self, moment: Moment, drone: int, other: int) -> bool:
+        """Whether two drones can hear each other, as far as links are cut or too long."""
+        pair, apart_m = self.setting.named(drone, other), dist(*moment.position_m[[drone, other]])
+        for fault in self.setting.scenario.fault:
+            if not fault.at_s <= moment.time_s < fault.end_s:
+                continue
+            if isinstance(fault, Cut) and set(pair) & set(fault.strikes(self.setting.names)):
+                return False
+            if isinstance(fault, Partition) and not any(set(pair) <= set(group) for group in fault.groups):
+                return False
+            if isinstance(fault, RadioRange) and apart_m > fault.range_m:
+                return False
+        return True
+
     def _is_seen(self, moment: Moment, drone: int) -> bool:
         x, y, _ = moment.position_m[drone].tolist()
-        others = [k for k, pilot in enumerate(moment.pilots) if k != drone and pilot is not None and moment.airborne(k)]
+        others = [k for k in range(len(moment.pilots)) if k != drone and self._tells(moment, k) and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
         right = [k for k in near if not self.setting.struck_unannounced(k, moment.time_s, _MISPLACING)]
-        return len(right) >= 2 and moment.airborne(drone)
+        linked = [k for k in right if self._are_linked(moment, drone, k)]
+        return len(linked) >= 2 and moment.airborne(drone) and self._tells(moment, drone)
 
 
 class Accused(Invariant[Moment]):

@@ -9,7 +9,7 @@ import shapely
 from shapely import Polygon
 
 from agent.pilot import Pilot
-from sim.faults.agents import Late, Revoked
+from sim.faults.agents import Late
 from sim.faults.base import Family
 from sim.geometry import Array, Vector3
 from sim.scoring.invariants.base import Breach, Invariant, Setting
@@ -24,7 +24,6 @@ UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
 _LOW_M = 1.5  # one that is lower may take itself to have landed
 _HOME_M = 3.0  # so near to its home a revoked one comes down
-_LINKED_S = 1.0  # after a revocation nothing passes any more
 
 
 class Reckoned(Invariant[Moment]):
@@ -48,8 +47,6 @@ class Reckoned(Invariant[Moment]):
         super().__init__(setting)
         late = [fault for fault in setting.scenario.fault if isinstance(fault, Late)]
         self._late = {setting.names.index(name) for fault in late for name in fault.strikes(setting.names)}
-        revoked = (fault for fault in setting.scenario.fault if isinstance(fault, Revoked))
-        self._revoked_s = {setting.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(setting.names)}
         self._home_m = [drone.origin_m[:2] for drone in setting.mission.drones]
         self._lost_s: dict[int, float] = {}  # since when agents are gone
         self._misled_s: dict[int, float] = {}  # until when own positions are faulted
@@ -87,7 +84,7 @@ class Reckoned(Invariant[Moment]):
         pilot = moment.pilots[drone]
         if pilot is None or moment.autopilots[drone].setpoint_age_s is None:
             return
-        if moment.time_s > self._unheard_s(drone, drone) and dist(places[drone][:2], self._home_m[drone]) < _HOME_M:
+        if moment.time_s > self.setting.unheard_s(drone) and dist(places[drone][:2], self._home_m[drone]) < _HOME_M:
             return
         near = [other for other in range(len(places)) if other != drone and _is_near(places, drone, other)]
         if not near or self._is_exempt(moment, drone) or pilot.reckoning is None or pilot.whereabouts is None:
@@ -137,18 +134,14 @@ class Reckoned(Invariant[Moment]):
         """Where another one, which is at ``place``, may be reckoned with: there; or where it takes itself to be, if its own
         position was wrong after the two had heard each other last.
         """
-        is_misled = other in self._misled_s and self._misled_s[other] > self._unheard_s(drone, other)
+        is_misled = other in self._misled_s and self._misled_s[other] > self.setting.unheard_s(drone, other)
         told = other_pilot.whereabouts if is_misled and other_pilot is not None else None
         return [place] if told is None else [place, told.place_m]
 
     def _left_unheard(self, drone: int, other: int) -> bool:
         """Whether the other one's agent was lost, or it was revoked, after they had heard each other last, as one is revoked."""
-        unheard_s = self._unheard_s(drone, other)
-        return self._lost_s.get(other, -inf) > unheard_s or self._revoked_s.get(other, -inf) > unheard_s
-
-    def _unheard_s(self, drone: int, other: int) -> float:
-        """From when on two drones do not hear each other for good, as one of them is revoked; infinite if none is."""
-        return min(self._revoked_s.get(one, inf) for one in (drone, other)) + _LINKED_S
+        unheard_s = self.setting.unheard_s(drone, other)
+        return self._lost_s.get(other, -inf) > unheard_s or self.setting.revoked_s.get(other, -inf) > unheard_s
 
 
 class Confined(Invariant[Moment]):

@@ -1,5 +1,6 @@
 """Who flies: a failsafe, a human pilot or a ground station takes over, and what a late heartbeat or a slow mode is not."""
 
+import pytest
 from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
@@ -125,6 +126,21 @@ def test_a_takeoff_that_ends_below_the_floor_goes_on_by_setpoints() -> None:
         assert (mission.stage, mission.request) == (Stage.TAKEOFF, Request.OFFBOARD)
     mission.step(at(6.5, replace(OFFBOARD, height_m=1.6)))
     assert mission.stage is Stage.SURVEY
+
+
+@pytest.mark.parametrize(
+    ("height_m", "healthy", "stage"),
+    [(0.5, False, Stage.LANDING), (1.4, False, Stage.TAKEOFF), (3.0, False, Stage.TRACK), (0.5, True, Stage.TRACK)],
+)
+def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(height_m, healthy, stage) -> None:
+    """Its link was gone for seconds: it went on to search at 0.5 m above ground."""
+    mission = Mission(TrackConfig(), floor_m=1.5)
+    mission.command(Action.START, SECOND, CALM)
+    for at_s in (2.0, 10.0):
+        mission.step(at(at_s, has_hypothesis=at_s > 2.0, last_cone_ns=10 * SECOND))
+    sinking = replace(VEHICLE, mode=FlightMode.LAND, healthy=healthy, height_m=height_m)
+    mission.step(at(20.0, sinking, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert mission.stage is stage
 
 
 def test_the_autopilots_way_from_takeoff_to_hold_is_nobodys_takeover() -> None:

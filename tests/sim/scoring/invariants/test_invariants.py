@@ -127,6 +127,8 @@ def test_a_hypothesis_that_excludes_the_truth() -> None:
     assert excluding({"kind": "camera-gain", "at_s": 5.0, "target": "d3"}) == []
     assert excluding({"kind": "camera-gain", "at_s": 30.0, "target": "d3"}) == [("d2",)]
     assert excluding({"kind": "loss", "at_s": 5.0, "probability": 0.5}) == [("d2",)]
+    assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d2"}) == []  # nobody is told what it believes
+    assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d3"}) == [("d2",)]
 
 
 def test_equal_logs_with_different_hypotheses() -> None:
@@ -158,11 +160,12 @@ def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
     assert told(Reserve(moments.setting()), moments.moment(10.0, places(1, 20.0, 10.0, 0.0), batteries=[0.8, 0.02, 0.8])) == []
 
 
-def unsuspected(*faults, suspects=(), sightings=True, **changes):
-    """What is told of 12 s after a jump of 20 m that nobody announces; ``faults``: others before it."""
+def unsuspected(*faults, suspects=(), sightings=True, seconds=12.0, gone="", **changes):
+    """What is told of ``seconds`` after a jump of 20 m that nobody announces; ``faults``: others before it."""
     jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False} | changes
     pilots = moments.changed(0, moments.pilot(suspects=suspects), moments.pilot)
-    times = np.arange(10.0, 22.0, 0.05)
+    pilots = [None if name == gone else one for name, one in zip(("d1", "d2", "d3"), pilots, strict=True)]
+    times = np.arange(10.0, 10.0 + seconds, 0.05)
     invariant = Named(moments.setting(jump, *faults, sightings=sightings))
     return told(invariant, *(moments.moment(float(time_s), pilots=pilots) for time_s in times))
 
@@ -176,6 +179,29 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     motor, spoofed = ({"kind": kind, "at_s": 5.0, "target": "d3"} for kind in ("motor", "spoofed"))
     assert unsuspected(motor) == [("d2",)]  # its neighbour still knows where it is
     assert unsuspected(spoofed) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ({"kind": "cut", "at_s": 11.0, "target": "d2"}, []),
+        ({"kind": "cut", "at_s": 11.0, "for_s": 1.0, "target": "d2"}, [("d2",)]),
+        ({"kind": "loss", "at_s": 11.0, "target": "d2", "probability": 0.9}, [("d2",)]),
+        ({"kind": "partition", "at_s": 11.0, "groups": [["d1", "d3"], ["d2"]]}, []),
+        ({"kind": "partition", "at_s": 11.0, "groups": [["d1", "d2", "d3"]]}, [("d2",)]),
+        ({"kind": "range", "at_s": 11.0, "range_m": 9.0}, []),
+        ({"kind": "range", "at_s": 11.0, "range_m": 40.0}, [("d2",)]),
+        ({"kind": "revoked", "at_s": 11.0, "target": "d2"}, []),
+        ({"kind": "revoked", "at_s": 11.0, "target": "d3"}, []),  # one is left that hears it
+        ({"kind": "clock", "at_s": 11.0, "target": "d2", "jump_s": 4.0}, []),
+    ],
+)
+def test_who_hears_nothing_of_a_drone_can_suspect_nothing(fault, expected) -> None:
+    assert unsuspected(fault, for_s=20.0, seconds=13.5) == expected
+
+
+def test_nobody_suspects_one_whose_agent_is_gone() -> None:
+    assert unsuspected(gone="d2") == []
 
 
 def test_sightings_that_keep_the_frame_of_a_drone_right_whose_slam_drifts_leave_nobody_to_be_named() -> None:
