@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from math import inf
+from math import dist, inf
 
 from msgspec import Struct
 
@@ -186,10 +186,16 @@ class Executive:
             self._navigator.home.watch(self._own.vehicle)
         absence = self._navigator.absence
         unheard = absence.coming_home if absence is not None else ()
-        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard)
+        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard, self._way_home_s)
         self._mission.step(self._situation(now_ns))
         self.remembering.note(now_ns, peers)
         return self._decide(now_ns, peers)
+
+    @property
+    def _way_home_s(self) -> float:
+        """How long the straight way home takes; 0 where it is not known."""
+        vehicle, home = self._own.vehicle, self._navigator.home.in_local
+        return dist(vehicle.position_m[:2], home[:2]) / self._config.survey.speed_mps if vehicle and home else 0.0
 
     def _look_up(self, now_ns: int, peers: Peers) -> None:
         """Where the vehicle flies although this agent has not started it, the others have to know, and an operator may command.
@@ -227,6 +233,7 @@ class Executive:
             stranded_s=self._stranded_s,
             revoked=self._revoked,
             battery_low=self._battery_low,
+            battery_spent=self._reserve.is_spent,
             no_nearer=self._is_no_nearer(returning_s),
             searches_on=self._searches_on(hypothesis, now_ns),
             looks=looks(hypothesis),

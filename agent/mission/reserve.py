@@ -9,33 +9,49 @@ from protocol.messages import Stage, Status
 
 _COMING_HOME = (Stage.RETURN, Stage.LANDING)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
-_URGENT = 0.5  # share of the reserve below which a drone waits for nobody
+_URGENT = 0.5  # of the reserve: who would land with less waits for nobody
+_SPENT = 0.2  # of the reserve: who would land with less lands where it is
+_LANDING_S = 10.0
+_STEP = 0.01  # in which an autopilot may tell the level: so much less may have been drained
 _SURE_NS = 2_000_000_000  # a level that is low for a moment only is not believed
 
 
 class Reserve:
-    """The battery of one drone against the mission's reserve. ``is_low``: it is below."""
+    """The battery of one drone against the mission's reserve. ``is_low``: it is below; ``is_spent``: it does not last for the way
+    home, at the rate at which it has drained since.
+    """
 
     def __init__(self, drone: str, reserve: float) -> None:
         self._drone, self._reserve = drone, reserve
-        self._since_ns: int | None = None
-        self.is_low = False
+        self._low: tuple[int, float] | None = None  # since when it is low, and the level then
+        self.is_low = self.is_spent = False
 
     def returns(
-        self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status], unheard: Collection[str] = ()
+        self,
+        now_ns: int,
+        vehicle: VehicleState | None,
+        statuses: Mapping[str, Status],
+        unheard: Collection[str] = (),
+        way_home_s: float = 0.0,
     ) -> bool:
         """Whether this drone is to return now. ``statuses``: of the others that are heard; ``unheard``: drones that may
-        be on their way home without their agents.
+        be on their way home without their agents; ``way_home_s``: how long the own way home takes.
 
-        It waits for those that are on their way home, and for those with a smaller id whose batteries are low too.
+        It waits for those that are on their way home, and for those with a smaller id whose batteries are low too, but no longer
+        than it can at the rate at which its battery has drained since it is low.
         """
         level = vehicle.battery if vehicle is not None else None
         if level is None or level >= self._reserve:
-            self._since_ns, self.is_low = None, False
+            self._low, self.is_low, self.is_spent = None, False, False
             return False
-        self._since_ns = now_ns if self._since_ns is None else self._since_ns
-        self.is_low = now_ns - self._since_ns >= _SURE_NS
-        return self.is_low and (level < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values()))))
+        since_ns, then = self._low = self._low or (now_ns, level)
+        self.is_low = now_ns - since_ns >= _SURE_NS
+        if not self.is_low:
+            return False
+        drain_ps = max(0.0, then - level - _STEP) / ((now_ns - since_ns) * 1e-9)
+        at_home = level - drain_ps * (way_home_s + _LANDING_S)
+        self.is_spent = at_home < _SPENT * self._reserve
+        return at_home < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values())))
 
     def _goes_first(self, other: Status) -> bool:
         if other.stage in _ON_GROUND:

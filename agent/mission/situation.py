@@ -18,7 +18,8 @@ class Situation(Struct, frozen=True):
     ``stranded_s``: after this long it returns, as other drones are not heard, and the mission, or the fence, leaves this one
     nothing else; or as it may be far from where it believes to be, or never knows where it is; infinite where none of this holds.
     ``revoked``: an operator has excluded this drone from the swarm.
-    ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
+    ``battery_low``: it is this drone's turn to return for want of battery; ``battery_spent``: it does not last for the way home.
+    ``no_nearer``: its return has not got on for long.
     """
 
     now_ns: int
@@ -32,6 +33,7 @@ class Situation(Struct, frozen=True):
     stranded_s: float = inf
     revoked: bool = False
     battery_low: bool = False
+    battery_spent: bool = False
     no_nearer: bool = False
     searches_on: bool = False
     looks: bool = False

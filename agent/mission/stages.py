@@ -21,6 +21,7 @@ STRANDED_S = 5.0  # a drone that is to return because it does not hear others, o
 # agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).
 ROOMLESS_S = 2.0
 BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
+SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
@@ -224,6 +225,7 @@ class Mission:
         self._watch_steering(vehicle, now_ns)
         if not self.released:
             self._watch_position(vehicle, now_ns, situation.battery_low)
+            self._watch_battery(situation)
             if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, stays=self._position_loss.stays):
                 self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
@@ -306,6 +308,12 @@ class Mission:
             self._unsteered_since_ns = None
         elif self._unsteered_since_ns is None:
             self._unsteered_since_ns = now_ns
+
+    def _watch_battery(self, situation: Situation) -> None:
+        """Land where it is rather than run empty on the way: the autopilot would hold, climb and land from high up."""
+        if situation.battery_spent and self.stage in (Stage.HOLD, *STEERED):
+            self.landed_because = SPENT
+            self._enter(Stage.LANDING, situation.now_ns)
 
     def _watch_position(self, vehicle: VehicleState, now_ns: int, spent: bool) -> None:
         """Hold while the position cannot be trusted, and land where that has brought it near the ground, or lasts too long."""

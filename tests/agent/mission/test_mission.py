@@ -8,7 +8,7 @@ from one_pilot import MISSION
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from agent.config.mission import SurveyConfig, TrackConfig
-from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
+from agent.mission.stages import ROOMLESS_S, SPENT, STRANDED_S, Mission
 from agent.motion.reference import PeerState
 from agent.navigation.unheard.agentless import Agentless
 from agent.navigation.unheard.contact import SILENT_NS
@@ -209,6 +209,15 @@ def test_a_hold_ends_in_a_return_when_the_battery_is_low():
     assert mission.stage is Stage.HOLD
     mission.step(at(61.0, VEHICLE, battery_low=True))
     assert (mission.stage, mission.request) == (Stage.RETURN, Request.OFFBOARD)
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_is(holds):
+    mission = tracking()
+    if holds:
+        mission.command(Action.HOLD, 11 * SECOND, at(11.0))
+    mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, battery_spent=True))
+    assert (mission.stage, mission.landed_because) == (Stage.LANDING, SPENT)
 
 
 @pytest.mark.parametrize("holds", [False, True])

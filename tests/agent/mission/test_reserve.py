@@ -51,6 +51,26 @@ def test_a_vehicle_that_may_come_home_without_its_agent_goes_first() -> None:
     assert not returns(0.15, unheard=("d3",))
 
 
+@pytest.mark.parametrize(("way_home_s", "goes"), [(0.0, False), (15.0, False), (25.0, True)])
+def test_who_would_land_with_too_little_waits_for_nobody(way_home_s, goes) -> None:
+    """After 10 s 16 % are left, and at least 0.2 % go each second: 10 % after another 30 s, of which the landing takes 10."""
+    reserve = Reserve("d2", 0.2)
+    for second in range(11):
+        vehicle = replace(state(0), battery=0.19 - 0.003 * second)
+        found = reserve.returns(second * SECOND, vehicle, other("d1", Stage.RETURN), way_home_s=way_home_s)
+    assert found is goes
+
+
+@pytest.mark.parametrize(("way_home_s", "spent_at_s"), [(0.0, 9), (12.0, 5), (20.0, 4)])
+def test_whose_battery_does_not_last_for_the_way_home_knows_it(way_home_s, spent_at_s) -> None:
+    """From 10 % it drains by 0.4 % each second, 1 % of which may be a step of what the autopilot tells."""
+    reserve, since_s = Reserve("d2", 0.2), None
+    for second in range(12):
+        reserve.returns(second * SECOND, replace(state(0), battery=0.1 - 0.004 * second), {}, way_home_s=way_home_s)
+        since_s = second if reserve.is_spent and since_s is None else since_s
+    assert since_s == spent_at_s
+
+
 def test_one_that_can_wait_no_longer_does_not() -> None:
     assert returns(0.09, other("d1", Stage.RETURN))
     assert returns(0.09, unheard=("d3",))
