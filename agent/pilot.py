@@ -100,6 +100,7 @@ class Pilot:
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
+        self._told: tuple[Stage, bool] | None = None  # stage, and whether the search has ended, as of the last step
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, Drift(mission), epoch_offset)
         history, self._numbers = self._own.history, Numbering()
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
@@ -219,9 +220,10 @@ class Pilot:
         """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
         self._take_back(now_ns)
         self.advance(now_ns)
-        stage, finding = self.stage, self.finding
+        before = self._told
         act = self._executive.step(now_ns, self._peers)
-        if self.stage is not stage or (self.finding and not finding):
+        self._told = self.stage, bool(self.finding)
+        if self._told != before:
             self._telling.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)

@@ -9,8 +9,12 @@ from dataclasses import dataclass, field
 
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform, same
+from agent.geometry import Vector3
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
+
+_LATER_NS = 10_000_000_000
+_DRIFT_MPS = 0.2  # of a local frame after the launch, at most
 
 Known = tuple[int, Transform | None]  # first stamp of validity, transform; None: lost
 
@@ -32,6 +36,7 @@ class FrameGraph:
 
     def __init__(self) -> None:
         self._lines: dict[tuple[str, int], _Line] = {}
+        self._surest: dict[tuple[str, int, int], tuple[int, Transform | None]] = {}  # with the revision by which it was found
         self.revision = 0
 
     @classmethod
@@ -84,6 +89,27 @@ class FrameGraph:
             return line.transforms[-1]
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
+    def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> Transform | None:
+        """By which transform a place of that epoch, reached at ``stamp_ns``, lies most surely in the mission frame: the one of
+        then, or one of the next seconds, although the frame may have drifted by then. None while the frame is unknown.
+
+        Until others are seen a frame lies as the launch layout says, and its error of then stays in the transforms of then.
+        """
+        revision, found = self._surest.get((drone, epoch, stamp_ns), (-1, None))
+        if revision != self.revision:
+            later = self._between(drone, epoch, stamp_ns, stamp_ns + _LATER_NS)
+            found = min(later, key=lambda one: _sigma_m(one[0], one[1], stamp_ns, position_m), default=(0, None))[1]
+            self._surest[drone, epoch, stamp_ns] = self.revision, found
+        return found
+
+    def _between(self, drone: str, epoch: int, begin_ns: int, end_ns: int) -> list[tuple[int, Transform]]:
+        """The known transforms that hold from one stamp to the other, with their first stamps."""
+        line = self._lines.get((drone, epoch), _Line())
+        first = max(bisect_right(line.stamps_ns, begin_ns) - 1, 0)
+        last = max(bisect_right(line.stamps_ns, end_ns), first + 1)
+        held = zip(line.stamps_ns[first:last], line.transforms[first:last], strict=True)
+        return [(stamp_ns, one) for stamp_ns, one in held if one is not None]
+
     def changes(self, revision: int) -> dict[tuple[str, int], int]:
         """By drone and epoch: the stamp from which its transform differs from the one at ``revision``."""
         found = {}
@@ -92,3 +118,9 @@ class FrameGraph:
             if newer:
                 found[key] = newer[0][1]
         return found
+
+
+def _sigma_m(first_ns: int, transform: Transform, stamp_ns: int, position_m: Vector3) -> float:
+    """1 sigma of a place by a transform that holds from ``first_ns`` on, if the place was reached at another stamp."""
+    sigma_m = 0.0 if transform.covariance is None else transform.sigmas_at(position_m)[0]
+    return math.hypot(sigma_m, _DRIFT_MPS * 1e-9 * max(0, first_ns - stamp_ns))

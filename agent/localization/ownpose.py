@@ -280,8 +280,11 @@ class OwnPose:
         return self._carried.get(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
-        """A place of the local frame, as that frame lay at a stamp, in the mission frame; None while it is not known."""
-        transform = self._mission_from_local(epoch, stamp_ns)
+        """A place of the local frame where this drone was at a stamp, in the mission frame, as surely as that can be told; None
+        while it is not known.
+        """
+        known = self._frames.surest(self._drone, epoch, stamp_ns, position_m)
+        transform = known or self._mission_from_local(epoch, stamp_ns)
         return transform.apply_point(position_m) if transform is not None else None
 
     def motion_at(self, stamp_ns: int) -> PeerState | None:

@@ -16,6 +16,7 @@ from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
 from agent.navigation.unheard.contact import Wall
 from agent.vehicle.interface import VehicleState
+from protocol.messages import Stage
 
 
 class Remembering:
@@ -42,6 +43,13 @@ class Remembering:
         self._stored_urgent: tuple[dict[str, int], dict[str, Wall | None]] = {}, {}
         # Until telemetry shows whether that flight goes on.
         self._former = memory if memory is not None and memory.flies else None
+
+    @property
+    def stage(self) -> Stage:
+        """The stage that the others are told: until telemetry shows whether the stored flight goes on, that of then. If it told
+        that it is on the ground, nobody would reckon with a vehicle in its failsafe.
+        """
+        return self._former.stage if self._former is not None else self._mission.stage
 
     def rejoin(self, vehicle: VehicleState) -> int:
         """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.

@@ -78,7 +78,7 @@ class Telling:
     def _condition(self, now_ns: int) -> Condition:
         self.told = self._look(now_ns)
         return Condition(
-            stage=self._executive.stage,
+            stage=self._executive.remembering.stage,
             counters=dict(self._counters),
             problems=self.told,
             finding=self._executive.finding,

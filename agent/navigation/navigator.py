@@ -168,7 +168,8 @@ class Navigator:
         if self._tracker is None:
             self._begun_ns = moment.now_ns
         is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
-        if self._tracker is None or self._epoch != moment.vehicle.epoch or (due and not is_steered):
+        is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # the clock: setpoints would run backwards along the plan
+        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_set_back or (due and not is_steered):
             self._tracker = self._begin(moment.vehicle)
         elif due:
             self._virtual = self._tracker.state(moment.now_ns)

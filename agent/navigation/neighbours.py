@@ -119,7 +119,7 @@ class Neighbourhood:
 
     def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
         """One drone, at each place where it may be; and whether it is missing."""
-        if peer.sources.is_on_ground(me.now_ns):
+        if peer.is_on_ground(me.now_ns):
             self._before.pop(name, None)
             self._forget(name)
             return [], False
@@ -208,7 +208,7 @@ class Neighbourhood:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
+            if peer.pose is not None and not peer.is_on_ground(peer.pose.stamp_ns):
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, me: Self) -> Iterator[Neighbour]:

@@ -50,9 +50,14 @@ class Peer:
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    def is_on_ground(self, now_ns: int) -> bool:
+        """Whether it is by its statuses, and has published no plan since: a status may be lost."""
+        flies = self.plan is not None and self.status is not None and self.plan.stamp_ns > self.status.stamp_ns
+        return not flies and self.sources.is_on_ground(now_ns)
+
     def last_news(self, now_ns: int) -> tuple[Pose, Status] | None:
         """Its last pose and status; None where one of these was never heard, or it is on the ground."""
-        if self.pose is None or self.status is None or self.sources.is_on_ground(now_ns):
+        if self.pose is None or self.status is None or self.is_on_ground(now_ns):
             return None
         return self.pose, self.status
 

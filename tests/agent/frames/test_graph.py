@@ -82,3 +82,20 @@ def test_the_same_again_is_no_change():
     assert graph.revision == before
     graph.replace_from("s", 0, 100, [(100, Transform(0.1, (1.0, 2.0, 3.0), 2.0 * np.eye(4)))])
     assert graph.changes(before) == {("s", 0): 0}
+
+
+def test_a_place_of_the_launch_lies_as_the_first_sightings_tell_and_not_as_the_layout_says(graph):
+    """The layout was 5.7 m off, and so was the home of that drone."""
+    second, place = 1_000_000_000, (5.8, -0.9, 0.0)
+    layout, seen = (
+        Transform(0.0, (x, 2.0, 0.0), covariance=np.diag([sigma_m**2] * 2 + [0.01, 0.001]))
+        for x, sigma_m in ((39.4, 2.0), (33.8, 0.3))
+    )
+    graph.replace_from("s", 0, 0, [(0, layout)])
+    assert graph.surest("s", 0, second // 2, place) is layout
+    drifted = Transform(0.0, (30.0, 2.0, 0.0), covariance=np.diag([0.01, 0.01, 0.01, 0.0]))
+    graph.replace_from("s", 0, second, [(second, seen), (2 * second, None), (9 * second, drifted), (40 * second, drifted)])
+    assert graph.surest("s", 0, second // 2, place) is seen
+    assert graph.surest("s", 0, 5 * second, place) is drifted  # it was not known then
+    assert graph.surest("s", 1, second, place) is graph.surest("z", 0, second, place) is None
+    assert graph.surest("a", 0, second, place) is graph.mission_from_local("a", 0)

@@ -68,10 +68,16 @@ def test_a_start_below_a_drone_that_flies_past_is_refused_and_says_why(place, ve
         ((12.0, 0.0), (-3.0, 0.0), Stage.TRACK),  # far enough to make room
         ((5.0, 0.0), (3.0, 0.0), Stage.TRACK),  # flies away
         ((3.5, 0.0), (0.0, 0.0), Stage.TAKEOFF),  # rises beside it, as it stood
+        ((3.5, 0.0), (0.0, 0.0), Stage.LANDING),
     ],
 )
 def test_others_do_not_hold_a_start_up(place, velocity, stage):
     assert asked_to_start(place, velocity, stage).stage is Stage.TAKEOFF
+
+
+def test_who_lands_closely_beside_it_holds_a_start_up():
+    """Its home was wrong by 5.6 m: 1.2 m apart."""
+    assert asked_to_start((1.0, 1.0), (0.0, 0.0), Stage.LANDING).stage is Stage.PREFLIGHT
 
 
 def test_once_the_other_has_passed_the_start_is_obeyed():
