@@ -79,4 +79,4 @@ class Self(Struct, frozen=True):
     def viewer(self, local_from_mission: Transform) -> Viewer:
         """As one that keeps clear of drones that are not heard; its frame is known."""
         moves = self.ahead, self.motion_at, self.circle, self.height_m, self.returning_s, self.revoked
-        return Viewer(self.now_ns, self.epoch, self.step_s, bare(local_from_mission), *moves)
+        return Viewer(self.now_ns, self.epoch, self.step_s, bare(local_from_mission), *moves, excluded=self.excluded)

@@ -121,21 +121,25 @@ class Agentless:
 
         ``steered``: by its agent until then, as its last pose tells.
         """
-        (x, y, z), (u, v, _) = moves.position, moves.velocity
-        stop = Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
-        reaction = self._reaction(name, stage)
+        (_, _, z), (u, v, _) = moves.position, moves.velocity
+        stop, reaction = _stop(moves), self._reaction(name, stage)
         goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in STEERED else 0.0
         if reaction == "hold":
             return Course(stop, inf, goes_on_m=goes_on_m)
         if reaction == "land":
             return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
+        return self.return_of(name, moves, home, goes_on_m)
+
+    def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0) -> Course:
+        """Its way home from there, up and across, as its autopilot flies it if it has a home, and otherwise its agent."""
+        (x, y, z), (u, v, _) = moves.position, moves.velocity
         home_x, home_y, home_z = home
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + ONWARD_S * u, y + ONWARD_S * v), (home_x, home_y)
         arrives_s = leaves_s + dist(*way) / _SLOWEST_MPS
         down_s = arrives_s + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
-        return Course(stop, leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
+        return Course(_stop(moves), leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
 
     def returns_above(self, name: str, other: str) -> bool:
         """Whether one returns higher than the other, and so comes down through the height of the other's return."""
@@ -165,3 +169,9 @@ class Agentless:
         if launch is None or pose is None or launch.epoch != pose.epoch:
             return self._launch[name]
         return mission_from_theirs.apply_point(launch.position_m)
+
+
+def _stop(moves: PeerState) -> Stretch:
+    """Where it stops, from a place where it moved so."""
+    (x, y, _), (u, v, _) = moves.position, moves.velocity
+    return Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))

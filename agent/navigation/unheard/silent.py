@@ -248,10 +248,9 @@ class Silent:
     def _flown(
         self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], last: LastSeen | None, me: Viewer
     ) -> list[Course]:
-        """What its vehicle does if its agent is gone: from where it was seen last, or else by its last pose; by each frame.
-
-        Its autopilot flies home by its localisation, as that is: where that is wrong, to beside its home. Where its agent did not
-        steer it any more by its last pose, a human pilot may have it hold there, and no status has told it yet.
+        """What its vehicle does if its agent is gone, or as it is revoked and obeys: from where it was seen last, or else by its
+        last pose; by each frame. It goes home by its localisation, as that is: where that is wrong, to beside its home. If its
+        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet.
         """
         stages = [_stage(peer)]
         if not pose.steered and stages[0] in STEERED:
@@ -263,6 +262,7 @@ class Silent:
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
             steered = pose.steered and last is None
             found += [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
+            found += [self._agentless.return_of(name, moves, there)] if name in me.excluded else []
         return [course for number, course in enumerate(found) if course not in found[:number]]
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 from msgspec import Struct
@@ -20,7 +20,8 @@ _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with mar
 class Viewer(Struct, frozen=True):
     """Its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame of this ``epoch``, and how it moved at a
     stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground; ``returning_s``: since it began to
-    return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
+    return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns; ``excluded``: the others of which
+    this holds.
     """
 
     now_ns: int
@@ -33,6 +34,7 @@ class Viewer(Struct, frozen=True):
     height_m: float
     returning_s: float | None
     revoked: bool = False
+    excluded: Collection[str] = ()
 
     def way(self) -> Array:
         """Its planned positions (K, 3), mission frame."""

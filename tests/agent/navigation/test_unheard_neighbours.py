@@ -60,6 +60,22 @@ def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
     assert found[0] == found[1] != []
 
 
+@pytest.mark.parametrize(("localization", "agent_lost"), [("slam", "return"), ("rtk", "hold"), ("rtk", "land")])
+@pytest.mark.parametrize("excluded", [False, True])
+def test_one_that_is_revoked_is_flown_home_by_its_agent_whatever_its_autopilot_would_do(localization, agent_lost, excluded):
+    """It was expected to stay where it was, and another one was 2 m from it when it came down over its home."""
+    a, b = MISSION.drones
+    mission = replace(MISSION, drones=(a, replace(b, localization=localization)), safety=SafetyConfig(agent_lost=agent_lost))
+    graph, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
+    hood = Neighbourhood(mission, graph, "a")
+    away = replace(pose(), position_m=(1.0, 30.0, 3.0))
+    for message in (away, status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    found = hood.around(peers, Self(25 * SECOND, 0, 0.1, Transform(), excluded={"b"} if excluded else ()))
+    home = [one for one in found if one.plan.positions[0][:2] == pytest.approx((10.0, 0.0), abs=1.0)]
+    assert len(home) == excluded
+
+
 @pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
 def test_one_that_is_quiet_for_longer_than_usual_may_stop(delay_s, stops):
     """Its agent may be gone: one that flew behind it at the speed of the search could not stop any more when it noticed after a
