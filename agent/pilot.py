@@ -100,7 +100,7 @@ class Pilot:
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
-        self._told: tuple[Stage, bool] | None = None  # stage, and whether the search has ended, as of the last step
+        self._told = Stage.PREFLIGHT, False  # stage, and whether the search has ended, as of the last step
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, Drift(mission), epoch_offset)
         history, self._numbers = self._own.history, Numbering()
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)

@@ -21,27 +21,28 @@ class Calibration:
     """Converts each pixel's time over threshold, in 25 ns counts, into energy.
 
     With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t: E = t +
-    (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index.
+    (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index, or (1, 4) for all.
     """
 
     table: NDArray[np.float64]
 
     def energy_kev(self, index: NDArray[np.uint16], tot: NDArray[np.uint16]) -> NDArray[np.float64]:
         """Energies in keV, (N,), from matrix indices and time over threshold, (N,) each."""
-        t, start, curvature, slope = self.table.take(index, axis=0).T
+        rows = self.table if len(self.table) == 1 else self.table.take(index, axis=0)
+        t, start, curvature, slope = rows.T
         y = tot - start
         energy: NDArray[np.float64] = t + (y + np.sqrt(y * y + curvature)) * slope
         return energy
 
     @classmethod
     def of(cls, a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], t: NDArray[np.float64]) -> Calibration:
-        """From the four constants of every pixel, (65536,) each by matrix index; E and t in keV."""
+        """From the four constants of every pixel, (65536,) each by matrix index, or (1,) for all; E and t in keV."""
         return cls(np.column_stack((t, a * t + b, 4.0 * a * c, 0.5 / a)))
 
     @classmethod
     def nominal(cls) -> Calibration:
         """Typical constants, the same for every pixel: for a camera without its own calibration."""
-        a, b, c, t = (np.full(SENSOR_PIXELS**2, value) for value in NOMINAL)
+        a, b, c, t = (np.array([value]) for value in NOMINAL)
         return cls.of(a, b, c, t)
 
 
