@@ -23,7 +23,7 @@ from agent.navigation.peers.bearings import freest_bearing
 from agent.navigation.surveying import InformedSearch, Search
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.crossing import WayHome, crossing_height_m, is_over_m
+from agent.navigation.unheard.crossing import WayHome, crossing_height_m
 from agent.navigation.unheard.lines import KEPT_M
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
@@ -32,6 +32,7 @@ from protocol.messages import Stage
 # drone that does not move. Two that only saw in which direction the other one was, 6 m away, circled towards each other (2.2 m).
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
+_AT_HEIGHT_M = 1.0  # so near to its height it has arrived there
 
 
 class Guidance:
@@ -112,12 +113,12 @@ class Guidance:
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
         if not moment.vehicle.position_trusted:
-            return self._stay(state)
+            return self.stay(state)
         if self._holds and not circles and moment.stage is not Stage.RETURN:
             is_low = moment.stage is Stage.SURVEY and self._may_meet
-            return self._hold_above(moment, state, above) if is_low else self._stay(state)
+            return self._hold_above(moment, state, above) if is_low else self.stay(state)
         if not self.has_room:
-            return self._stay(state)
+            return self.stay(state)
         if moment.stage is Stage.TAKEOFF:
             return self._rise(moment, state)
         self._stays, frame = None, self._own.frame
@@ -198,7 +199,7 @@ class Guidance:
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         return self._circling.circles_of_others(moment, centre, absence, ahead, climbs=climbs, has_room=self.has_room)
 
-    def _stay(self, state: PeerState) -> Reference:
+    def stay(self, state: PeerState) -> Reference:
         """Stay where it comes to rest; the tracker still keeps separation.
 
         Not where it begins to brake: it would fly back there, by several metres, against those that come behind it.
@@ -227,9 +228,10 @@ class Guidance:
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
     ) -> Reference:
         """Search at the height at which this drone crosses, above all that fly low: others that no line parts from it may be
-        anywhere (``Absence``), and do not hear it. First it climbs: at ``above``, None: where it is.
+        anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: where it is. Others may be on
+        their way to their heights, too.
         """
-        if moment.vehicle.height_m > is_over_m(self._config, self._id):
+        if abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
             found = self._survey(moment, state, partners, frame)
             found.positions[:, 2] = self._over_z_m(moment)
             return found

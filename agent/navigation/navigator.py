@@ -213,6 +213,8 @@ class Navigator:
         plans = [other.plan for other in others]
         seen = seen_bearings(peers, vehicle.epoch, now_ns) if frame is None else ()
         reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans, seen)
+        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:
+            reference = self._guidance.stay(self._virtual)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         wanted = self._ground.kept_off(reference, vehicle)

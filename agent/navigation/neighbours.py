@@ -59,7 +59,8 @@ class Neighbourhood:
     """The drones that fly around one drone.
 
     ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none,
-    and none returns unheard while this drone does.
+    and none returns unheard while this drone does. ``listens``: its agent was started in flight, less than a second ago, and
+    others may fly that it has not heard yet.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -74,6 +75,7 @@ class Neighbourhood:
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self._before: dict[str, LastNews] = {}  # the news of before a restart of this agent, of those not heard since
         self.absence: Absence | None = None
+        self.listens = False
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
         """What is known of the others that fly, or may, for an agent that is restarted in flight."""
@@ -95,6 +97,8 @@ class Neighbourhood:
         if not me.resumed:
             self._before.clear()
         found, missing = self._seen_from(peers, me)
+        unheard = [name for name in peers.names if peers[name].pose is None and me.may_fly(name)]
+        self.listens = me.resumed and any(name not in missing for name in unheard)
         partners = [one.id for one in found if one.takes_part]
         returns = me.returning_s is not None and self._silent.others_return(peers, me.now_ns)
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing or returns else None

@@ -228,8 +228,10 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
+    assert hood.listens
     hood.around(peers, replace(me, now_ns=3 * SECOND))
     assert hood.absence.anywhere == ("b",)
+    assert not hood.listens
 
 
 def test_one_that_was_revoked_before_a_restart_may_be_anywhere_until_it_must_be_down():
@@ -286,6 +288,8 @@ def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered()
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
     assert peers.receive(pose(SECOND), SECOND) is None
+    hood.around(peers, me)
+    assert not hood.listens
     hood.around(peers, replace(me, now_ns=3 * SECOND))
     assert peers["b"].pose.stamp_ns == SECOND
 
