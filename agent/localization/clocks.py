@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from math import sqrt
+from math import hypot, sqrt
 from statistics import median_high, median_low
 from typing import TypeVar
 
@@ -197,10 +197,18 @@ class Clocks:
         certain as that drone's localisation, whichever of the two clocks is wrong.
         """
         stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
-        if isinstance(message, Pose) and message.clock_sigma_m > 0.0 and message.drone in self._known:
-            sigma_m = sqrt(max(0.0, message.position_sigma_m**2 - message.clock_sigma_m**2))
-            return replace(message, stamp_ns=stamp_ns, position_sigma_m=sigma_m, clock_sigma_m=0.0)
+        if isinstance(message, Pose) and (message.clock_sigma_m > 0.0 or self.is_doubted):
+            return replace(message, stamp_ns=stamp_ns, position_sigma_m=self._sigma_m_of(message), clock_sigma_m=0.0)
         return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
+
+    def _sigma_m_of(self, pose: Pose) -> float:
+        """1 sigma of another drone's position at its stamp by the own clock. Where the difference is not known, or in doubt,
+        either clock may be wrong.
+        """
+        held = self._held.get(pose.drone)
+        if pose.drone in self._known and (held is None or held.doubted_ns is None):
+            return sqrt(max(0.0, pose.position_sigma_m**2 - pose.clock_sigma_m**2))
+        return hypot(pose.position_sigma_m, self.sigma_m(hypot(*pose.velocity_mps)))
 
     def common_ns(self, now_ns: int) -> int:
         """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's.

@@ -55,8 +55,12 @@ class Memory(Struct, frozen=True, kw_only=True):
         """Whether it is of a flight."""
         return self.stage not in ON_GROUND
 
+    def is_recent(self, mission: str, now_ns: int) -> bool:
+        """Whether this flight of that mission may go on."""
+        return self.mission == mission and abs(now_ns - self.stamp_ns) <= OLDEST_NS
+
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
-        if self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
+        if not vehicle.armed or not self.is_recent(mission, vehicle.stamp_ns):
             return False
         return True if vehicle.in_air or self.stage in _FROM_THE_GROUND else None

@@ -44,12 +44,13 @@ class Remembering:
         # Until telemetry shows whether that flight goes on.
         self._former = memory if memory is not None and memory.flies else None
 
-    @property
-    def stage(self) -> Stage:
+    def stage(self, now_ns: int) -> Stage:
         """The stage that the others are told: until telemetry shows whether the stored flight goes on, that of then. If it told
         that it is on the ground, nobody would reckon with a vehicle in its failsafe.
         """
-        return self._former.stage if self._former is not None else self._mission.stage
+        former = self._former
+        goes_on = former is not None and former.is_recent(self._mission_id, now_ns)
+        return former.stage if former is not None and goes_on else self._mission.stage
 
     def rejoin(self, vehicle: VehicleState) -> int:
         """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.

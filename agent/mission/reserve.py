@@ -12,6 +12,7 @@ _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _URGENT = 0.5  # of the reserve: who would land with less waits for nobody
 _SPENT = 0.2  # of the reserve: who would land with less lands where it is
 _LANDING_S = 10.0
+_SPAN_NS = 5_000_000_000  # over a shorter time no rate is told
 _STEP = 0.01  # in which an autopilot may tell the level: so much less may have been drained
 _SURE_NS = 2_000_000_000  # a level that is low for a moment only is not believed
 
@@ -24,6 +25,7 @@ class Reserve:
     def __init__(self, drone: str, reserve: float) -> None:
         self._drone, self._reserve = drone, reserve
         self._low: tuple[int, float] | None = None  # since when it is low, and the level then
+        self._newest_ns = 0
         self.is_low = self.is_spent = False
 
     def returns(
@@ -44,13 +46,17 @@ class Reserve:
         if level is None or level >= self._reserve:
             self._low, self.is_low, self.is_spent = None, False, False
             return False
-        since_ns, then = self._low = self._low or (now_ns, level)
+        if self._low is None or now_ns < self._newest_ns:  # the clock was set back
+            self._low = now_ns, level
+        since_ns, then = self._low
+        self._newest_ns = now_ns
         self.is_low = now_ns - since_ns >= _SURE_NS
         if not self.is_low:
+            self.is_spent = False
             return False
-        drain_ps = max(0.0, then - level - _STEP) / ((now_ns - since_ns) * 1e-9)
+        drain_ps = max(0.0, then - level - _STEP) / ((now_ns - since_ns) * 1e-9) if now_ns - since_ns >= _SPAN_NS else 0.0
         at_home = level - drain_ps * (way_home_s + _LANDING_S)
-        self.is_spent = at_home < _SPENT * self._reserve
+        self.is_spent = at_home < _SPENT * self._reserve and level < _URGENT * self._reserve
         return at_home < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values())))
 
     def _goes_first(self, other: Status) -> bool:

@@ -6,15 +6,16 @@ from math import inf
 
 from agent.config.mission import SurveyConfig, TrackConfig
 from agent.geometry import Vector3
+from agent.mission.braking import Braking
 from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
+from agent.mission.refusal import refusal
 from agent.mission.situation import Situation
-from agent.mission.takeover import MODES, SEARCHING, STEERED, Takeover
+from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, Takeover
 from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
-FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 # Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
@@ -67,9 +68,10 @@ class Mission:
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
-        self._takeover = Takeover()
+        self._takeover, self._braking = Takeover(), Braking()
         self._unsteered_since_ns: int | None = None
         self._position_loss = PositionLoss()
+        self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
         self._stranded_since_ns: int | None = None
@@ -83,7 +85,7 @@ class Mission:
             return Request.RELEASE
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
-        if self.stage is Stage.TAKEOFF and self._rises:
+        if (self.stage is Stage.TAKEOFF and self._rises) or (self.stage is Stage.HOLD and self._braking.lasts):
             return Request.OFFBOARD
         return _REQUESTS[self.stage]
 
@@ -92,7 +94,7 @@ class Mission:
 
         ``started_ns``: stamp of the start with which the swarm's mission began; None: this one.
         """
-        refused = self._refusal(action, situation)
+        refused = refusal(action, self.stage, situation, self._position_loss.lands)
         if refused is not None:
             return refused
         self.released, self._unsteered_since_ns = False, None
@@ -100,36 +102,22 @@ class Mission:
             self._begin_anew()
             self.started_ns = stamp_ns if started_ns is None else started_ns
         if action is Action.HOLD:
+            if self.stage in STEERED and situation.vehicle is not None:
+                self._braking.begin(situation.vehicle, situation.now_ns)
             self._hold(situation.now_ns)
             return None
         if action is Action.RETURN:
+            self._insists = self._insists or self.landed_because == SPENT
             self.landed_because = ""  # of a landing that it ends
         stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
-        return None
-
-    def _refusal(self, action: Action, situation: Situation) -> str | None:
-        if action is Action.START:
-            if self.stage not in (Stage.PREFLIGHT, Stage.LANDED):
-                return "start: already started"
-            return f"start refused: {situation.problems[0]}" if situation.problems else None
-        if self.stage not in FLYING:
-            return f"{action}: not flying"
-        if self.stage is Stage.ABORT:
-            return f"{action}: aborted"
-        if action is Action.RESUME and self.stage is not Stage.HOLD:
-            return "resume: not holding"
-        if self._position_loss.lands is not None and action in (Action.HOLD, Action.RESUME, Action.RETURN):
-            return f"{action}: it lands: {self._position_loss.lands}"
-        if action is Action.HOLD and self.stage not in (Stage.TAKEOFF, *STEERED):
-            return f"hold: not possible in {self.stage}"
         return None
 
     def _begin_anew(self) -> None:
         """Forget the flight before this one."""
         self.tracking_since_ns = self._search_since_ns = None
         self.resume, self.landed_because = Stage.SURVEY, ""
-        self._was_armed = self._rises = False
+        self._was_armed = self._rises = self._insists = False
         self._position_loss = PositionLoss()
 
     def unsteered(self, now_ns: int) -> str | None:
@@ -190,7 +178,9 @@ class Mission:
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
         """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
-        if self.stage in STEERED and vehicle.mode is FlightMode.LAND and not vehicle.healthy:
+        if vehicle.mode is not FlightMode.LAND or vehicle.healthy:
+            return
+        if self.stage in STEERED or (self._rises and vehicle.height_m < NEAR_GROUND_M):
             self._get_clear(vehicle, now_ns)
 
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
@@ -218,6 +208,7 @@ class Mission:
         if vehicle is None or self.stage not in FLYING:
             return
         self._was_armed = self._was_armed or vehicle.armed
+        self._braking.step(vehicle, now_ns)
         if self._was_armed and not vehicle.armed and not vehicle.in_air:
             self._enter(Stage.LANDED, now_ns)
             self.released = False  # whoever flew it has disarmed it: from here the agent makes it ready to be armed again
@@ -311,7 +302,7 @@ class Mission:
 
     def _watch_battery(self, situation: Situation) -> None:
         """Land where it is rather than run empty on the way: the autopilot would hold, climb and land from high up."""
-        if situation.battery_spent and self.stage in (Stage.HOLD, *STEERED):
+        if situation.battery_spent and self.stage in (Stage.HOLD, *STEERED) and not self._insists:
             self.landed_because = SPENT
             self._enter(Stage.LANDING, situation.now_ns)
 

@@ -7,6 +7,7 @@ from protocol.messages import Stage
 
 SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 STEERED = (*SEARCHING, Stage.RETURN)  # the stages flown by setpoints, with separation
+FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 REJOIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold

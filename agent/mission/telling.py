@@ -16,7 +16,7 @@ from agent.mission.orders import Orders
 from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
 from agent.mission.reporter import Believed, Condition, Outbox, Reporter
 from agent.mission.revoking import Revoking
-from agent.mission.stages import FLYING
+from agent.mission.takeover import FLYING
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
@@ -78,7 +78,7 @@ class Telling:
     def _condition(self, now_ns: int) -> Condition:
         self.told = self._look(now_ns)
         return Condition(
-            stage=self._executive.remembering.stage,
+            stage=self._executive.remembering.stage(now_ns),
             counters=dict(self._counters),
             problems=self.told,
             finding=self._executive.finding,

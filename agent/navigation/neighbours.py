@@ -97,8 +97,8 @@ class Neighbourhood:
         if not me.resumed:
             self._before.clear()
         found, missing = self._seen_from(peers, me)
-        unheard = [name for name in peers.names if peers[name].pose is None and me.may_fly(name)]
-        self.listens = me.resumed and any(name not in missing for name in unheard)
+        unheard = [name for name in self._unheard_ns if peers[name].pose is None and not peers[name].is_on_ground(me.now_ns)]
+        self.listens = me.resumed and any(0 <= me.now_ns - self._unheard_ns[name] < SILENT_NS for name in unheard)
         partners = [one.id for one in found if one.takes_part]
         returns = me.returning_s is not None and self._silent.others_return(peers, me.now_ns)
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing or returns else None

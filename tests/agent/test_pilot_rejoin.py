@@ -407,6 +407,8 @@ def test_what_it_covered_before_is_not_searched_again():
     """All but the east of the area is covered, by its own entries from before the restart: it flies east."""
     one = pilot("d2", memory=replace(KEPT, home_m=None), boot=NEW_BOOT)  # its frame is the mission's
     here = {"position": (1.0, 25.0, 3.0), "healthy": False}
+    down = Status(stamp_ns=BACK_NS, drone="d1", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.LANDED)
+    one.receive(key_of("radron", down), encode(down), BACK_NS)  # or it would wait for that one, and search in its layer
     one.observe_vehicle(state(BACK_NS, FlightMode.RETURN, **here))
     one.step(BACK_NS)
     for sequence, x in enumerate((5.0, 15.0, 25.0, 35.0)):

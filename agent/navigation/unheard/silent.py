@@ -261,8 +261,9 @@ class Silent:
             moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
             steered = pose.steered and last is None
-            found += [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
-            found += [self._agentless.return_of(name, moves, there)] if name in me.excluded else []
+            courses = [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
+            comes_home = name in me.excluded and all(course.way is None for course in courses)
+            found += courses + ([self._agentless.return_of(name, moves, there)] if comes_home else [])
         return [course for number, course in enumerate(found) if course not in found[:number]]
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import Battery, PositionJump
+from sim.faults.machines import PositionJump
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -106,12 +106,9 @@ class Setting:
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def was_set_down(self, drone: int, time_s: float) -> bool:
-        """Whether a drone may have landed where it was: its battery was faulted, and may not have lasted for the way home; or its
-        agent or its link to the autopilot was, and without satellites the autopilot has no home to return to.
+        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: one without satellites has no
+        home to return to, and its agent or its link to the autopilot was faulted.
         """
-        batteries = (fault for fault in self.scenario.fault if isinstance(fault, Battery) and fault.at_s <= time_s)
-        if any(self.names[drone] in fault.strikes(self.names) for fault in batteries):
-            return True
         return self.mission.drones[drone].localization == "slam" and self.struck(("process", "vehicle"), drone, time_s, inf)
 
     def named(self, *drones: int) -> tuple[str, ...]:

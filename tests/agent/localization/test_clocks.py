@@ -362,4 +362,16 @@ def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks
     known = exchanged({"a": 0, "b": 2_600}, names=("a", "b"))[0]["a"].by_own_clock(pose)
     assert known.stamp_ns == pytest.approx(START_NS, abs=2 * MS)
     assert (known.position_sigma_m, known.clock_sigma_m) == (pytest.approx(0.1), 0.0)
-    assert Clocks("a", ["b"]).by_own_clock(pose) == pose
+    assert Clocks("a", ["b"]).by_own_clock(pose).position_sigma_m == pose.position_sigma_m
+
+
+def test_where_the_difference_is_not_known_the_own_clock_may_be_the_wrong_one():
+    """d is heard, and does not hear this drone, whose clock is a second ahead of all others'."""
+    pose = Pose(
+        stamp_ns=START_NS, drone="d", epoch=0, position_m=(0.0, 0.0, 3.0), velocity_mps=(4.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=0.1, yaw_sigma_rad=0.01,
+    )  # fmt: skip
+    clocks, _ = exchanged({"a": 1_000, "b": 0, "c": 0})
+    assert clocks["a"].by_own_clock(pose).position_sigma_m == pytest.approx(math.hypot(0.1, 4.0), abs=0.05)
+    assert clocks["a"].by_own_clock(replace(pose, drone="b")).position_sigma_m == pytest.approx(0.1)
+    assert clocks["b"].by_own_clock(pose) == pose

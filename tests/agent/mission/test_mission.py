@@ -218,6 +218,9 @@ def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_
         mission.command(Action.HOLD, 11 * SECOND, at(11.0))
     mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, battery_spent=True))
     assert (mission.stage, mission.landed_because) == (Stage.LANDING, SPENT)
+    assert mission.command(Action.RETURN, 13 * SECOND, at(13.0)) is None
+    mission.step(at(14.0, battery_spent=True))
+    assert mission.stage is Stage.RETURN  # the operator insists
 
 
 @pytest.mark.parametrize("holds", [False, True])

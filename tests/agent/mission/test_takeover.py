@@ -141,6 +141,9 @@ def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(
     sinking = replace(VEHICLE, mode=FlightMode.LAND, healthy=healthy, height_m=height_m)
     mission.step(at(20.0, sinking, has_hypothesis=True, last_cone_ns=20 * SECOND))
     assert mission.stage is stage
+    if stage is Stage.TAKEOFF:  # and goes on to sink, as no setpoints reach it
+        mission.step(at(21.0, replace(sinking, height_m=0.7), has_hypothesis=True, last_cone_ns=20 * SECOND))
+        assert mission.stage is Stage.LANDING
 
 
 def test_the_autopilots_way_from_takeoff_to_hold_is_nobodys_takeover() -> None:

@@ -60,7 +60,9 @@ def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
     assert found[0] == found[1] != []
 
 
-@pytest.mark.parametrize(("localization", "agent_lost"), [("slam", "return"), ("rtk", "hold"), ("rtk", "land")])
+@pytest.mark.parametrize(
+    ("localization", "agent_lost"), [("slam", "return"), ("rtk", "hold"), ("rtk", "land"), ("rtk", "return")]
+)
 @pytest.mark.parametrize("excluded", [False, True])
 def test_one_that_is_revoked_is_flown_home_by_its_agent_whatever_its_autopilot_would_do(localization, agent_lost, excluded):
     """It was expected to stay where it was, and another one was 2 m from it when it came down over its home."""
@@ -73,7 +75,7 @@ def test_one_that_is_revoked_is_flown_home_by_its_agent_whatever_its_autopilot_w
         assert peers.receive(message, 0) is None
     found = hood.around(peers, Self(25 * SECOND, 0, 0.1, Transform(), excluded={"b"} if excluded else ()))
     home = [one for one in found if one.plan.positions[0][:2] == pytest.approx((10.0, 0.0), abs=1.0)]
-    assert len(home) == excluded
+    assert len(home) == (excluded or (localization, agent_lost) == ("rtk", "return"))
 
 
 @pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
@@ -232,6 +234,18 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
     hood.around(peers, replace(me, now_ns=3 * SECOND))
     assert hood.absence.anywhere == ("b",)
     assert not hood.listens
+
+
+def test_one_that_tells_that_it_is_on_the_ground_is_not_waited_for():
+    """Its autopilot is off, and it sends no poses: who was restarted hovered for good."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
+    hood.around(peers, me)
+    assert hood.listens
+    for now_s in (1, 2, 3):
+        assert peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=now_s * SECOND), now_s * SECOND) is None
+        hood.around(peers, replace(me, now_ns=now_s * SECOND))
+        assert not hood.listens
 
 
 def test_one_that_was_revoked_before_a_restart_may_be_anywhere_until_it_must_be_down():

@@ -1,0 +1,33 @@
+"""The way to a hold: a drone that is told to hold brakes by its own setpoints, which keep clear of the others.
+
+Its autopilot would brake straight ahead, over 10 m from the speed of a search. Where a whole swarm is told to hold, two that were
+about to pass each other would both go straight on.
+"""
+
+from __future__ import annotations
+
+from math import hypot
+
+from agent.vehicle.interface import FlightMode, VehicleState
+
+_STILL_MPS = 0.5
+_LONGEST_NS = 5_000_000_000
+
+
+class Braking:
+    """Of one drone. ``lasts``: it is still steered."""
+
+    def __init__(self) -> None:
+        self._begun_ns = 0
+        self.lasts = False
+
+    def begin(self, vehicle: VehicleState, now_ns: int) -> None:
+        """It is told to hold."""
+        self._begun_ns, self.lasts = now_ns, True
+        self.step(vehicle, now_ns)
+
+    def step(self, vehicle: VehicleState, now_ns: int) -> None:
+        """Until it has come to rest, or something else flies it, or its position cannot be trusted; for some seconds at most."""
+        moves = hypot(*vehicle.velocity_mps) > _STILL_MPS
+        is_steered = vehicle.mode is FlightMode.OFFBOARD and vehicle.position_trusted
+        self.lasts = self.lasts and moves and is_steered and 0 <= now_ns - self._begun_ns < _LONGEST_NS

@@ -1,0 +1,26 @@
+"""Which commands of an operator a drone refuses, by its stage."""
+
+from __future__ import annotations
+
+from agent.mission.situation import Situation
+from agent.mission.takeover import FLYING, STEERED
+from protocol.messages import Action, Stage
+
+
+def refusal(action: Action, stage: Stage, situation: Situation, lands: str | None) -> str | None:
+    """Why a command is refused at that stage; None where it is obeyed. ``lands``: why it has to land; None where it has not."""
+    if action is Action.START:
+        if stage not in (Stage.PREFLIGHT, Stage.LANDED):
+            return "start: already started"
+        return f"start refused: {situation.problems[0]}" if situation.problems else None
+    if stage not in FLYING:
+        return f"{action}: not flying"
+    if stage is Stage.ABORT:
+        return f"{action}: aborted"
+    if action is Action.RESUME and stage is not Stage.HOLD:
+        return "resume: not holding"
+    if lands is not None and action in (Action.HOLD, Action.RESUME, Action.RETURN):
+        return f"{action}: it lands: {lands}"
+    if action is Action.HOLD and stage not in (Stage.TAKEOFF, *STEERED):
+        return f"hold: not possible in {stage}"
+    return None
