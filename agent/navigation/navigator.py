@@ -251,13 +251,12 @@ class Navigator:
         return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:
-        """The message, with those that this drone does not hear."""
-        unheard = self.absence.unheard if self.absence is not None else ()
+        """The message, with those that this drone does not hear: one that is on its way home goes on in its layer then."""
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
             epoch=epoch,
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
-            unheard=unheard or UNSET,
+            unheard=self._neighbourhood.unheard or UNSET,
         )

@@ -60,7 +60,7 @@ class Neighbourhood:
 
     ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none,
     and none returns unheard while this drone does. ``listens``: its agent was started in flight, less than a second ago, and
-    others may fly that it has not heard yet.
+    others may fly that it has not heard yet. ``unheard``: those that are not heard, and may fly, also on their way home.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -75,7 +75,7 @@ class Neighbourhood:
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self._before: dict[str, LastNews] = {}  # the news of before a restart of this agent, of those not heard since
         self.absence: Absence | None = None
-        self.listens = False
+        self.listens, self.unheard = False, tuple[str, ...]()
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
         """What is known of the others that fly, or may, for an agent that is restarted in flight."""
@@ -100,8 +100,10 @@ class Neighbourhood:
         unheard = [name for name in self._unheard_ns if peers[name].pose is None and not peers[name].is_on_ground(me.now_ns)]
         self.listens = me.resumed and any(0 <= me.now_ns - self._unheard_ns[name] < SILENT_NS for name in unheard)
         partners = [one.id for one in found if one.takes_part]
-        returns = me.returning_s is not None and self._silent.others_return(peers, me.now_ns)
-        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing or returns else None
+        returning = self._silent.returning(peers, me.now_ns)
+        misses = missing or (me.returning_s is not None and returning)
+        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if misses else None
+        self.unheard = (*(self.absence.unheard if self.absence is not None else ()), *returning)
         if (elsewhere := me.elsewhere()) is not None:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]

@@ -132,18 +132,14 @@ class Silent:
         self._sights.note(name, seen, me.epoch, flies=flies)
         return flies
 
-    def others_return(self, peers: Peers, now_ns: int) -> bool:
-        """Whether there are drones that returned when they were heard last, are not heard any more, and may still fly.
+    def returning(self, peers: Peers, now_ns: int) -> tuple[str, ...]:
+        """The drones that returned when they were heard last, are not heard any more, and may still fly.
 
         Two that lost each other then flew home low, each taking the other to return in its layer: 0.2 m.
         """
-        for name in peers.names:
-            told = peers[name].last_news(now_ns)
-            if told is None or told[1].stage is not Stage.RETURN:
-                continue
-            if SILENT_NS < now_ns - told[0].stamp_ns < self._agentless.longest_s(name) * 1e9:
-                return True
-        return False
+        told = {name: news for name in peers.names if (news := peers[name].last_news(now_ns)) is not None}
+        silent_ns = {name: now_ns - pose.stamp_ns for name, (pose, status) in told.items() if status.stage is Stage.RETURN}
+        return tuple(name for name, for_ns in silent_ns.items() if SILENT_NS < for_ns < self._agentless.longest_s(name) * 1e9)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
         """What follows from the silence of these drones, if any. ``partners``: those that take part and are heard."""

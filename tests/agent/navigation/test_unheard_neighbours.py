@@ -236,6 +236,26 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
     assert not hood.listens
 
 
+def test_one_that_was_on_its_way_home_is_told_that_it_is_not_heard():
+    """Only its sending had failed: it flew home low, as it took itself to be heard."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.RETURN)):
+        assert peers.receive(message, 0) is None
+    me, found = Self(SECOND // 2, 0, 0.1, Transform()), []
+    for now_s in (0.5, 2.0, 500.0):
+        hood.around(peers, replace(me, now_ns=round(now_s * SECOND)))
+        found.append((hood.absence, hood.unheard))
+    assert found == [(None, ()), (None, ("b",)), (None, ())]
+
+
+def test_one_that_is_told_on_its_way_home_that_it_is_not_heard_crosses_in_its_layer():
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK), replace(plan(), unheard=("a",))):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(SECOND // 2, 0, 0.1, Transform(), returning_s=5.0))
+    assert hood.absence.missing == hood.absence.unhearing == ("b",)  # then its guidance knows of drones that do not hear it
+
+
 def test_one_that_tells_that_it_is_on_the_ground_is_not_waited_for():
     """Its autopilot is off, and it sends no poses: who was restarted hovered for good."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
