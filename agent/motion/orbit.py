@@ -87,7 +87,8 @@ class Orbit:
             lift_m: by how much it has to be higher than is best.
             least_m: the height that it has to have at least, though lower is better.
         """
-        elapsed_s = 0.0 if self._stamp_ns is None else min((now_ns - self._stamp_ns) * 1e-9, _LONGEST_S)
+        passed_s = 0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) * 1e-9
+        elapsed_s = min(max(passed_s, 0.0), _LONGEST_S)  # less than none where the clock was set back
         self._stamp_ns = now_ns
         radius_m = ring_m or self._wanted(rms_m, activity_bq, lost)
         height_m = max(self._lowest_m, least_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))

@@ -28,7 +28,7 @@ class Moment(Struct, frozen=True):
     @property
     def stage_s(self) -> float:
         """Duration of the stage so far."""
-        return (self.now_ns - self.since_ns) * 1e-9
+        return max(0.0, (self.now_ns - self.since_ns) * 1e-9)  # or the clock was set back
 
 
 class Centre(Struct, frozen=True):
