@@ -250,7 +250,7 @@ class Mission:
             return
         if situation.stranded_s == inf:
             self._stranded_since_ns = None
-        elif self._stranded_since_ns is None:
+        elif self._stranded_since_ns is None or self._stranded_since_ns > now_ns:
             self._stranded_since_ns = now_ns
         elif (now_ns - self._stranded_since_ns) * 1e-9 > situation.stranded_s:
             self._enter(Stage.RETURN, now_ns)

@@ -24,7 +24,10 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong t
 
 
 class Takeover:
-    """Notices a mode that this agent has not asked for and that stays."""
+    """Notices a mode that this agent has not asked for and that stays.
+
+    A time of the future is from before the clock was set back, and counts no more.
+    """
 
     def __init__(self) -> None:
         self._foreign_since_ns: int | None = None
@@ -70,14 +73,14 @@ class Takeover:
         A failsafe is given time to pass: after a gap in the setpoints the autopilot goes back to offboard by itself.
         ``stays``: the vehicle holds because its position cannot be trusted.
         """
-        settled = now_ns - since_ns > STALE_NS and not stays
+        settled = not 0 <= now_ns - since_ns <= STALE_NS and not stays
         self._was_offboard = self._was_offboard or (settled and vehicle.mode is FlightMode.OFFBOARD)
         if vehicle.mode in MODES[stage]:
             self._rejoining_until_ns = 0
         if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage):
             self._foreign_since_ns = None
             return False
-        if self._foreign_since_ns is None:
+        if self._foreign_since_ns is None or self._foreign_since_ns > now_ns:
             self._foreign_since_ns = now_ns
         patience_ns = TAKEOVER_NS if vehicle.healthy or vehicle.mode is FlightMode.MANUAL else FAILSAFE_NS
         return now_ns - self._foreign_since_ns > patience_ns
@@ -89,10 +92,10 @@ class Takeover:
             return False
         holds = self._holds or (stays and vehicle.mode is FlightMode.HOLD)
         fails = stays and not vehicle.healthy  # for want of a position
-        return holds or fails or now_ns < self._rejoining_until_ns
+        return holds or fails or 0 < self._rejoining_until_ns - now_ns <= REJOIN_NS
 
     def _asked_to_hold(self, now_ns: int) -> bool:
-        return self._holds or (self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS)
+        return self._holds or (self._held_ns is not None and 0 <= now_ns - self._held_ns < OWN_HOLD_NS)
 
     def _is_foreign(self, vehicle: VehicleState, stage: Stage) -> bool:
         """Whether somebody other than this agent has chosen the mode. Before arming, any mode is fine."""
