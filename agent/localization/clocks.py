@@ -150,7 +150,8 @@ class Clocks:
         common_ns = self.common_ns(now_ns)
         offsets_s = {self._drone: 0.0, **self._known}
         right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
-        self._agreed_ns |= dict.fromkeys(right, common_ns)
+        if len(right) > 1:  # alone, as in the first second after it was set, the own clock tells nothing of the common time
+            self._agreed_ns |= dict.fromkeys(right, common_ns)
         back_ns = max((at_ns - common_ns for name, at_ns in self._agreed_ns.items() if name not in right), default=-_AGAIN_NS)
         if back_ns <= -_AGAIN_NS:
             self._back_s = 0.0
@@ -198,7 +199,7 @@ class Clocks:
         """
         stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
         if isinstance(message, Pose) and (message.clock_sigma_m > 0.0 or self.is_doubted):
-            return replace(message, stamp_ns=stamp_ns, position_sigma_m=self._sigma_m_of(message), clock_sigma_m=0.0)
+            return replace(message, stamp_ns=stamp_ns, position_sigma_m=self._sigma_m_of(message))
         return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
 
     def _sigma_m_of(self, pose: Pose) -> float:

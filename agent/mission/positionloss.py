@@ -15,6 +15,7 @@ from __future__ import annotations
 from agent.vehicle.interface import FlightMode, VehicleState
 
 HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
+_LONGEST_STEP_NS = 1_000_000_000
 NEAR_GROUND_M = 1.0  # height estimates drift by as much
 LONGEST_NS = 30_000_000_000  # it hovers without a position for at most this long
 FALL_MPS = 1.0  # PX4 descends at 0.5 to 0.8 m/s without a position
@@ -30,7 +31,7 @@ class PositionLoss:
     def __init__(self) -> None:
         self.stays = False
         self.lands: str | None = None
-        self._since_ns: int | None = None
+        self._lost_ns: int | None = None  # for how long; None while it can be trusted
         self._last_ns = 0
         self._flew = False
         self._least_m = 0.0  # lower bound of its height
@@ -38,23 +39,26 @@ class PositionLoss:
     def stay_on(self, vehicle: VehicleState, now_ns: int) -> None:
         """The agent before a restart had this vehicle hold, and nothing has told yet that its position can be trusted again."""
         self.stays, self._flew = True, True
-        self._since_ns, self._last_ns, self._least_m = now_ns - HOLD_NS, now_ns, vehicle.height_m
+        self._lost_ns, self._last_ns, self._least_m = HOLD_NS, now_ns, vehicle.height_m
 
     def step(self, vehicle: VehicleState, now_ns: int, *, spent: bool = False) -> None:
         """Take the newest telemetry of a flight; ``spent``: the battery calls for the return."""
         if vehicle.position_trusted:
             self._resume(vehicle)
             return
-        if self._since_ns is None:
-            self._since_ns, self._flew, self._least_m = now_ns, False, vehicle.height_m
-        elif not vehicle.healthy and vehicle.mode is FlightMode.LAND:
-            self._least_m -= FALL_MPS * (now_ns - self._last_ns) * 1e-9
+        passed_ns = min(max(now_ns - self._last_ns, 0), _LONGEST_STEP_NS)  # the clock may have been set
         self._last_ns = now_ns
+        if self._lost_ns is None:
+            self._lost_ns, self._flew, self._least_m = 0, False, vehicle.height_m
+        else:
+            self._lost_ns += passed_ns
+            if not vehicle.healthy and vehicle.mode is FlightMode.LAND:
+                self._least_m -= FALL_MPS * passed_ns * 1e-9
         self._flew = self._flew or vehicle.in_air
-        self.stays = self._flew and (not vehicle.healthy or now_ns - self._since_ns >= HOLD_NS)
+        self.stays = self._flew and (not vehicle.healthy or self._lost_ns >= HOLD_NS)
         if not vehicle.healthy and min(vehicle.height_m, self._least_m) < NEAR_GROUND_M:
             self.lands = WHY
-        elif self.stays and (spent or now_ns - self._since_ns >= LONGEST_NS):
+        elif self.stays and (spent or self._lost_ns >= LONGEST_NS):
             self.lands = WHY_SPENT if spent else WHY_LONG
 
     def _resume(self, vehicle: VehicleState) -> None:
@@ -63,4 +67,4 @@ class PositionLoss:
             self.lands = None
         elif self.stays:
             self.lands = WHY
-        self._since_ns, self.stays = None, False
+        self._lost_ns, self.stays = None, False

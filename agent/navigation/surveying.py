@@ -258,7 +258,7 @@ class CoverageLog:
             self._since_ns, self._epoch = now_ns, epoch
         if not self._points or _apart(self._points[-1], position) >= POINT_M:
             self._points.append(position)
-        if told is not None or now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
+        if told is not None or 0 <= now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
             return told
         told, self._points = (self._since_ns, epoch, tuple(self._points)), [self._points[-1]]
         self._since_ns = now_ns

@@ -12,7 +12,7 @@ nothing is told.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import dist
+from math import dist, hypot
 
 from msgspec.structs import replace
 
@@ -32,7 +32,7 @@ def contradict(one: Pose, other: Pose) -> bool:
     """Whether no vehicle can have been in both poses. Of epochs it is only known that no older one follows."""
     if one.epoch != other.epoch:
         return (one.epoch < other.epoch) != (one.stamp_ns <= other.stamp_ns)
-    doubt_m = min(SLACK_M + SIGMAS * max(one.position_sigma_m, other.position_sigma_m), MOST_DOUBT_M)
+    doubt_m = min(SLACK_M + SIGMAS * max(map(_sigma_m, (one, other))), MOST_DOUBT_M)
     return dist(one.position_m, other.position_m) > doubt_m + FASTEST_MPS * 1e-9 * abs(one.stamp_ns - other.stamp_ns)
 
 
@@ -65,6 +65,8 @@ class Sources:
             self.rival = replace(self.rival, stamp_ns=self.rival.stamp_ns + by_ns)
         if self._since_ns is not None:
             self._since_ns += by_ns
+        if self._shown_ns is not None:
+            self._shown_ns += by_ns
         self._boots = {boot: replace(status, stamp_ns=status.stamp_ns + by_ns) for boot, status in self._boots.items()}
 
     def boot(self, status: Status, now_ns: int) -> None:
@@ -100,3 +102,8 @@ class Sources:
 
 def _stamp(status: Status) -> int:
     return status.stamp_ns
+
+
+def _sigma_m(pose: Pose) -> float:
+    """1 sigma of its position, with what a wrong clock adds: how far it is wrong is known a moment after it was set only."""
+    return hypot(pose.position_sigma_m, pose.clock_sigma_m)

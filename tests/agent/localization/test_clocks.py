@@ -361,7 +361,7 @@ def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks
     )  # fmt: skip
     known = exchanged({"a": 0, "b": 2_600}, names=("a", "b"))[0]["a"].by_own_clock(pose)
     assert known.stamp_ns == pytest.approx(START_NS, abs=2 * MS)
-    assert (known.position_sigma_m, known.clock_sigma_m) == (pytest.approx(0.1), 0.0)
+    assert known.position_sigma_m == pytest.approx(0.1)
     assert Clocks("a", ["b"]).by_own_clock(pose).position_sigma_m == pose.position_sigma_m
 
 
@@ -375,3 +375,19 @@ def test_where_the_difference_is_not_known_the_own_clock_may_be_the_wrong_one():
     assert clocks["a"].by_own_clock(pose).position_sigma_m == pytest.approx(math.hypot(0.1, 4.0), abs=0.05)
     assert clocks["a"].by_own_clock(replace(pose, drone="b")).position_sigma_m == pytest.approx(0.1)
     assert clocks["b"].by_own_clock(pose) == pose
+
+
+def test_who_is_alone_with_its_time_does_not_hold_the_others_back_to_it():
+    """Its clock is set 30 s ahead: the hypothesis was 30 s in the future for as long."""
+    names, set_ms = ("a", "b", "c"), dict.fromkeys("abc", 0)
+    clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
+    off_s = []
+    for tick in range(200):
+        true_ns = START_NS + tick * SECOND // 10
+        set_ms["a"] = 30_000 if tick >= 100 else 0
+        clocks["a"].keep_time(0)
+        if tick % 10 == 0:
+            exchange_statuses(clocks, true_ns, set_ms, names)
+        off_s.append((clocks["a"].followed_ns(true_ns + set_ms["a"] * MS) - true_ns) / SECOND)
+    assert off_s[:100] == pytest.approx([0.0] * 100, abs=0.05)
+    assert off_s[125:] == pytest.approx([0.0] * 75, abs=0.05)  # once the others are heard again

@@ -11,7 +11,7 @@ from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.sources import RIVAL_NS, SHOWN_NS
+from agent.navigation.peers.sources import RIVAL_NS, SHOWN_NS, contradict
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Stage, Status
@@ -149,3 +149,10 @@ def test_a_pilot_tells_its_operator():
         one.receive(key_of(MISSION.swarm, message), encode(message), message.stamp_ns)
     (told,) = messages(one.step(news[-1].stamp_ns), Status)
     assert told.problems.count(TWO) == 1
+
+
+def test_poses_of_a_clock_that_was_just_set_are_of_one_source():
+    """At 5 m/s a clock that is wrong by 0.6 s makes a pose 3 m wrong, until it is known by how much it was set."""
+    before, after = pose(START_NS), pose(START_NS + 50 * MS, x_m=38.0)
+    assert contradict(before, after)
+    assert not contradict(before, replace(after, clock_sigma_m=3.0))
