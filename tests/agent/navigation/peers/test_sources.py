@@ -153,6 +153,6 @@ def test_a_pilot_tells_its_operator():
 
 def test_poses_of_a_clock_that_was_just_set_are_of_one_source():
     """At 5 m/s a clock that is wrong by 0.6 s makes a pose 3 m wrong, until it is known by how much it was set."""
-    before, after = pose(START_NS), pose(START_NS + 50 * MS, x_m=38.0)
+    before, after = pose(START_NS), pose(START_NS + 50 * MS, x_m=35.0)
     assert contradict(before, after)
     assert not contradict(before, replace(after, clock_sigma_m=3.0))
