@@ -13,7 +13,7 @@ from agent.geometry import Vector3
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
 
-_LATER_NS = 10_000_000_000
+_LATER_NS = 10_000_000_000  # by then others have been seen, as far as they are near
 _DRIFT_MPS = 0.2  # of a local frame after the launch, at most
 
 Known = tuple[int, Transform | None]  # first stamp of validity, transform; None: lost

@@ -186,7 +186,8 @@ class Executive:
             self._navigator.home.watch(self._own.vehicle)
         absence = self._navigator.absence
         unheard = absence.coming_home if absence is not None else ()
-        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard, self._way_home_s)
+        way_home_s = self._way_home_s if self._reserve.is_low else 0.0
+        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard, way_home_s)
         self._mission.step(self._situation(now_ns))
         self.remembering.note(now_ns, peers)
         return self._decide(now_ns, peers)

@@ -48,9 +48,9 @@ class Remembering:
         """The stage that the others are told: until telemetry shows whether the stored flight goes on, that of then. If it told
         that it is on the ground, nobody would reckon with a vehicle in its failsafe.
         """
-        former = self._former
-        goes_on = former is not None and former.is_recent(self._mission_id, now_ns)
-        return former.stage if former is not None and goes_on else self._mission.stage
+        if self._former is not None and self._former.is_recent(self._mission_id, now_ns):
+            return self._former.stage
+        return self._mission.stage
 
     def rejoin(self, vehicle: VehicleState) -> int:
         """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.

@@ -85,9 +85,14 @@ class Mission:
             return Request.RELEASE
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
-        if (self.stage is Stage.TAKEOFF and self._rises) or (self.stage is Stage.HOLD and self._braking.lasts):
+        if self._is_rising or (self.stage is Stage.HOLD and self._braking.lasts):
             return Request.OFFBOARD
         return _REQUESTS[self.stage]
+
+    @property
+    def _is_rising(self) -> bool:
+        """Whether it flies the last metres of its takeoff, or those after a failsafe, by setpoints."""
+        return self.stage is Stage.TAKEOFF and self._rises
 
     def command(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None = None) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -180,7 +185,7 @@ class Mission:
         """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
         if vehicle.mode is not FlightMode.LAND or vehicle.healthy:
             return
-        if self.stage in STEERED or (self._rises and vehicle.height_m < NEAR_GROUND_M):
+        if self.stage in STEERED or (self._is_rising and vehicle.height_m < NEAR_GROUND_M):
             self._get_clear(vehicle, now_ns)
 
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:

@@ -105,5 +105,5 @@ def _stamp(status: Status) -> int:
 
 
 def _sigma_m(pose: Pose) -> float:
-    """1 sigma of its position, with what a wrong clock adds: how far it is wrong is known a moment after it was set only."""
+    """1 sigma of its position, with what a wrong clock adds: by how much a clock was set is known only a moment later."""
     return hypot(pose.position_sigma_m, pose.clock_sigma_m)

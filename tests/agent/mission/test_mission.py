@@ -211,12 +211,18 @@ def test_a_hold_ends_in_a_return_when_the_battery_is_low():
     assert (mission.stage, mission.request) == (Stage.RETURN, Request.OFFBOARD)
 
 
-@pytest.mark.parametrize("holds", [False, True])
-def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_is(holds):
+def after(*, holds, **happens):
+    """A mission that tracked, or held, when this happened."""
     mission = tracking()
     if holds:
         mission.command(Action.HOLD, 11 * SECOND, at(11.0))
-    mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, battery_spent=True))
+    mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, **happens))
+    return mission
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_is(holds):
+    mission = after(battery_spent=True, holds=holds)
     assert (mission.stage, mission.landed_because) == (Stage.LANDING, SPENT)
     assert mission.command(Action.RETURN, 13 * SECOND, at(13.0)) is None
     mission.step(at(14.0, battery_spent=True))
@@ -225,10 +231,7 @@ def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_
 
 @pytest.mark.parametrize("holds", [False, True])
 def test_a_revoked_drone_returns_at_once(holds):
-    mission = tracking()
-    if holds:
-        mission.command(Action.HOLD, 11 * SECOND, at(11.0))
-    mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, revoked=True))
+    mission = after(revoked=True, holds=holds)
     assert mission.stage is Stage.RETURN
 
 
