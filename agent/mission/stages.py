@@ -25,6 +25,7 @@ BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came 
 SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
+_ABOVE_FLOOR_M = 0.25  # so far above the floor for sure: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
@@ -199,8 +200,8 @@ class Mission:
             self._rises = True
 
     def _is_low(self, vehicle: VehicleState) -> bool:
-        """Whether it is below the floor, or sinks so fast that it will be."""
-        return vehicle.height_m + _STOPS_S * min(vehicle.velocity_mps[2], 0.0) < self._floor_m
+        """Whether it is not surely above the floor, or sinks so fast that it will not be."""
+        return vehicle.height_m + _STOPS_S * min(vehicle.velocity_mps[2], 0.0) < self._floor_m + _ABOVE_FLOOR_M
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
