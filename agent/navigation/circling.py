@@ -133,11 +133,11 @@ class Circling:
         circle = self.circle(moment, centre)
         if absence is None or centre is None or (circle is None and not climbs):
             return []
-        now_ns, at, way = moment.now_ns, centre.position, ahead()
+        now_ns, at, way, fits = moment.now_ns, centre.position, ahead(), self._fits(moment)
         found = [] if circle is None else self._shared.middle(absence, now_ns, at, way, STEP_S, circle.radius_m)
         if not has_room:
-            return found
-        return found + self._shared.others(absence, now_ns, at, way, STEP_S, self._fits(moment), climbs=climbs)
+            return found + self._shared.inner(absence, now_ns, at, way, STEP_S, fits)
+        return found + self._shared.others(absence, now_ns, at, way, STEP_S, fits, climbs=climbs)
 
     def _size_m(self, moment: Moment, absence: Absence | None, ring_m: float | None) -> tuple[float, float]:
         """Radius, and height above ground. ``ring_m``: the radius that keeps clear of those that are not heard, if any does."""

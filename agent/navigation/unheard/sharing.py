@@ -92,6 +92,12 @@ class SharedCircle:
         found = [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within]
         return found + [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=False) for one in around]
 
+    def inner(self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, fits: bool) -> list[PeerPlan]:
+        """Of ``others``, the circle inside of the own one, to a drone that is clear of it and hovers, as its own has no room."""
+        clear_m = _far_m(ahead, centre) - self._mission.limits.separation_m
+        within = [one for one in self._circles(absence, fits) if one.ring < absence.ring and one.radius_m <= clear_m]
+        return [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within[-1:]]
+
     def middle(
         self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, radius_m: float
     ) -> list[PeerPlan]:

@@ -52,6 +52,17 @@ def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
     assert lines(missing, 1, RADII_M[1]) == [(pytest.approx(RADII_M[0]), 1.0), (pytest.approx(RADII_M[1] + CLEAR_M), -1.0)]
 
 
+@pytest.mark.parametrize(("away_m", "keeps"), [(6.0, True), (3.5, True), (2.5, False), (-1.0, False)])
+def test_one_that_hovers_as_its_circle_has_no_room_keeps_from_the_one_inside_that_it_is_clear_of(away_m, keeps):
+    """Others followed the source towards four that hovered, and these did not reckon with them. One that is on that circle, or
+    inside of it, would flee outward.
+    """
+    absence = Absence(("d1",), (), 1, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=())
+    ahead = np.array([[RADII_M[0] + away_m, 0.0, 3.0]])
+    found = SharedCircle(FOUR, "d2").inner(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits=False)
+    assert [one.positions[0][0] for one in found] == ([pytest.approx(RADII_M[0])] if keeps else [])
+
+
 def test_who_is_further_away_itself_is_on_the_way_in():
     assert lines(("d1",), 1, RADII_M[1] + CLEAR_M + 0.5) == [(pytest.approx(RADII_M[0]), 1.0)]
 
