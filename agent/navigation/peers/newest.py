@@ -133,7 +133,7 @@ def _shifted(message: M | None, by_ns: int) -> M | None:
 class Peers:
     """The other drones of the mission, by id.
 
-    What was heard stays as old as it is when the own clock is set back: all stamps move along, by ``set_ns`` in sum so far.
+    What was heard stays as old as it is when the own clock is set: all stamps move along, by ``set_ns`` in sum so far.
     """
 
     def __init__(self, ids: list[str]) -> None:
@@ -150,17 +150,14 @@ class Peers:
         return sorted(self._peers)
 
     def keep_time(self, now_ns: int) -> None:
-        """Look at the own clock, before it is used: it was set back where it goes back, and is right again where it then goes on
-        by more than a step can take. Without the former, the latter is time that has passed.
-        """
+        """Look at the own clock, before it is used: it was set where it goes back, or on by more than a step can take."""
         step_ns = 0 if self._now_ns is None else now_ns - self._now_ns
         self._now_ns = now_ns
         if 0 <= step_ns <= _LONGEST_STEP_NS:
             return
-        by_ns = min(step_ns, -self.set_ns)
-        self.set_ns += by_ns
+        self.set_ns += step_ns
         for peer in self._peers.values():
-            peer.shift(by_ns)
+            peer.shift(step_ns)
 
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
         """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None.

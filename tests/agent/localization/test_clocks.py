@@ -259,6 +259,8 @@ def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_he
     """It was kept as it was, as surely, for as long as the clock had been set back."""
     one = tracking()
     now_ns = START_NS + 5 * SECOND
+    for tick in range(1, 101):
+        one.step(START_NS + tick * SECOND // 20)
     for delays_ns in ({}, {"d1": 2 * MS}):
         status = replace(STATUS, drone="d2", stamp_ns=now_ns, mission=MISSION.mission_id, delays_ns=delays_ns)
         one.receive(key_of("radron", status), encode(status), now_ns + 2 * MS)

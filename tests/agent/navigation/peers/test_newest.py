@@ -40,9 +40,11 @@ def test_news_of_a_drone_whose_clock_is_known_to_differ_is_taken_at_its_time_by_
     assert one.counters["dropped_from_the_future"] >= 1
 
 
-@pytest.mark.parametrize("back_s", [3, 20, 3600])
-def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_back_and_right_again(back_s):
-    """To a step of the agent, whose length nobody knows then; and news is newer than known."""
+@pytest.mark.parametrize("back_s", [3, 20, 3600, -3, -20])
+def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_and_right_again(back_s):
+    """To a step of the agent, whose length nobody knows then; and news is newer than known. Where it was set on by more than
+    2 s, all others were silent at once.
+    """
     peers, back_ns, step_ns = Peers(["d2"]), back_s * 1000 * MS, 50 * MS
     peers.keep_time(START_NS)
     assert peers.receive(pose(START_NS), START_NS) is None
@@ -80,12 +82,12 @@ def test_an_agent_started_in_flight_that_waits_for_its_telemetry_does_not_launch
     assert peers["d2"].launch is None
 
 
-@pytest.mark.parametrize("slept_s", [1.9, 20.0])
-def test_time_that_passes_sets_no_clock(slept_s):
+def test_time_that_passes_sets_no_clock():
+    """The watchdog ends an agent that stands still for longer."""
     peers = Peers(["d2"])
     peers.keep_time(START_NS)
     peers.receive(pose(START_NS), START_NS)
-    peers.keep_time(START_NS + round(slept_s * 1000) * MS)
+    peers.keep_time(START_NS + 1900 * MS)
     assert peers["d2"].pose.stamp_ns == START_NS
     assert peers.set_ns == 0
 
