@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from math import dist
 
 from msgspec import UNSET
 from shapely import Polygon
@@ -37,6 +38,8 @@ from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
+_GAP_NS = 500_000_000  # a plan so late is made after the clock was set on, or this agent stood still
+_LEAP_M = 2.0  # a vehicle so far from its plan then has not flown it: the setpoint would leap by as much
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
 
@@ -169,7 +172,8 @@ class Navigator:
             self._begun_ns = moment.now_ns
         is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
         is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # the clock: setpoints would run backwards along the plan
-        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_set_back or (due and not is_steered):
+        is_elsewhere = is_set_back or (due and (not is_steered or self._has_leapt(moment)))
+        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_elsewhere:
             self._tracker = self._begin(moment.vehicle)
         elif due:
             self._virtual = self._tracker.state(moment.now_ns)
@@ -191,6 +195,12 @@ class Navigator:
             self._was_steered = True
             return True
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
+
+    def _has_leapt(self, moment: Moment) -> bool:
+        """Whether the plan has gone on without the vehicle, in a gap between two plans."""
+        if self._tracker is None or moment.now_ns - self._due_ns < _GAP_NS:
+            return False
+        return dist(self._tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 
     def _begin(self, vehicle: VehicleState) -> Tracker:
         """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
