@@ -177,13 +177,14 @@ class SwarmFrames:
 
     def suspects(self) -> Mapping[str, str]:
         """By drone: why its frame is not trusted, or not known."""
-        found = {}
-        for drone, member in enumerate(self._newest.members):
-            if member.suspicion is not None:
-                found[self._names[drone]] = member.suspicion.reason
-            elif self._estimated[drone] and not member.known:
-                found[self._names[drone]] = "its frame is not known yet"
-        return found
+        members = zip(self._names, self._estimated, self._newest.members, strict=True)
+        unknown = {name: "its frame is not known yet" for name, estimated, one in members if estimated and not one.known}
+        return unknown | self.contradicted()
+
+    def contradicted(self) -> Mapping[str, str]:
+        """By drone: why its frame is not trusted, as measurements contradict each other."""
+        members = zip(self._names, self._newest.members, strict=True)
+        return {name: one.suspicion.reason for name, one in members if one.suspicion is not None}
 
     def _is_late(self, stamp_ns: int) -> bool:
         """Whether an entry of that stamp changes keyframes that were estimated long ago."""

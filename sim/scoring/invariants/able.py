@@ -18,7 +18,7 @@ class Able:
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
         faults = setting.scenario.fault
-        unfit = {name for fault in faults if _disables(fault, setting.heal_s) for name in fault.strikes(setting.names)}
+        unfit = {name for fault in faults if _disables(fault, setting.heal_s) for name in setting.strikes(fault)}
         self._fit = [drone for drone, name in enumerate(setting.names) if name not in unfit]
         self.drones: tuple[int, ...] | None = None
 

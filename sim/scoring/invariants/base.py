@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import PositionJump
+from sim.faults.machines import Battery, PositionJump, SatellitesLost
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -52,10 +52,14 @@ class Setting:
         self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=inf)
         revoked = (fault for fault in scenario.fault if isinstance(fault, Revoked))
         self.revoked_s = {self.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(self.names)}
-        self._spans = [
-            (fault.family, [self.names.index(name) for name in fault.strikes(self.names)], fault.at_s, fault.end_s)
-            for fault in scenario.fault
-        ]
+        struck = ((fault, [self.names.index(name) for name in self.strikes(fault)]) for fault in scenario.fault)
+        self._spans = [(fault.family, drones, fault.at_s, fault.end_s) for fault, drones in struck if drones]
+
+    def strikes(self, fault: Fault) -> list[str]:
+        """The drones that a fault strikes: who flies by SLAM loses nothing with its satellites."""
+        by_slam = {drone.id for drone in self.mission.drones if drone.localization == "slam"}
+        spared = by_slam if isinstance(fault, SatellitesLost) else frozenset[str]()
+        return [name for name in fault.strikes(self.names) if name not in spared]
 
     def struck(self, families: Collection[Family], drone: int, time_s: float, after_s: float = 0.0) -> bool:
         """Whether a fault of these families strikes a drone, or did so less than ``after_s`` ago."""
@@ -74,14 +78,14 @@ class Setting:
 
     def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
         """When the first fault of these families begins that puts wrong observations into every log; infinite without one."""
-        misleading = (fault.at_s for fault in self.scenario.fault if fault.family in families and not _is_announced(fault))
-        return min(misleading, default=inf)
+        own = (fault for fault in self.scenario.fault if fault.family in families and self.strikes(fault))
+        return min((fault.at_s for fault in own if not _is_announced(fault)), default=inf)
 
     def struck_unannounced(self, drone: int, time_s: float, families: Collection[Family] = OWN_FAULTS) -> bool:
         """Whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump
         that it knows of, only ``ANNOUNCED_S`` count, after the jump and after the one back.
         """
-        mine = (one for one in self.scenario.fault if one.family in families and self.names[drone] in one.strikes(self.names))
+        mine = (one for one in self.scenario.fault if one.family in families and self.names[drone] in self.strikes(one))
         spans = [
             (begin_s, end_s)
             for one in mine
@@ -98,9 +102,12 @@ class Setting:
         return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
 
     def may_land_elsewhere(self, drone: int, time_s: float) -> bool:
-        """Whether a drone need not find home: whose own position or thrust was ever faulted may have had to land where it was.
-        Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted unannounced.
+        """Whether a drone need not find home: whose own position, thrust or battery was ever faulted may have had to land where
+        it was. Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted
+        unannounced.
         """
+        if any(isinstance(one, Battery) and self.names[drone] in self.strikes(one) for one in self.scenario.fault):
+            return True
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s

@@ -29,6 +29,7 @@ _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType
 _LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _CLOCK: tuple[Family, ...] = ("clock",)
+_LIAR: tuple[Family, ...] = ("liar",)
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
@@ -53,11 +54,12 @@ class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
-    are where they take themselves to be, and hear it: where all satellites are spoofed nobody can tell who is wrong, and a
-    sighting tells something to those only that know both tracks, by clocks that agree. So they do not count while its agent is
-    gone or its clock is wrong, nor once it is revoked. Nor do they count for a drone that flies by SLAM, whose frame drifts
-    anyway, while the others' sightings keep that frame right: it is where it takes itself to be in the mission frame, and nothing
-    that it measures contradicts that. One with satellites has to be named then, too: its fixes contradict the sightings.
+    are where they take themselves to be, have never lied, and hear it: where all satellites are spoofed nobody can tell who is
+    wrong, and a sighting tells something to those only that know both tracks, by clocks that agree. So they do not count while
+    its agent is gone or its clock is wrong, nor once it is revoked. Nor do they count for a drone that flies by SLAM, whose frame
+    drifts anyway, while the others' sightings keep that frame right: it is where it takes itself to be in the mission frame, and
+    nothing that it measures contradicts that. One with satellites has to be named then, too: its fixes contradict the sightings.
+    That a frame is not known yet, as to any agent that has just been started, is no suspicion.
     """
 
     name = "named"
@@ -95,8 +97,9 @@ class Named(Invariant[Moment]):
 
     def _is_named(self, moment: Moment, drone: int) -> bool:
         name = self.setting.names[drone]
-        pilots = (pilot for pilot in moment.pilots if pilot is not None)
-        return any(name in pilot.frames.suspects() for pilot in pilots)
+        others = ((other, pilot) for other, pilot in enumerate(moment.pilots) if other != drone and pilot is not None)
+        heard = (pilot for other, pilot in others if moment.time_s < self.setting.unheard_s(other))
+        return any(name in pilot.frames.contradicted() for pilot in heard)
 
     def _is_kept_right(self, moment: Moment, drone: int) -> bool:
         """Whether sightings make up for all that is wrong with a drone's own position, as for any drift."""
@@ -126,7 +129,8 @@ class Named(Invariant[Moment]):
         x, y, _ = moment.position_m[drone].tolist()
         others = [k for k in range(len(moment.pilots)) if k != drone and self._tells(moment, k) and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
-        right = [k for k in near if not self.setting.struck_unannounced(k, moment.time_s, _MISPLACING)]
+        honest = [k for k in near if not self.setting.struck(_LIAR, k, moment.time_s, inf)]
+        right = [k for k in honest if not self.setting.struck_unannounced(k, moment.time_s, _MISPLACING)]
         linked = [k for k in right if self._are_linked(moment, drone, k)]
         return len(linked) >= 2 and moment.airborne(drone) and self._tells(moment, drone)
 

@@ -13,6 +13,7 @@ from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
+LANDS_WITHIN_S = 30.0  # from 50 m away, at 3 m/s, and 10 m up
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 
 
@@ -27,6 +28,7 @@ class Landed(Invariant[Scene]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.able = Able(setting)
+        self._all_return_s: float | None = None  # since when nobody has anything to do any more but to come home
         self._launch: Array | None = None
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
@@ -55,16 +57,22 @@ class Landed(Invariant[Scene]):
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
-        """Whether nothing more is to be expected of the flight."""
-        able = self.able.see(moment)
-        return self.able.drones is not None and all(
-            self.is_home(moment, drone, drone in able) for drone in range(len(self.setting.names))
-        )
+        """Whether nothing more is to be expected of the flight: everybody has ended it as it must, and is down, or has had
+        ``LANDS_WITHIN_S`` for that, in which it is judged on its way home.
+        """
+        able, drones = self.able.see(moment), range(len(self.setting.names))
+        if self.able.drones is None or not all(self.is_home(moment, drone, drone in able) for drone in drones):
+            self._all_return_s = None
+            return False
+        if self._all_return_s is None:
+            self._all_return_s = moment.time_s
+        lands = (drone for drone in drones if not self._is_flown_by_hand(moment.time_s, drone))
+        return all(_is_down(moment, drone) for drone in lands) or moment.time_s - self._all_return_s >= LANDS_WITHIN_S
 
     def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
         """Whether a drone has ended its flight as it must."""
         autopilot, pilot = moment.autopilots[drone], moment.pilots[drone]
-        if not moment.airborne(drone) and not autopilot.armed:
+        if _is_down(moment, drone):
             return True
         if able:
             return False
@@ -76,3 +84,7 @@ class Landed(Invariant[Scene]):
         return any(
             isinstance(fault, Takeover) and name in fault.strikes(self.setting.names) and fault.at_s <= time_s for fault in faults
         )
+
+
+def _is_down(moment: Scene, drone: int) -> bool:
+    return not moment.airborne(drone) and not moment.autopilots[drone].armed

@@ -14,6 +14,7 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
+BESIDE_M = 1.5  # so far from one on the ground another may come down
 _BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
@@ -39,20 +40,22 @@ class Separation(Invariant[Scene]):
             if distance_m < apart_m:
                 yield Breach(pair, f"{distance_m:.2f} m apart, at least {apart_m:g} m wanted")
 
-    def _near(self, moment: Scene, within_m: float) -> Iterator[tuple[tuple[int, int], float]]:
-        """Pairs in the air within a distance, without the exempt ones."""
+    def _near(self, moment: Scene, within_m: float, in_air: int = 2) -> Iterator[tuple[tuple[int, int], float]]:
+        """Pairs within a distance, so many of each in the air, without the exempt ones."""
         places = moment.position_m.tolist()
         for pair in self._pairs:
             one, other = pair
             distance_m = dist(places[one], places[other])
-            if distance_m >= within_m or not (moment.airborne(one) and moment.airborne(other)):
+            if distance_m >= within_m or sum(map(moment.airborne, pair)) != in_air:
                 continue
             if not any(self.setting.lost_itself(drone, moment.time_s) for drone in pair):
                 yield pair, distance_m
 
 
 class Collision(Separation):
-    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors."""
+    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors. None comes down
+    on another one that is on the ground: within 1.5 m of it.
+    """
 
     name = "collision"
 
@@ -60,6 +63,8 @@ class Collision(Separation):
         """Pairs that have collided."""
         for pair, distance_m in self._near(moment, COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
+        for pair, distance_m in self._near(moment, BESIDE_M, in_air=1):
+            yield Breach(pair, f"{distance_m:.2f} m apart, one of them on the ground")
 
 
 class Fence(Invariant[Scene]):

@@ -87,8 +87,8 @@ SOMEWHERE = whereabouts()
 
 
 def pilot(
-    stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
-    told=(), reckons=None, memory=None, fused=None, backlog_s=0.0,
+    stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), unknown=(), placed=None,
+    problems=(), entries=(), told=(), reckons=None, memory=None, fused=None, backlog_s=0.0,
 ):  # fmt: skip
     return SimpleNamespace(
         stage=stage,
@@ -98,7 +98,9 @@ def pilot(
         pending=pending,
         backlog_s=backlog_s,
         fusion=fused or SimpleNamespace(log=Log(entries, told)),
-        frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
+        frames=SimpleNamespace(
+            contradicted=lambda: dict.fromkeys(suspects, ""), suspects=lambda: dict.fromkeys((*suspects, *unknown), "")
+        ),
         whereabouts=placed,
         reckoning=reckons,
         memory=memory,
