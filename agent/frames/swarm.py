@@ -179,7 +179,7 @@ class SwarmFrames:
         """By drone: why its frame is not trusted, or not known."""
         members = zip(self._names, self._estimated, self._newest.members, strict=True)
         unknown = {name: "its frame is not known yet" for name, estimated, one in members if estimated and not one.known}
-        return unknown | self.contradicted()
+        return {**unknown, **self.contradicted()}
 
     def contradicted(self) -> Mapping[str, str]:
         """By drone: why its frame is not trusted, as measurements contradict each other."""

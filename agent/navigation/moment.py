@@ -6,11 +6,13 @@ from msgspec import Struct
 
 from agent.fusion.estimator import Hypothesis
 from agent.geometry import Point2, Vector3
+from agent.motion.reference import PeerState
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
 
 STEP_S = 0.2  # of the tracker's horizon
 HORIZON = 20
+_OLDEST_S = 1.0  # by older telemetry nobody flies
 
 
 class Moment(Struct, frozen=True):
@@ -29,6 +31,15 @@ class Moment(Struct, frozen=True):
     def stage_s(self) -> float:
         """Duration of the stage so far."""
         return max(0.0, (self.now_ns - self.since_ns) * 1e-9)  # or the clock was set back
+
+    @property
+    def here(self) -> PeerState:
+        """Where the vehicle is now, and how fast, local frame: while telemetry is lost it flies on, towards others that were as
+        far away as they seem when it was heard last. Stamps of the future are from before the clock was set back.
+        """
+        (x, y, z), (u, v, w) = self.vehicle.position_m, self.vehicle.velocity_mps
+        age_s = min(max(0.0, 1e-9 * (self.now_ns - self.vehicle.stamp_ns)), _OLDEST_S)
+        return PeerState((x + age_s * u, y + age_s * v, z + age_s * w), (u, v, w))
 
 
 class Centre(Struct, frozen=True):

@@ -174,7 +174,7 @@ class Navigator:
         is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # the clock: setpoints would run backwards along the plan
         is_elsewhere = is_set_back or (due and (not is_steered or self._has_leapt(moment)))
         if self._tracker is None or self._epoch != moment.vehicle.epoch or is_elsewhere:
-            self._tracker = self._begin(moment.vehicle)
+            self._tracker = self._begin(moment)
         elif due:
             self._virtual = self._tracker.state(moment.now_ns)
             fence = self._fence.moved(moment.vehicle, self._ground.level_m(moment.vehicle))
@@ -202,14 +202,15 @@ class Navigator:
             return False
         return dist(self._tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 
-    def _begin(self, vehicle: VehicleState) -> Tracker:
+    def _begin(self, moment: Moment) -> Tracker:
         """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
+        vehicle, here = moment.vehicle, moment.here
         self._guidance.begin()
         fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
         self._room = fence.outline
         tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
-        tracker.reset(vehicle.position_m, vehicle.velocity_mps)
-        self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
+        tracker.reset(here.position, here.velocity)
+        self._virtual = here
         self._epoch, self._due_ns = vehicle.epoch, 0
         return tracker
 
@@ -226,9 +227,8 @@ class Navigator:
         if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:
             reference = self._guidance.stay(self._virtual)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
-        here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         wanted = self._ground.kept_off(reference, vehicle)
-        made = tracker.plan(now_ns, here, wanted, kept_from, self._ground.relief(vehicle))
+        made = tracker.plan(now_ns, moment.here, wanted, kept_from, self._ground.relief(vehicle))
         known = frame.mission_from_local if frame is not None else None
         divided = self._guidance.kept_places
         self.reckoning = Reckoning(now_ns, vehicle.position_m, kept_from, self._room, known, made.positions, made.step_s, divided)

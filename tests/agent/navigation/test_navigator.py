@@ -57,6 +57,24 @@ def test_no_setpoint_runs_back_along_the_plan_where_the_clock_is_set_back():
         assert (plan is None) is (now_ns == START_NS - 8 * SECOND // 10)
 
 
+@pytest.mark.parametrize("age_s", [0.0, 0.6, 0.9])
+def test_a_vehicle_that_is_not_heard_flies_on_towards_the_others(age_s):
+    """By telemetry of 0.9 s ago another one, 8 m ahead, seemed 4.5 m farther away, and the plan did not brake before it."""
+    navigator, own, frames = made()
+    local, peers = frames.mission_from_local("d1", 0).inverse(), Peers(["d2"])
+    there = frames.mission_from_local("d2", 0).inverse().apply_point((35.0, 33.0, 3.0))
+    seen = state(START_NS, position=there)
+    told = {"position_m": there, "velocity_mps": (0.0, 0.0, 0.0), "quaternion": seen.quaternion, "epoch": 0}
+    assert peers.receive(Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **told), START_NS) is None
+    velocity, heard_ns = local.rotate_direction((0.0, 5.0, 0.0)), START_NS - round(age_s * SECOND)
+    at_then = local.apply_point((35.0, 25.0 - 5.0 * age_s, 3.0))
+    vehicle = own.take(replace(state(heard_ns, FlightMode.OFFBOARD, at_then), velocity_mps=velocity))
+    navigator.step(Moment(START_NS, Stage.RETURN, START_NS, vehicle, None), peers)
+    planned = frames.mission_from_local("d1", 0).apply(navigator.reckoning.planned)
+    assert planned[0, :2] == pytest.approx((35.0, 25.0), abs=0.05)
+    assert np.hypot(*(planned[:, :2] - (35.0, 33.0)).T).min() > 3.5
+
+
 @pytest.mark.parametrize(("on_s", "flown_m"), [(1.5, 0.0), (0.9, 0.0), (0.9, 4.0)])
 def test_no_setpoint_leaps_ahead_where_the_clock_is_set_on(on_s, flown_m):
     """By 4.5 m at 5 m/s. After as long a gap in which the vehicle has flown its plan it goes on with it."""
