@@ -1,4 +1,4 @@
-"""The way to a hold: a drone that is told to hold brakes by its own setpoints, which keep clear of the others.
+"""The way to a hold, or a landing: a drone that is told so brakes by its own setpoints, which keep clear of the others.
 
 Its autopilot would brake straight ahead, over 10 m from the speed of a search. Where a whole swarm is told to hold, two that were
 about to pass each other would both go straight on.
@@ -22,7 +22,7 @@ class Braking:
         self.lasts = False
 
     def begin(self, vehicle: VehicleState, now_ns: int) -> None:
-        """It is told to hold."""
+        """It is told to hold, or to land."""
         self._begun_ns, self.lasts = now_ns, True
         self.step(vehicle, now_ns)
 

@@ -11,7 +11,8 @@ from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import refusal
 from agent.mission.situation import Situation
-from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, Takeover
+from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, Takeover, is_failsafe
+from agent.mission.unsteered import Unsteered
 from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
@@ -26,7 +27,6 @@ SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
 _ABOVE_FLOOR_M = 0.25  # so far above the floor for sure: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
-UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
     Stage.PREFLIGHT: Request.STAY,
@@ -70,14 +70,13 @@ class Mission:
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
         self._takeover, self._braking = Takeover(), Braking()
-        self._unsteered_since_ns: int | None = None
+        self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
         self._stranded_since_ns: int | None = None
         self._was_armed = False
-        self._mode = FlightMode.HOLD
 
     @property
     def request(self) -> Request:
@@ -86,7 +85,7 @@ class Mission:
             return Request.RELEASE
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
-        if self._is_rising or (self.stage is Stage.HOLD and self._braking.lasts):
+        if self._is_rising or (self.stage in (Stage.HOLD, Stage.LANDING) and self._braking.lasts):
             return Request.OFFBOARD
         return _REQUESTS[self.stage]
 
@@ -103,13 +102,14 @@ class Mission:
         refused = refusal(action, self.stage, situation, self._position_loss.lands)
         if refused is not None:
             return refused
-        self.released, self._unsteered_since_ns = False, None
+        self.released = False
+        self._unsteered.begin()
         if action is Action.START:
             self._begin_anew()
             self.started_ns = stamp_ns if started_ns is None else started_ns
+        if action in (Action.HOLD, Action.LAND):
+            self._brake(situation)
         if action is Action.HOLD:
-            if self.stage in STEERED and situation.vehicle is not None:
-                self._braking.begin(situation.vehicle, situation.now_ns)
             self._hold(situation.now_ns)
             return None
         if action is Action.RETURN:
@@ -128,13 +128,7 @@ class Mission:
 
     def unsteered(self, now_ns: int) -> str | None:
         """What is reported of a vehicle that does not follow this agent; None while it does."""
-        since_ns = self._unsteered_since_ns
-        if since_ns is None or now_ns - since_ns < UNSTEERED_NS or self.stage not in FLYING:
-            return None
-        lasts = f"for {(now_ns - since_ns) * 1e-9:.0f} s"
-        if self.released:
-            return f"under the control of a human pilot or of its failsafe: the autopilot has been in {self._mode} {lasts}"
-        return f"not following its mission: the autopilot has been in {self._mode}, not in offboard, {lasts}"
+        return self._unsteered.problem(now_ns, released=self.released) if self.stage in FLYING else None
 
     def searched_s(self, now_ns: int) -> float:
         """Duration of the present search, including holds; 0 before it."""
@@ -179,8 +173,9 @@ class Mission:
         holds = memory.stays or memory.holds
         if self._takeover.rejoin(vehicle, memory.stage, now_ns, holds=holds) or memory.released:
             self._release(vehicle.mode, now_ns)
-        elif memory.stage in STEERED:
+        elif memory.stage in STEERED or (memory.stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._get_clear(vehicle, now_ns)
+            self._rises = self.stage is Stage.TAKEOFF  # on by setpoints
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
         """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
@@ -219,12 +214,15 @@ class Mission:
             self._enter(Stage.LANDED, now_ns)
             self.released = False  # whoever flew it has disarmed it: from here the agent makes it ready to be armed again
             return
-        self._watch_steering(vehicle, now_ns)
-        if not self.released:
-            self._watch_position(vehicle, now_ns, situation.battery_low)
-            self._watch_battery(situation)
-            if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, stays=self._position_loss.stays):
-                self._release(vehicle.mode, now_ns)
+        is_steered = self.stage in STEERED and not self._position_loss.stays
+        self._unsteered.step(vehicle.mode, now_ns, steered=is_steered, released=self.released)
+        if self.released:
+            self._follow_release(vehicle.mode, now_ns)
+            return
+        self._watch_position(vehicle, now_ns, situation.battery_low)
+        self._watch_battery(situation)
+        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, stays=self._position_loss.stays):
+            self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
             return
         self._leave_failsafe(vehicle, now_ns)
@@ -297,20 +295,17 @@ class Mission:
             return False
         return situation.now_ns - max(situation.last_cone_ns, self.tracking_since_ns) > timeout_s * 1e9
 
-    def _watch_steering(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Note since when somebody else has flown, or the autopilot has not been in offboard where it should be."""
-        self._mode = vehicle.mode
-        steered = self.stage in STEERED and not self._position_loss.stays
-        if not self.released and (not steered or vehicle.mode is FlightMode.OFFBOARD):
-            self._unsteered_since_ns = None
-        elif self._unsteered_since_ns is None:
-            self._unsteered_since_ns = now_ns
-
     def _watch_battery(self, situation: Situation) -> None:
         """Land where it is rather than run empty on the way: the autopilot would hold, climb and land from high up."""
         if situation.battery_spent and self.stage in (Stage.HOLD, *STEERED) and not self._insists:
             self.landed_because = SPENT
+            self._brake(situation)
             self._enter(Stage.LANDING, situation.now_ns)
+
+    def _brake(self, situation: Situation) -> None:
+        """From a stage flown by setpoints: first by these to rest."""
+        if self.stage in STEERED and situation.vehicle is not None:
+            self._braking.begin(situation.vehicle, situation.now_ns)
 
     def _watch_position(self, vehicle: VehicleState, now_ns: int, spent: bool) -> None:
         """Hold while the position cannot be trusted, and land where that has brought it near the ground, or lasts too long."""
@@ -332,6 +327,11 @@ class Mission:
         elif self.stage not in (Stage.HOLD, Stage.LANDING, Stage.ABORT):
             self._hold(now_ns)
         self.released = True
+
+    def _follow_release(self, mode: FlightMode, now_ns: int) -> None:
+        """Whoever flies it first holds, and then goes home or lands, as the failsafe of a low battery: the others must know."""
+        if mode in (FlightMode.RETURN, FlightMode.LAND) and self.stage is Stage.HOLD:
+            self._release(mode, now_ns)
 
     def _hold(self, now_ns: int) -> None:
         self.resume = self.stage if self.stage in STEERED else Stage.SURVEY

@@ -23,6 +23,11 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong t
 }
 
 
+def is_failsafe(vehicle: VehicleState) -> bool:
+    """Whether the autopilot brings the vehicle home or down, and nobody has asked it to."""
+    return vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and not vehicle.healthy
+
+
 class Takeover:
     """Notices a mode that this agent has not asked for and that stays.
 
@@ -63,7 +68,7 @@ class Takeover:
         self._was_offboard = not (holds and vehicle.mode is FlightMode.HOLD)
         if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
             return True
-        if stage in STEERED:
+        if stage in STEERED or (stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._rejoining_until_ns = now_ns + REJOIN_NS
         return False
 

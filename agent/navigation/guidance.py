@@ -112,7 +112,7 @@ class Guidance:
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
-        if not moment.vehicle.position_trusted or moment.stage is Stage.HOLD:
+        if not moment.vehicle.position_trusted or moment.stage in (Stage.HOLD, Stage.LANDING):  # by setpoints to rest
             return self.stay(state)
         if self._holds and not circles and moment.stage is not Stage.RETURN:
             is_low = moment.stage is Stage.SURVEY and self._may_meet

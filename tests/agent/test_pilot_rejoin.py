@@ -213,6 +213,18 @@ def test_what_the_failsafe_has_brought_below_the_floor_rises_where_it_is_before_
     assert one.stage is Stage.SURVEY
 
 
+@pytest.mark.parametrize(("height_m", "then"), [(9.0, Stage.SURVEY), (1.2, Stage.SURVEY), (0.7, Stage.LANDING)])
+def test_an_agent_whose_takeoff_is_the_last_that_was_stored_takes_its_vehicle_back_from_the_failsafe(height_m, then):
+    """A full disk stored nothing later; it asked for a takeoff, sent no setpoints, and gave the vehicle up after 3 s."""
+    place = (5.0, 5.0, height_m)
+    one, step = back(replace(KEPT, stage=Stage.TAKEOFF), position=place)
+    assert step.command.request is (Request.LAND if then is Stage.LANDING else Request.OFFBOARD)
+    mode = FlightMode.LAND if then is Stage.LANDING else FlightMode.OFFBOARD
+    fly(one, BACK_NS, 3.0, FlightMode.RETURN, healthy=False, position=place)
+    fly(one, BACK_NS + 3 * SECOND, 3.0, mode, position=(5.0, 5.0, max(height_m, 1.9 if then is Stage.SURVEY else 0.0)))
+    assert one.stage is then
+
+
 @pytest.mark.parametrize(
     ("stage", "sinks_mps", "then"),
     [(Stage.SURVEY, 0.8, Stage.TAKEOFF), (Stage.SURVEY, 0.1, Stage.SURVEY), (Stage.RETURN, 0.8, Stage.LANDING)],

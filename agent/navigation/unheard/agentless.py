@@ -29,6 +29,7 @@ _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
 _NEAREST_S, _FARTHEST_S = 0.5, 2.0  # it stops so many seconds of its velocity ahead, at least and at most: about ``ONWARD_S``
+_BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # one that is told to hold stops after v^2 / 6 + 0.6 v: MPC_ACC_HOR is 3 m/s^2
 _LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
@@ -129,6 +130,15 @@ class Agentless:
         if reaction == "land":
             return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
         return self.return_of(name, moves, home, goes_on_m)
+
+    @staticmethod
+    def blind_hold(moves: PeerState) -> Course:
+        """Its agent, which misses its telemetry, has it hold: until that is noticed it flies on, and then it brakes straight
+        ahead.
+        """
+        (x, y, _), (u, v, _) = moves.position, moves.velocity
+        ahead_s = _GOES_ON_S + hypot(u, v) / _BRAKES_MPS2 + _BRAKES_LATE_S
+        return Course(Stretch((x, y), (x + ahead_s * u, y + ahead_s * v)), inf)
 
     def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0) -> Course:
         """Its way home from there, up and across, as its autopilot flies it if it has a home, and otherwise its agent."""

@@ -57,6 +57,7 @@ LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
 _ABOVE = 2.0
 _SIGMA_M = 0.3  # of its way to the side
+_BLIND_NS = 1_500_000_000  # statuses go on, and its last pose is older: its agent hears nothing of its vehicle
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
 
 
@@ -246,11 +247,13 @@ class Silent:
     ) -> list[Course]:
         """What its vehicle does if its agent is gone, or as it is revoked and obeys: from where it was seen last, or else by its
         last pose; by each frame. It goes home by its localisation, as that is: where that is wrong, to beside its home. If its
-        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet.
+        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet; one that has
+        told its stage, but no pose for seconds, has had no telemetry, and has it hold.
         """
         stages = [_stage(peer)]
         if not pose.steered and stages[0] in STEERED:
             stages.append(Stage.HOLD)
+        is_blind = stages[0] in STEERED and peer.status is not None and peer.status.stamp_ns - pose.stamp_ns > _BLIND_NS
         home = self._agentless.home(name, peer, frames[-1])
         found = []
         for frame in frames:
@@ -260,6 +263,7 @@ class Silent:
             courses = [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
             comes_home = name in me.excluded and all(course.way is None for course in courses)
             found += courses + ([self._agentless.return_of(name, moves, there)] if comes_home else [])
+            found += [self._agentless.blind_hold(moves)] if is_blind else []
         return [course for number, course in enumerate(found) if course not in found[:number]]
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:

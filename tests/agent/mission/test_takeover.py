@@ -5,8 +5,9 @@ from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from agent.config.mission import TrackConfig
-from agent.mission.stages import UNSTEERED_NS, Mission
+from agent.mission.stages import Mission
 from agent.mission.takeover import FAILSAFE_NS, STALE_NS, TAKEOVER_NS
+from agent.mission.unsteered import UNSTEERED_NS
 from agent.vehicle.interface import FlightMode, Request
 from protocol.messages import Action, Stage
 
@@ -156,6 +157,30 @@ def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(
     if stage is Stage.TAKEOFF:  # and goes on to sink, as no setpoints reach it
         mission.step(at(21.0, replace(sinking, height_m=0.7), has_hypothesis=True, last_cone_ns=20 * SECOND))
         assert mission.stage is Stage.LANDING
+
+
+def test_a_failsafe_that_holds_before_it_goes_home_is_told_as_such() -> None:
+    """Of one that is held, nobody expected that it comes home."""
+    mission, low = tracking(), {"has_hypothesis": True, "last_cone_ns": 10 * SECOND}
+    stages = []
+    for at_s, mode in ((20.0, FlightMode.HOLD), (24.0, FlightMode.HOLD), (26.0, FlightMode.RETURN), (60.0, FlightMode.LAND)):
+        mission.step(at(at_s, replace(VEHICLE, mode=mode, healthy=False), **low))
+        stages.append(mission.stage)
+        assert mission.released is (at_s > 20.0)
+    assert stages == [Stage.TRACK, Stage.HOLD, Stage.RETURN, Stage.RETURN]
+
+
+@pytest.mark.parametrize("action", [Action.HOLD, Action.LAND])
+def test_a_drone_brakes_by_setpoints_before_it_holds_or_lands(action) -> None:
+    """Its autopilot would brake straight ahead, over 10 m from the speed of a search."""
+    mission, fast = surveying(), replace(OFFBOARD, velocity_mps=(6.0, 0.0, 0.0))
+    mission.command(action, 3 * SECOND, at(3.0, fast))
+    asked = [mission.request]
+    for at_s, vehicle in ((4.0, replace(fast, velocity_mps=(2.0, 0.0, 0.0))), (5.0, OFFBOARD)):
+        mission.step(at(at_s, vehicle))
+        asked.append(mission.request)
+        assert not mission.released
+    assert asked == [Request.OFFBOARD, Request.OFFBOARD, Request.HOLD if action is Action.HOLD else Request.LAND]
 
 
 def test_the_autopilots_way_from_takeoff_to_hold_is_nobodys_takeover() -> None:

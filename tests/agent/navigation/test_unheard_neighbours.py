@@ -153,6 +153,22 @@ def test_one_that_its_agent_had_ceased_to_steer_may_be_held_where_it_was(agent_l
         assert any(one.plan.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1.5) for one in held)
 
 
+def test_one_whose_statuses_go_on_without_poses_may_be_held_by_its_agent():
+    """Its telemetry was lost, and it hovered where nobody expected it any more: from 2 m/s it stops 2.0 m and 1.9 m on."""
+    places = []
+    for told_s in (0.0, 4.0):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        for message in (pose(), status(Stage.SURVEY), replace(status(Stage.SURVEY), stamp_ns=round(told_s * SECOND))):
+            peers.receive(message, message.stamp_ns)
+        ahead = np.tile((10.0, 4.87, 3.0), (21, 1))
+        me = Self(round(min(told_s + 1.0, 5.0) * SECOND), 0, 0.1, Transform(), ahead=lambda way=ahead: way, step_s=0.2)
+        hood.around(peers, me)
+        late = hood.around(peers, replace(me, now_ns=300 * SECOND))
+        places.append([one.plan.positions[0][:2] for one in late])
+    assert places[0] == []  # it must be down
+    assert places[1] == [pytest.approx((10.0, 4.87), abs=0.1)]
+
+
 def test_one_that_returned_when_it_was_heard_last_is_crossed_above_while_it_may_fly():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.RETURN)):
