@@ -36,7 +36,9 @@ class FrameGraph:
 
     def __init__(self) -> None:
         self._lines: dict[tuple[str, int], _Line] = {}
-        self._surest: dict[tuple[str, int, int], tuple[int, Transform | None]] = {}  # with the revision by which it was found
+        self._surest: dict[
+            tuple[str, int, int], tuple[int, tuple[Transform, float] | None]
+        ] = {}  # with the revision by which it was found
         self.revision = 0
 
     @classmethod
@@ -89,16 +91,18 @@ class FrameGraph:
             return line.transforms[-1]
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
-    def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> Transform | None:
+    def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
         """By which transform a place of that epoch, reached at ``stamp_ns``, lies most surely in the mission frame: the one of
-        then, or one of the next seconds, although the frame may have drifted by then. None while the frame is unknown.
+        then, or one of the next seconds, although the frame may have drifted by then; and 1 sigma of that place, m. None while
+        the frame is unknown.
 
         Until others are seen a frame lies as the launch layout says, and its error of then stays in the transforms of then.
         """
         revision, found = self._surest.get((drone, epoch, stamp_ns), (-1, None))
         if revision != self.revision:
             later = self._between(drone, epoch, stamp_ns, stamp_ns + _LATER_NS)
-            found = min(later, key=lambda one: _sigma_m(one[0], one[1], stamp_ns, position_m), default=(0, None))[1]
+            placed = ((one, _sigma_m(from_ns, one, stamp_ns, position_m)) for from_ns, one in later)
+            found = min(placed, key=lambda one: one[1], default=None)
             self._surest[drone, epoch, stamp_ns] = self.revision, found
         return found
 

@@ -221,12 +221,6 @@ class OwnPose:
         return self._known
 
     @property
-    def place_m(self) -> Vector3 | None:
-        """Where this drone takes itself to be, mission frame; None where it does not know."""
-        vehicle, frame = self.vehicle, self.frame
-        return None if vehicle is None or frame is None else frame.mission_from_local.apply_point(vehicle.position_m)
-
-    @property
     def sigma_m(self) -> float:
         """1 sigma of the horizontal position in the mission frame: by the frame's covariance where it is estimated.
 
@@ -283,9 +277,14 @@ class OwnPose:
         """A place of the local frame where this drone was at a stamp, in the mission frame, as surely as that can be told; None
         while it is not known.
         """
+        known = self.surest(epoch, stamp_ns, position_m)
+        transform = self._mission_from_local(epoch, stamp_ns) if known is None else None
+        return known[0] if known is not None else transform.apply_point(position_m) if transform is not None else None
+
+    def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Vector3, float] | None:
+        """Such a place, and its 1 sigma (m), by the log alone; None while that does not tell it."""
         known = self._frames.surest(self._drone, epoch, stamp_ns, position_m)
-        transform = known or self._mission_from_local(epoch, stamp_ns)
-        return transform.apply_point(position_m) if transform is not None else None
+        return (known[0].apply_point(position_m), known[1]) if known is not None else None
 
     def motion_at(self, stamp_ns: int) -> PeerState | None:
         """Where this drone was at a stamp of the last seconds, and how fast, mission frame; None where that is not known."""

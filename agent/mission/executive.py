@@ -22,7 +22,7 @@ from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from agent.mission.takeover import MODES
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
-from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S
+from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
 from agent.navigation.moment import Moment
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
@@ -206,7 +206,7 @@ class Executive:
         if self._aloft.shown and self.stage in ON_GROUND and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
-            self._navigator.home.remember(self._config.member(self._id).origin_m)
+            self._navigator.home.remember(KeptHome(self._config.member(self._id).origin_m))
         if self.stage not in ON_GROUND and self._mission.started_ns == 0:
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None:

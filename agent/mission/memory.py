@@ -6,6 +6,7 @@ from msgspec import Struct
 
 from agent.frames.kept import KeptFrame
 from agent.geometry import Vector3
+from agent.navigation.home import KeptHome, Launch
 from agent.navigation.identification import FoundResponse
 from agent.navigation.unheard.lastnews import LastNews
 from agent.vehicle.interface import VehicleState
@@ -21,7 +22,8 @@ class Memory(Struct, frozen=True, kw_only=True):
     """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again); of
     one on the ground ``copied`` alone, without a stamp.
 
-    ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
+    ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known;
+    ``home_sigma_m``, ``launch``: as in ``KeptHome``.
     ``searching_since_ns``: when the present search began; None: there is none. ``resume``: the stage after a hold.
     ``released``: somebody else has taken over the vehicle. ``stays``: this agent has it hold, because its position cannot be
     trusted. ``holds``: a hold that the autopilot shows is this agent's own in any case: it has had no telemetry for a while, or
@@ -43,12 +45,19 @@ class Memory(Struct, frozen=True, kw_only=True):
     tracking_since_ns: int | None = None
     searching_since_ns: int | None = None
     home_m: Vector3 | None = None
+    home_sigma_m: float | None = None
+    launch: Launch | None = None
     epoch_offset: int = 0
     epoch: int = 0
     response: FoundResponse | None = None
     frames: dict[str, KeptFrame] = {}
     copied: tuple[str, ...] = ()
     others: dict[str, LastNews] = {}
+
+    @property
+    def home(self) -> KeptHome:
+        """Where a return leads."""
+        return KeptHome(self.home_m, self.home_sigma_m, self.launch)
 
     @property
     def flies(self) -> bool:

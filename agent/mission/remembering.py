@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from math import isfinite
 
 from msgspec.structs import replace
 
@@ -67,7 +66,7 @@ class Remembering:
             return 0
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
-        self._navigator.home.remember(memory.home_m)
+        self._navigator.home.remember(memory.home)
         self._navigator.remember(self._plausible(memory.frames), memory.others)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
@@ -93,9 +92,7 @@ class Remembering:
 
     def _present(self, now_ns: int) -> Memory | None:
         """The memory without response, frames and others; None where there is nothing to remember."""
-        home_m = self._navigator.home.in_mission
-        home_m = home_m if home_m is not None and all(map(isfinite, home_m)) else None
-        memory = self._mission.memory(self._mission_id, home_m, now_ns, self._own.epoch_offset)
+        memory = self._mission.memory(self._mission_id, self._navigator.home.kept, now_ns, self._own.epoch_offset)
         copied = tuple(sorted(self.copied))
         if memory is not None:
             epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import inf
 
 from agent.config.mission import SurveyConfig, TrackConfig
-from agent.geometry import Vector3
 from agent.mission.braking import Braking
 from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
@@ -13,6 +12,7 @@ from agent.mission.refusal import refusal
 from agent.mission.situation import Situation
 from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, Takeover, is_failsafe
 from agent.mission.unsteered import Unsteered
+from agent.navigation.home import KeptHome
 from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
@@ -134,7 +134,7 @@ class Mission:
         """Duration of the present search, including holds; 0 before it."""
         return (now_ns - self._search_since_ns) * 1e-9 if self._search_since_ns is not None else 0.0
 
-    def memory(self, mission_id: str, home_m: Vector3 | None, now_ns: int, epoch_offset: int = 0) -> Memory | None:
+    def memory(self, mission_id: str, home: KeptHome, now_ns: int, epoch_offset: int = 0) -> Memory | None:
         """State for a restarted agent to continue with; None on the ground."""
         if self.stage not in FLYING:
             return None
@@ -149,7 +149,9 @@ class Mission:
             holds=self.stage in STEERED and self._takeover.holds(now_ns),
             tracking_since_ns=self.tracking_since_ns,
             searching_since_ns=self._search_since_ns,
-            home_m=home_m,
+            home_m=home.place_m,
+            home_sigma_m=home.sigma_m,
+            launch=home.launch,
             epoch_offset=epoch_offset,
         )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import hypot, inf, isfinite
+
+from msgspec import Struct
 
 from agent.geometry import Vector3
 from agent.localization.ownpose import OwnPose
@@ -19,6 +21,24 @@ REVOKED_NO_NEARER_S = 20.0  # that of one that is revoked
 _NEARER_M = 1.0
 
 
+class Launch(Struct, frozen=True):
+    """Where the drone took off, in the local frame of that epoch, and when (UTC)."""
+
+    epoch: int
+    stamp_ns: int
+    position_m: Vector3
+
+
+class KeptHome(Struct, frozen=True):
+    """For an agent that is restarted in flight. ``place_m``: mission frame, None where it was not known; ``sigma_m``: 1 sigma of
+    it as the log told it, None where it did not; ``launch``: None where that was not known.
+    """
+
+    place_m: Vector3 | None = None
+    sigma_m: float | None = None
+    launch: Launch | None = None
+
+
 class Home:
     """Home of one drone, and how long the drone has been there.
 
@@ -27,8 +47,8 @@ class Home:
 
     def __init__(self, own: OwnPose) -> None:
         self._own = own
-        self._launch: VehicleState | None = None
-        self._remembered: Vector3 | None = None
+        self._launch: Launch | None = None
+        self._remembered = KeptHome()
         self.is_remembered = False
         self._watched_ns = 0
         self._near_since_ns: int | None = None
@@ -37,17 +57,35 @@ class Home:
 
     def took_off(self, vehicle: VehicleState) -> None:
         """The drone takes off here."""
-        self._launch, self.is_remembered = vehicle, False
+        self._launch = Launch(vehicle.epoch, vehicle.stamp_ns, vehicle.position_m)
+        self._remembered, self.is_remembered = KeptHome(), False
 
-    def remember(self, place: Vector3 | None) -> None:
-        """Take the place stored before the agent was restarted; mission frame, None where that was not known."""
-        self._remembered, self.is_remembered = place, True
+    def remember(self, kept: KeptHome) -> None:
+        """Take what was stored before the agent was restarted."""
+        self._remembered, self._launch, self.is_remembered = kept, kept.launch, True
+
+    @property
+    def kept(self) -> KeptHome:
+        """What to store; not what JSON cannot hold."""
+        place_m, launch = self.in_mission, self._launch
+        known = self._own.surest(launch.epoch, launch.stamp_ns, launch.position_m) if launch is not None else None
+        sigma_m = self._remembered.sigma_m if known is None or known[0] != place_m else round(known[1], 2)
+        is_finite = place_m is not None and all(map(isfinite, place_m))
+        return KeptHome(place_m if is_finite else None, sigma_m if sigma_m is not None and isfinite(sigma_m) else None, launch)
 
     @property
     def in_mission(self) -> Vector3 | None:
-        """The place in the mission frame; None while that is not known."""
-        launch = self._launch
-        return self._own.in_mission(launch.epoch, launch.stamp_ns, launch.position_m) if launch is not None else self._remembered
+        """The place in the mission frame; None while that is not known. After a restart the stored one counts until the log tells
+        that of the launch more surely: while it fills again it tells less than was known.
+        """
+        launch, before = self._launch, self._remembered
+        if launch is None:
+            return before.place_m
+        if before.place_m is None:
+            return self._own.in_mission(launch.epoch, launch.stamp_ns, launch.position_m)
+        known = self._own.surest(launch.epoch, launch.stamp_ns, launch.position_m)
+        is_surer = known is not None and known[1] < (inf if before.sigma_m is None else before.sigma_m)
+        return known[0] if known is not None and is_surer else before.place_m
 
     @property
     def in_local(self) -> Vector3 | None:

@@ -82,7 +82,7 @@ class Neighbourhood:
         found = {}
         for name in peers.names:
             told = peers[name].last_news(now_ns)
-            news = LastNews.of(*told, self._silent.wall(name)) if told is not None else None
+            news = LastNews.of(*told, self._silent.wall(name), peers[name].launch) if told is not None else None
             if news is not None:
                 found[name] = news
         return self._before | found
@@ -129,6 +129,8 @@ class Neighbourhood:
             self._before.pop(name, None)
             self._forget(name)
             return [], False
+        if peer.launch is None and name in self._before:
+            peer.launch = self._before[name].launch
         if peer.pose is None and name in self._before and self._is_missing(name, me):
             self._recall(name, peer, me.now_ns)
         if peer.pose is None:

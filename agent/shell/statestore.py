@@ -17,6 +17,7 @@ from agent.shell.logs import Logger
 from agent.vehicle.interface import LaunchPlace
 
 SLOW_S = 5.0  # a write that takes longer is reported
+PROBE_S = 30.0  # while nothing changes, as on the ground: a disk that has become full shows before a start
 
 
 class State(Struct, frozen=True, kw_only=True):
@@ -130,8 +131,11 @@ class StateStore:
         return State()
 
     def save(self, state: State) -> None:
-        """Write a changed state in the background. While one is being written, a newer one is left to the next call."""
-        if self._file is not None and state != self._saved and (self._saving is None or self._saving.done()):
+        """Write a changed state in the background, and the same one again now and then. While one is being written, a newer one
+        is left to the next call.
+        """
+        is_due = state != self._saved or time.monotonic() - self._saving_s > PROBE_S
+        if self._file is not None and is_due and (self._saving is None or self._saving.done()):
             self._saved = state
             self._saving_s = time.monotonic()
             self._saving = asyncio.create_task(self._write(self._file, state))

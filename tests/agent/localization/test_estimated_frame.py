@@ -173,7 +173,7 @@ def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(away_s, flo
         own.take(state(back_ns + tick * TICK_NS))
     aged = drift.aged("d1", before, away_s + flown_s, (0.0, 0.0, 3.0))
     assert own.sigma_m == pytest.approx(aged.sigmas_at((0.0, 0.0, 3.0))[0], rel=0.02)  # anew once a second
-    assert own.place_m == pytest.approx((4.0, 5.0, 3.0))
+    assert own.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0))
 
 
 @pytest.mark.parametrize("jump_s", [1, 30])
@@ -186,7 +186,7 @@ def test_the_frame_of_a_jump_after_a_restart_drifts_until_the_log_tells_it(jump_
         for tick in range(60 * 20):
             epoch = int(own is one and tick >= jump_s * 20)
             own.take(state(START_NS + tick * TICK_NS, position=(15.0 * epoch, 0.0, 3.0), epoch=epoch))
-    assert one.place_m == pytest.approx(other.place_m)
+    assert one.whereabouts.place_m == pytest.approx(other.whereabouts.place_m)
     assert other.sigma_m > 0.5
     assert one.sigma_m >= 0.95 * other.sigma_m  # once a second each
 
@@ -200,12 +200,12 @@ def test_a_drone_whose_entries_count_no_more_goes_on_by_the_frame_known_last_and
     if left_out:
         own.left_out()
     graph.replace_from("d1", 0, 0, [(0, None)])
-    assert (own.place_m is not None) is left_out
+    assert (own.whereabouts is not None) is left_out
     for tick in range(1, 30 * 20):
         own.take(state(START_NS + tick * TICK_NS))
     assert own.is_lost is False
     if left_out:
-        assert own.place_m == pytest.approx((4.0, 5.0, 3.0))
+        assert own.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0))
         assert own.sigma_m > known.sigmas_at((0.0, 0.0, 3.0))[0] + 0.1
 
 

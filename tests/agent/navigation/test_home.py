@@ -4,11 +4,15 @@ from math import hypot
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from one_pilot import MISSION, own_pose, state
 from recorded_px4 import NAMES, Replay
 
+from agent.config.mission import DroneInMission
+from agent.frames.graph import FrameGraph
 from agent.frames.swarm import SwarmFrames
-from agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, NO_NEARER_S, Home
+from agent.frames.transform import Transform
+from agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, NO_NEARER_S, Home, KeptHome
 
 SECOND = 1_000_000_000
 
@@ -81,3 +85,40 @@ def test_a_return_that_is_kept_from_home_is_given_up() -> None:
         home.watch(state(round(now_s * SECOND), position=(max(5.0, 35.0 - 3.0 * now_s), 0.0, 3.0)))
         given_up += [now_s] if home.no_nearer_s >= NO_NEARER_S else []
     assert 10.0 + NO_NEARER_S - 0.5 < given_up[0] < 10.0 + NO_NEARER_S + 0.5
+
+
+def test_the_home_of_an_agent_that_is_restarted_soon_after_its_launch_gets_as_sure_as_without_the_restart() -> None:
+    """It kept the place by the launch layout, 5 m off, although others were seen a moment later. While its log fills again it is
+    told less surely than it was known.
+    """
+    mission = replace(MISSION, drones=(DroneInMission(id="d1", localization="rtk", origin_sigma_m=3.0),))
+
+    def known(x, sigma_m):
+        covariance = np.diag([sigma_m**2, sigma_m**2, 0.01, 0.0])
+        return Transform(0.0, (x, 0.0, 0.0), covariance=covariance)
+
+    def homes(home, graph, *told):
+        for number, one in enumerate(told):
+            graph.replace_from("d1", 0, number, [(number, one)])
+            yield home.in_mission[0]
+
+    def made():
+        graph = FrameGraph.from_launch_layout(mission)
+        own = own_pose("d1", graph, mission.drones[0])
+        own.take(state(SECOND, position=(0.0, 0.0, 0.0)))
+        return Home(own), graph
+
+    home, graph = made()
+    home.took_off(state(SECOND, position=(0.0, 0.0, 0.0)))
+    assert list(homes(home, graph, known(5.0, 3.0), known(2.0, 1.0))) == [5.0, 2.0]
+    again, anew = made()
+    again.remember(home.kept)
+    assert again.kept == home.kept
+    assert list(homes(again, anew, known(5.0, 3.0), known(1.9, 1.1), known(0.1, 0.2))) == [2.0, 2.0, 0.1]
+    assert again.kept.sigma_m == pytest.approx(hypot(0.2, 0.2), abs=0.01)
+    older, anew = made()
+    older.remember(KeptHome((4.0, 0.0, 0.0)))  # of an older release: without a launch
+    assert list(homes(older, anew, known(0.1, 0.2))) == [4.0]
+    first, anew = made()
+    first.remember(KeptHome(None, None, home.kept.launch))  # its frame was not known yet
+    assert list(homes(first, anew, known(0.1, 0.2))) == [0.1]

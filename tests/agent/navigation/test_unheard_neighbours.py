@@ -232,6 +232,22 @@ def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_h
     assert sum(one.plan.away is not None for one in around) == 1
 
 
+def test_the_home_of_another_one_is_where_it_took_off_also_after_a_restart():
+    """Not where the mission's layout has it: (10, 0)."""
+    kept = LastNews.of(pose(), status(Stage.TRACK), None, launch=replace(pose(), position_m=(14.0, 3.0, 0.0)))
+    homes = []
+    for before in (kept, replace(kept, launch=None)):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        hood.remember({"b": before})
+        for message in (pose(), status(Stage.TRACK)):
+            assert peers.receive(message, 0) is None
+        for now_s in (0.5, 30.0):
+            hood.around(peers, Self(round(now_s * SECOND), 0, 0.1, Transform(), motion_at=lambda _: STANDING, resumed=True))
+        homes.append([home.place for home in hood.absence.homes])
+    assert homes[0] == [pytest.approx((7.0, 14.0))]  # in the frame of b
+    assert homes[1] == [pytest.approx(MISSION.drones[1].origin_m[:2])]
+
+
 def test_one_that_did_not_take_part_at_the_last_contact_has_no_line_as_the_others_have_none():
     """It held, and searches again: it may meet the others anywhere, and is alone in its layer."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])

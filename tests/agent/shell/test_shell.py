@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import random
+import shutil
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -188,6 +189,31 @@ def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path
     problem = asyncio.run(asyncio.wait_for(save(), 5.0))
     assert problem is not None
     assert problem.startswith("state not saved (")
+
+
+def test_a_disk_that_fills_while_nothing_changes_is_told(tmp_path: Path, log: Logger, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the ground: a flight of which nothing is stored began."""
+    monkeypatch.setattr(statestore, "PROBE_S", 0.02)
+    folder = tmp_path / "state"
+
+    async def run() -> None:
+        store = StateStore(str(folder), "d1", log)
+        store.save(STATE)
+        while not folder.exists():
+            await asyncio.sleep(0.005)
+        assert store.problem is None
+        while store.problem is None:
+            shutil.rmtree(folder, ignore_errors=True)
+            with suppress(FileExistsError):
+                folder.write_text("a file where the folder should be")
+            store.save(STATE)
+            await asyncio.sleep(0.005)
+        folder.unlink()
+        while store.problem is not None:
+            store.save(STATE)
+            await asyncio.sleep(0.005)
+
+    asyncio.run(asyncio.wait_for(run(), 20.0))
 
 
 def test_a_handler_that_fails_ends_nothing(log: Logger) -> None:

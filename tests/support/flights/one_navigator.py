@@ -11,6 +11,7 @@ from agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
 from agent.config.mission import EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Hypothesis
+from agent.navigation.home import KeptHome
 from agent.navigation.moment import Moment
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers.newest import Peers
@@ -66,7 +67,7 @@ def flown(
     """
     navigator, own, frames = made(mission)
     if home_m is not None:
-        navigator.home.remember(home_m)
+        navigator.home.remember(KeptHome(home_m))
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
     position, velocity, places = local.apply_point((35.0, 25.0, height_m)), (0.0, 0.0, 0.0), []
