@@ -8,11 +8,10 @@ from typing import Literal
 
 from msgspec import Struct
 
-from protocol.messages import Stage
+from protocol.messages import GROUND_STAGES, Stage
 
 COMPATIBLE = "radron-nuc"  # which computers a bundle is for
 REPORT_FILE = "report.json"  # in the agent's RUNTIME_DIRECTORY
-GROUND_STAGES = (Stage.PREFLIGHT, Stage.LANDED)
 MOST_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other one (grub.cfg counts to the same number)
 
 

@@ -13,7 +13,7 @@ from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.aloft import Aloft
-from agent.mission.memory import ON_GROUND, Memory
+from agent.mission.memory import Memory
 from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
 from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
@@ -31,7 +31,7 @@ from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Se
 from agent.navigation.unheard.crossing import low_m
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.entries import Coverage
-from protocol.messages import Action, Plan, Stage
+from protocol.messages import GROUND_STAGES, Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
@@ -112,7 +112,7 @@ class Executive:
         """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it, or does not
         know.
         """
-        return None if self.stage in ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
+        return None if self.stage in GROUND_STAGES or self._mission.started_ns == 0 else self._mission.started_ns
 
     def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -152,7 +152,7 @@ class Executive:
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
         vehicle = self._own.vehicle
-        if vehicle is None or vehicle.in_air or self.stage not in ON_GROUND:
+        if vehicle is None or vehicle.in_air or self.stage not in GROUND_STAGES:
             return ()
         return self._navigator.passing(now_ns, vehicle, peers)
 
@@ -203,11 +203,11 @@ class Executive:
 
         Home is its launch place by the mission, and the mission began when the others say.
         """
-        if self._aloft.shown and self.stage in ON_GROUND and self._own.vehicle is not None:
+        if self._aloft.shown and self.stage in GROUND_STAGES and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.home.remember(KeptHome(self._config.member(self._id).origin_m))
-        if self.stage not in ON_GROUND and self._mission.started_ns == 0:
+        if self.stage not in GROUND_STAGES and self._mission.started_ns == 0:
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None:
                 self._begin(begun_ns)

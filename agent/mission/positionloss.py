@@ -6,7 +6,7 @@ and in hold it stays. (In the failsafe that follows it accepts no mode that need
 
 The mission continues when the position is confirmed and the drone is certainly well above the ground: a real one has landed
 unnoticed, and then taken off at 5 m/s. Near the ground it lands, and wherever it is if the position stays lost for
-``LONGEST_NS``, or the battery is spent before. A landing that has begun goes on when the position is confirmed; but from then on,
+``LONGEST_NS``, or the battery is low before. A landing that has begun goes on when the position is confirmed; but from then on,
 well above the ground, an operator may send the drone home.
 """
 
@@ -22,7 +22,7 @@ FALL_MPS = 1.0  # PX4 descends at 0.5 to 0.8 m/s without a position
 _LOST = "its position could not be trusted (satellites lost, or its estimate jumped)"
 WHY = f"{_LOST}, and it was near the ground"
 WHY_LONG = f"{_LOST} for {LONGEST_NS * 1e-9:.0f} s"
-WHY_SPENT = f"{_LOST}, and its battery is below the mission's reserve"
+WHY_LOW = f"{_LOST}, and its battery is below the mission's reserve"
 
 
 class PositionLoss:
@@ -41,8 +41,8 @@ class PositionLoss:
         self.stays, self._flew = True, True
         self._lost_ns, self._last_ns, self._least_m = HOLD_NS, now_ns, vehicle.height_m
 
-    def step(self, vehicle: VehicleState, now_ns: int, *, spent: bool = False) -> None:
-        """Take the newest telemetry of a flight; ``spent``: the battery calls for the return."""
+    def step(self, vehicle: VehicleState, now_ns: int, *, battery_low: bool = False) -> None:
+        """Take the newest telemetry of a flight; ``battery_low``: the battery calls for the return."""
         if vehicle.position_trusted:
             self._resume(vehicle)
             return
@@ -58,8 +58,8 @@ class PositionLoss:
         self.stays = self._flew and (not vehicle.healthy or self._lost_ns >= HOLD_NS)
         if not vehicle.healthy and min(vehicle.height_m, self._least_m) < NEAR_GROUND_M:
             self.lands = WHY
-        elif self.stays and (spent or self._lost_ns >= LONGEST_NS):
-            self.lands = WHY_SPENT if spent else WHY_LONG
+        elif self.stays and (battery_low or self._lost_ns >= LONGEST_NS):
+            self.lands = WHY_LOW if battery_low else WHY_LONG
 
     def _resume(self, vehicle: VehicleState) -> None:
         """The position is confirmed; a drone near or on the ground by then does not resume its mission."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from agent.mission.situation import Situation
 from agent.mission.takeover import FLYING, STEERED
-from protocol.messages import Action, Stage
+from protocol.messages import GROUND_STAGES, Action, Stage
 
 
 def refusal(action: Action, stage: Stage, situation: Situation, lands: str | None) -> str | None:
     """Why a command is refused at that stage; None where it is obeyed. ``lands``: why it has to land; None where it has not."""
     if action is Action.START:
-        if stage not in (Stage.PREFLIGHT, Stage.LANDED):
+        if stage not in GROUND_STAGES:
             return "start: already started"
         return f"start refused: {situation.problems[0]}" if situation.problems else None
     if stage not in FLYING:

@@ -309,10 +309,10 @@ class Mission:
         if self.stage in STEERED and situation.vehicle is not None:
             self._braking.begin(situation.vehicle, situation.now_ns)
 
-    def _watch_position(self, vehicle: VehicleState, now_ns: int, spent: bool) -> None:
+    def _watch_position(self, vehicle: VehicleState, now_ns: int, battery_low: bool) -> None:
         """Hold while the position cannot be trusted, and land where that has brought it near the ground, or lasts too long."""
         stayed = self._position_loss.stays
-        self._position_loss.step(vehicle, now_ns, spent=spent)
+        self._position_loss.step(vehicle, now_ns, battery_low=battery_low)
         if self._position_loss.lands is not None and self.stage in (Stage.TAKEOFF, Stage.HOLD, *STEERED):
             self.landed_because = self._position_loss.lands
             self._enter(Stage.LANDING, now_ns)

@@ -23,11 +23,10 @@ from agent.navigation.ownground import OwnGround
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.sharing import SharedCircle
+from agent.navigation.unheard.sharing import ROOM_M, SharedCircle
 from protocol.messages import Stage
 
 _SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
-_ROOM_M = 3.0  # between the circle and the fence
 
 
 class Circling:
@@ -39,7 +38,7 @@ class Circling:
         self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
         self._second_m = second_height_m(mission)
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
-        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
+        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._shared = SharedCircle(mission, drone)
         self.kept: list[PeerPlan] = []

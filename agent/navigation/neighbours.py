@@ -146,7 +146,7 @@ class Neighbourhood:
 
     def _forget(self, name: str) -> None:
         """It is on the ground, or has not told yet where it is."""
-        self._silent.heard(name)
+        self._silent.forget(name)
         self._heard_again.forget(name)
 
     def _of_heard(self, other: Other, me: Self) -> tuple[list[Neighbour], bool]:
@@ -154,9 +154,13 @@ class Neighbourhood:
         name, pose = other.name, other.pose
         is_carried = name in self.frames.epochs
         self._heard_again.follow(name, pose.stamp_ns, self._silent.agentless(name), is_carried=is_carried)
-        apart = self._silent.excluded(name) if me.revoked else self._unhearing(other, me)
+        apart: list[PeerPlan] | None = []
+        if me.revoked:  # it returns: there is no side to keep to
+            self._silent.ignores(name)
+        else:
+            apart = self._unhearing(other, me)
         if apart is None:
-            self._silent.heard(name)
+            self._silent.forget(name)
         found = [Neighbour(name, one, False) for one in apart or ()]
         plan = self._heard.by_frames(other, me)
         takes_part = other.took_part and plan is not None and apart is None

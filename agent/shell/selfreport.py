@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from agent.update.records import Records
-from protocol.messages import Stage
-from protocol.onboard import GROUND_STAGES, REPORT_FILE, Report
+from protocol.messages import GROUND_STAGES, Stage
+from protocol.onboard import REPORT_FILE, Report
 
 if TYPE_CHECKING:
     from agent.flight.recorded import RecordedPilot

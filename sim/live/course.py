@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from protocol.messages import Action, Stage
+from protocol.messages import GROUND_STAGES, Action, Stage
 from sim.live.faults.player import FaultPlayer
 from sim.live.operator import Operator
 from sim.live.report import LiveReport, ends_of
@@ -21,7 +21,6 @@ from sim.world.frame import LocalFrames
 TRUTH_S = 0.05  # interval of truths
 LANDING_S = 120.0
 READY_AGAIN_S = 5.0  # time until a vehicle that was just disarmed can be armed again, and its agent knows
-_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras are off
 
 
@@ -115,7 +114,7 @@ class Course:
             self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
             if self._faults is not None:
                 self._faults.step(time_s, truth)
-            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in _GROUND}
+            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in GROUND_STAGES}
             # Agents that have landed from an earlier mission have not ended this one.
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:

@@ -16,7 +16,7 @@ from math import dist, hypot
 
 from msgspec.structs import replace
 
-from protocol.messages import Pose, Stage, Status
+from protocol.messages import GROUND_STAGES, Pose, Status
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
 SLACK_M, SIGMAS, MOST_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
@@ -25,7 +25,6 @@ SILENT_NS = 500_000_000  # a place from which nothing has come for so long gives
 SHOWN_NS = 10_000_000_000  # two sources are told for this long, and believed to be two
 FRESH_NS = 2_500_000_000  # a status counts for this long beside those of another boot: two periods and a half
 MOST_BOOTS = 4  # that are remembered
-ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 
 
 def contradict(one: Pose, other: Pose) -> bool:
@@ -91,7 +90,7 @@ class Sources:
         """Whether all who have told a stage lately are on the ground."""
         newest = max(self._boots.values(), key=_stamp, default=None)
         told = [one for one in self._boots.values() if one is newest or now_ns - one.stamp_ns < FRESH_NS]
-        return bool(told) and all(one.stage in ON_GROUND for one in told)
+        return bool(told) and all(one.stage in GROUND_STAGES for one in told)
 
     def problem(self, drone: str, now_ns: int) -> str | None:
         """What is told to the operator."""

@@ -14,20 +14,21 @@ from agent.navigation.unheard.wayaround import KeptPlace
 
 
 class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, held, or may take part, and are not heard or do not hear this one, and what follows
-    for it.
+    """Which drones are out of contact with this one, and what that means for it; mission frame.
 
-    Also where this drone returns, and only drones that did so, too, are not heard: then none is ``missing``.
-
-    ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it (``sides.ring_of``); ``kept``: whose place on
-    the circle is kept;
-    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no drone that it hears;
-    ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
-    stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
-    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
-    of the missing that are revoked, obey, and have climbed from the circle. ``anywhere``: those not heard that took part,
-    held, or may have, and that no line parts from this drone: they may fly on, nobody knows where.
+    missing: drones that took part, held, or may take part, and are not heard, or do not hear this one. None where this drone
+        returns, and only others that returned, too, are not heard.
+    unhearing: of these, those that are heard.
+    ring: index of the circle on which this drone flies, with those in contact with it; 0 is the shared one (``sides.ring_of``).
+    kept: the missing drones whose places on the circle stay free.
+    walls: the line to which this drone keeps on its side, by the drone beyond.
+    alone: some are missing, and none of those in contact takes part.
+    stops: (M, 2) m, both ends of each stretch on which a vehicle may hover before it flies home without its agent; also of the
+        unhearing, as they reckon with the same of this drone.
+    coming_home: missing drones whose vehicles may be on their way home without their agents, and not down yet.
+    homes: places that are kept clear of, as others may come down there.
+    left: missing drones that are revoked, obey, and have climbed from the circle.
+    anywhere: missing drones that no line parts from this one: they may fly on, nobody knows where.
     """
 
     missing: tuple[str, ...]

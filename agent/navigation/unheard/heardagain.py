@@ -24,7 +24,7 @@ class HeardAgain:
         self._ended: dict[str, tuple[float, Sequence[Course]]] = {}
 
     def follow(self, name: str, stamp_ns: int, silent: tuple[int, Sequence[Course]] | None, *, is_carried: bool) -> None:
-        """It is heard.
+        """Note for how long a drone was silent that is heard again and whose frame is one by continuity; else forget it.
 
         Args:
             name: its id.
@@ -38,7 +38,7 @@ class HeardAgain:
             self._ended[name] = (stamp_ns - silent[0]) * 1e-9, silent[1]
 
     def forget(self, name: str) -> None:
-        """It is on the ground, or seen, or its frame is known."""
+        """Forget for how long a drone was silent: it is on the ground, or seen, or its frame is known."""
         self._ended.pop(name, None)
 
     def plans(self, name: str, me: Viewer) -> list[PeerPlan]:

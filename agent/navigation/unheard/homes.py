@@ -34,7 +34,7 @@ class Homes:
         return tuple(home for _, homes in sorted(self._kept.items()) for home in homes.values())
 
     def forget(self, name: str) -> None:
-        """It does not come down."""
+        """Keep clear of the home of a drone no longer."""
         self._kept.pop(name, None)
 
     def keep(self, name: str, home: Point2, sigma_m: float = 0.0) -> None:

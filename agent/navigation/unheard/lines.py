@@ -32,12 +32,12 @@ class Lines:
         self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
 
     def forget(self, name: str) -> None:
-        """It is heard again and hears this drone, or is on the ground."""
+        """Forget the last contact with a drone, and the line: it is in contact again, or on the ground."""
         self._contacts.pop(name, None)
         self.drop(name)
 
     def drop(self, name: str) -> None:
-        """There is no side to keep to."""
+        """Forget the line to a drone; the last contact stays."""
         self._walls.pop(name, None)
 
     def recall(self, name: str, heard_ns: int, wall: Wall) -> None:

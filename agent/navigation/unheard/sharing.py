@@ -21,7 +21,7 @@ from agent.navigation.unheard.contact import ON_M
 from agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from agent.navigation.unheard.sides import is_next
 
-_ROOM_M = 3.0  # between a circle and the fence
+ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
 # brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
@@ -146,7 +146,7 @@ class SharedCircle:
             return True
         radius_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis)
         inside = bool(shapely.contains_xy(self._fence, *centre))
-        return inside and self._fence.exterior.distance(Point(centre)) >= radius_m + _ROOM_M
+        return inside and self._fence.exterior.distance(Point(centre)) >= radius_m + ROOM_M
 
     def stands(self, absence: Absence | None, centre: Point2, radius_m: float) -> bool:
         """Whether the drones on the circle stop, evenly spaced: a vehicle without its agent may hover on it, and leaves soon.

@@ -97,8 +97,8 @@ class Silent:
         """The line that follows from the last contact with one that is not heard, kept to at present or not any more."""
         return self._lines.wall(name)
 
-    def heard(self, name: str) -> None:
-        """It is heard again and hears this drone, or is on the ground."""
+    def forget(self, name: str) -> None:
+        """Forget the line, courses and home of a drone: it is in contact with this one, on the ground, or was never heard."""
         self._lines.forget(name)
         self._courses.pop(name, None)
         self._homes.forget(name)
@@ -297,21 +297,18 @@ class Silent:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
         ``me``: None while the own frame is not known.
         """
-        self._courses.pop(name, None)
-        self._homes.forget(name)
-        self._unhearing.add(name)
+        self.ignores(name)
         known = self._lines.noted(name, contact)
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
             return []
         wall = self._lines.of(name, known, me)
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
-    def excluded(self, name: str) -> list[PeerPlan]:
-        """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
+    def ignores(self, name: str) -> None:
+        """Note that a drone is heard, but does not hear this one: neither courses nor a home are kept for it."""
         self._courses.pop(name, None)
         self._homes.forget(name)
         self._unhearing.add(name)
-        return []
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
         """Where one may be that was never heard: revoked before this agent was started, or out of reach since.
