@@ -212,7 +212,7 @@ class Pilot:
 
         Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
         """
-        self._news.keep_time(now_ns)
+        self._news.step(now_ns)
         self._numbers.keep_time(now_ns)
         self._world.advance(self._clocks.followed_ns(now_ns))
 

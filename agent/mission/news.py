@@ -21,11 +21,16 @@ class News:
         self._id, self._boot = drone, boot
         self._peers, self._clocks, self._proofs = peers, clocks, proofs
         self._revoking, self._problems = revoking, problems
-        self.pressing = False
+        self.pressing = self._runs = False
+
+    def step(self, now_ns: int) -> None:
+        """The agent makes a step."""
+        self.keep_time(now_ns)
+        self._runs = True
 
     def keep_time(self, now_ns: int) -> None:
         """Look at the own clock, before it is used: what is known of the others stays as old as it is when it is set."""
-        self._peers.keep_time(now_ns)
+        self._peers.keep_time(now_ns, runs=self._runs)
         self._clocks.keep_time(self._peers.set_ns)
 
     def hear(self, message: AnyDroneMessage, now_ns: int) -> str | None:

@@ -10,7 +10,7 @@ from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import refusal
 from agent.mission.situation import Situation
-from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, Takeover, is_failsafe
+from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, ForeignStage, Takeover, is_failsafe
 from agent.mission.unsteered import Unsteered
 from agent.navigation.home import KeptHome
 from agent.navigation.unheard.lines import TAKING_PART
@@ -69,7 +69,7 @@ class Mission:
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
-        self._takeover, self._braking = Takeover(), Braking()
+        self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
@@ -177,7 +177,7 @@ class Mission:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED or (memory.stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._get_clear(vehicle, now_ns)
-            self._rises = self.stage is Stage.TAKEOFF  # on by setpoints
+            self._rises = self.stage is Stage.TAKEOFF  # it continues by setpoints
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
         """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
@@ -328,12 +328,13 @@ class Mission:
             self._enter(Stage.LANDING, now_ns)
         elif self.stage not in (Stage.HOLD, Stage.LANDING, Stage.ABORT):
             self._hold(now_ns)
-        self.released = True
+        self.released, self._foreign = True, ForeignStage()
 
     def _follow_release(self, mode: FlightMode, now_ns: int) -> None:
-        """Whoever flies it first holds, and then goes home or lands, as the failsafe of a low battery: the others must know."""
-        if mode in (FlightMode.RETURN, FlightMode.LAND) and self.stage is Stage.HOLD:
-            self._release(mode, now_ns)
+        """Somebody else flies it: what is resumed stays."""
+        flown = self._foreign.stage(self.stage, mode, now_ns)
+        if flown is not self.stage:
+            self._enter(flown, now_ns)
 
     def _hold(self, now_ns: int) -> None:
         self.resume = self.stage if self.stage in STEERED else Stage.SURVEY

@@ -22,6 +22,13 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong t
     **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
 }
 
+_BY_MODE = {  # of a vehicle that somebody else flies
+    FlightMode.RETURN: Stage.RETURN,
+    FlightMode.LAND: Stage.LANDING,
+    FlightMode.HOLD: Stage.HOLD,
+    FlightMode.MANUAL: Stage.HOLD,
+}
+
 
 def is_failsafe(vehicle: VehicleState) -> bool:
     """Whether the autopilot brings the vehicle home or down, and nobody has asked it to."""
@@ -110,3 +117,21 @@ class Takeover:
         if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
             return True
         return mode is FlightMode.HOLD and stage in STEERED and self._was_offboard  # else: not yet in offboard
+
+
+class ForeignStage:
+    """The stage of a vehicle that somebody else flies, by the mode that the autopilot has been in for a while: a failsafe for
+    want of battery holds before it goes home, and a human pilot may cancel it. The others reckon with what its last stage tells.
+    """
+
+    def __init__(self) -> None:
+        self._mode: FlightMode | None = None
+        self._since_ns = 0
+
+    def stage(self, stage: Stage, mode: FlightMode, now_ns: int) -> Stage:
+        """The stage that follows on ``stage``."""
+        if mode is not self._mode or self._since_ns > now_ns:  # or the clock was set back
+            self._mode, self._since_ns = mode, now_ns
+        if stage not in _BY_MODE.values() or now_ns - self._since_ns < FAILSAFE_NS:
+            return stage
+        return _BY_MODE.get(mode, stage)

@@ -84,6 +84,10 @@ class Guidance:
         self._circling.begin()
         self._way.begin()
 
+    def leap(self) -> None:
+        """The vehicle is not where its plan has led."""
+        self._stays = None
+
     def centre(self, moment: Moment) -> Centre | None:
         """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
         return self._circling.centre(moment, self._own.frame)
@@ -149,7 +153,7 @@ class Guidance:
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
         """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
-        if moment.stage in (Stage.TAKEOFF, Stage.RETURN):
+        if moment.stage in (Stage.TAKEOFF, Stage.RETURN, Stage.HOLD, Stage.LANDING):
             return self._yaw_rad, 0.0
         rate_rps = 0.0
         if moment.stage is Stage.SURVEY or centre is None:

@@ -38,7 +38,7 @@ from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
-_GAP_NS = 500_000_000  # a plan so late is made after the clock was set on, or this agent stood still
+_GAP_NS = 300_000_000  # a step so late is made after the clock was set on, or this agent stood still
 _LEAP_M = 2.0  # a vehicle so far from its plan then has not flown it: the setpoint would leap by as much
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
@@ -79,7 +79,7 @@ class Navigator:
         self.revoked, self.excluded = False, set[str]()
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
-        self._due_ns = 0
+        self._due_ns = self._stepped_ns = 0
         self._begun_ns = 0
         self._was_steered = False
 
@@ -172,9 +172,14 @@ class Navigator:
             self._begun_ns = moment.now_ns
         is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
         is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # the clock: setpoints would run backwards along the plan
-        is_elsewhere = is_set_back or (due and (not is_steered or self._has_leapt(moment)))
-        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_elsewhere:
-            self._tracker = self._begin(moment)
+        has_leapt = self._tracker is not None and self._has_leapt(self._tracker, moment)
+        self._stepped_ns = moment.now_ns
+        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_set_back or (due and not is_steered):
+            self._guidance.begin()
+            self._tracker = self._begin(moment.vehicle, moment.here)
+        elif has_leapt:  # telemetry may have stamps by the former clock
+            self._guidance.leap()
+            self._tracker = self._begin(moment.vehicle, PeerState(moment.vehicle.position_m, moment.vehicle.velocity_mps))
         elif due:
             self._virtual = self._tracker.state(moment.now_ns)
             fence = self._fence.moved(moment.vehicle, self._ground.level_m(moment.vehicle))
@@ -196,16 +201,14 @@ class Navigator:
             return True
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
-    def _has_leapt(self, moment: Moment) -> bool:
-        """Whether the plan has gone on without the vehicle, in a gap between two plans."""
-        if self._tracker is None or moment.now_ns - self._due_ns < _GAP_NS:
+    def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
+        """Whether the plan has gone on without the vehicle since the last step."""
+        if moment.now_ns - self._stepped_ns < _GAP_NS:
             return False
-        return dist(self._tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
+        return dist(tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 
-    def _begin(self, moment: Moment) -> Tracker:
+    def _begin(self, vehicle: VehicleState, here: PeerState) -> Tracker:
         """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
-        vehicle, here = moment.vehicle, moment.here
-        self._guidance.begin()
         fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
         self._room = fence.outline
         tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
@@ -231,7 +234,9 @@ class Navigator:
         made = tracker.plan(now_ns, moment.here, wanted, kept_from, self._ground.relief(vehicle))
         known = frame.mission_from_local if frame is not None else None
         divided = self._guidance.kept_places
-        self.reckoning = Reckoning(now_ns, vehicle.position_m, kept_from, self._room, known, made.positions, made.step_s, divided)
+        self.reckoning = Reckoning(
+            now_ns, moment.here.position, kept_from, self._room, known, made.positions, made.step_s, divided
+        )
         return self._published(made, vehicle.epoch)
 
     def _myself(self, moment: Moment, centre: Centre | None, ahead: Callable[[], Array]) -> Self:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 WINDOW_NS = 2_000_000_000
+SET_NS = 50_000_000  # by so much from one message to the next no clock is slewed
 REBOOT_NS = 1_000_000_000  # a stamp this much older than the last one is not a reordered packet
 
 
@@ -12,20 +13,25 @@ class BootClock:
     """Maps boot time to UTC by the least delayed message of the last two seconds.
 
     Messages arrive late, never early, so the smallest difference between arrival and boot time is the closest to the true offset
-    of the clocks. The window is short, so that the mapping follows a simulation that does not run in real time, a pause or a step
-    of a clock; real clocks drift by less than 0.1 ms within it.
+    of the clocks. The window is short, so that the mapping follows a simulation that does not run in real time, or a pause; real
+    clocks drift by less than 0.1 ms within it. Where UTC is set it begins anew: stamps were as old as it was set on, for 2 s.
     """
 
     def __init__(self) -> None:
         self._offsets: deque[tuple[int, int]] = deque()  # (arrival, offset), offsets ascending: the first is the smallest
         self._boot_ns = self._arrival_ns = 0
+        self._ahead_ns: int | None = None  # of UTC, of the clock that nobody sets
 
-    def observe(self, boot_ms: int, arrival_ns: int) -> int:
-        """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival."""
-        boot_ns = boot_ms * 1_000_000
-        if boot_ns < self._boot_ns - REBOOT_NS or arrival_ns < self._arrival_ns:
+    def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
+        """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival.
+
+        ``steady_ns``: its arrival by a clock that nobody sets: it tells at once where UTC was set.
+        """
+        boot_ns, ahead_ns = boot_ms * 1_000_000, None if steady_ns is None else arrival_ns - steady_ns
+        is_set = ahead_ns is not None and self._ahead_ns is not None and abs(ahead_ns - self._ahead_ns) > SET_NS
+        if is_set or boot_ns < self._boot_ns - REBOOT_NS or arrival_ns < self._arrival_ns:
             self._offsets.clear()
-        self._boot_ns, self._arrival_ns = boot_ns, arrival_ns
+        self._boot_ns, self._arrival_ns, self._ahead_ns = boot_ns, arrival_ns, ahead_ns
         offset = arrival_ns - boot_ns
         while self._offsets and self._offsets[-1][1] >= offset:
             self._offsets.pop()

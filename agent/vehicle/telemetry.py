@@ -196,7 +196,7 @@ class Telemetry:
         return None if self.has_home or not self._config.gnss else "no home position yet"
 
     def _state(self, message: LocalPosition, arrival_ns: int, arrival_s: float) -> VehicleState | None:
-        stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns)
+        stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns, round(arrival_s * 1e9))
         seen = self.seen
         place_m, velocity_mps = _vector(message.x, message.y, message.z), _vector(message.vx, message.vy, message.vz)
         if place_m is not None:

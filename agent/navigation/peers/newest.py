@@ -149,11 +149,14 @@ class Peers:
         """Ids of all, heard or not, sorted."""
         return sorted(self._peers)
 
-    def keep_time(self, now_ns: int) -> None:
-        """Look at the own clock, before it is used: it was set where it goes back, or on by more than a step can take."""
+    def keep_time(self, now_ns: int, *, runs: bool = True) -> None:
+        """Look at the own clock, before it is used: it was set if it goes back, or on by more than a step can take.
+
+        ``runs``: the agent makes its steps; before the first one more time may pass without news.
+        """
         step_ns = 0 if self._now_ns is None else now_ns - self._now_ns
         self._now_ns = now_ns
-        if 0 <= step_ns <= _LONGEST_STEP_NS:
+        if 0 <= step_ns <= _LONGEST_STEP_NS or (step_ns > 0 and not runs):
             return
         self.set_ns += step_ns
         for peer in self._peers.values():

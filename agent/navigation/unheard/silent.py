@@ -253,6 +253,8 @@ class Silent:
         stages = [_stage(peer)]
         if not pose.steered and stages[0] in STEERED:
             stages.append(Stage.HOLD)
+        elif pose.steered and stages[0] in (Stage.HOLD, Stage.LANDING):  # it was braking by setpoints
+            stages.append(Stage.SURVEY)
         is_blind = stages[0] in STEERED and peer.status is not None and peer.status.stamp_ns - pose.stamp_ns > _BLIND_NS
         home = self._agentless.home(name, peer, frames[-1])
         found = []

@@ -106,7 +106,8 @@ class Setting:
         it was. Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted
         unannounced.
         """
-        if any(isinstance(one, Battery) and self.names[drone] in self.strikes(one) for one in self.scenario.fault):
+        batteries = (one for one in self.scenario.fault if isinstance(one, Battery) and one.at_s <= time_s)
+        if any(self.names[drone] in self.strikes(one) for one in batteries):
             return True
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)

@@ -258,8 +258,8 @@ def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
     (xx, xy, _), (_, yy, _), _ = hypothesis.covariance.tolist()
     east, north = source[0] - x, source[1] - y
     determinant = xx * yy - xy * xy
-    if determinant <= 0.0:  # surer than anything can be
-        return inf if hypot(east, north) > 0.0 else 0.0
+    if determinant <= 0.0:  # surer than anything can be, or given by the mission
+        return inf if max(abs(xx), abs(yy)) > 0.0 and hypot(east, north) > 0.0 else 0.0
     return sqrt(max(0.0, (yy * east * east - 2.0 * xy * east * north + xx * north * north) / determinant))
 
 

@@ -75,6 +75,7 @@ class Named(Invariant[Moment]):
         ]
         self._by_slam = [drone.localization == "slam" for drone in setting.mission.drones]
         self._unnamed_s = [0.0] * len(self._spans)
+        self._agents: list[Pilot | None] = [None] * len(self._spans)
         self._found: list[Breach] = []
         self._ticks = 0
 
@@ -89,6 +90,8 @@ class Named(Invariant[Moment]):
         for place, (drone, begin_s, end_s) in enumerate(self._spans):
             if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone) or self._is_kept_right(moment, drone):
                 continue
+            if self._agents[place] is not (pilot := moment.pilots[drone]):  # a new one whose frame nobody can doubt yet
+                self._agents[place], self._unnamed_s[place] = pilot, min(0.0, self._unnamed_s[place])
             if self._is_named(moment, drone):
                 self._unnamed_s[place] = -inf
             self._unnamed_s[place] += 0.05 * _LOOK_TICKS

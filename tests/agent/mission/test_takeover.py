@@ -160,14 +160,20 @@ def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(
 
 
 def test_a_failsafe_that_holds_before_it_goes_home_is_told_as_such() -> None:
-    """Of one that is held, nobody expected that it comes home."""
+    """Of one that is held, nobody expected that it comes home; and one that its pilot holds again was taken to be down."""
     mission, low = tracking(), {"has_hypothesis": True, "last_cone_ns": 10 * SECOND}
     stages = []
-    for at_s, mode in ((20.0, FlightMode.HOLD), (24.0, FlightMode.HOLD), (26.0, FlightMode.RETURN), (60.0, FlightMode.LAND)):
+    modes = [(20.0, FlightMode.HOLD), (24.0, FlightMode.HOLD), (26.0, FlightMode.RETURN), (28.0, FlightMode.HOLD),
+             (40.0, FlightMode.RETURN), (44.0, FlightMode.RETURN), (60.0, FlightMode.LAND), (64.0, FlightMode.LAND),
+             (65.0, FlightMode.MANUAL), (69.0, FlightMode.MANUAL)]  # fmt: skip
+    for at_s, mode in modes:
         mission.step(at(at_s, replace(VEHICLE, mode=mode, healthy=False), **low))
         stages.append(mission.stage)
         assert mission.released is (at_s > 20.0)
-    assert stages == [Stage.TRACK, Stage.HOLD, Stage.RETURN, Stage.RETURN]
+    held, home, lands = Stage.HOLD, Stage.RETURN, Stage.LANDING
+    assert stages == [Stage.TRACK, held, held, held, held, home, home, lands, lands, held]
+    assert mission.command(Action.RESUME, 70 * SECOND, at(70.0, replace(VEHICLE, mode=FlightMode.HOLD), **low)) is None
+    assert mission.stage is Stage.TRACK
 
 
 @pytest.mark.parametrize("action", [Action.HOLD, Action.LAND])

@@ -26,10 +26,10 @@ HALF_WAY_M = (
 ON_THE_WAY = Circle((12.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a is not there yet
 
 
-def after_silence(seconds, stage=Stage.TRACK):
+def after_silence(seconds, stage=Stage.TRACK, steered=True):
     """b was heard at 0, at x = 1 m of its frame and going on at 2 m/s."""
     peers, now_ns = Peers(["b"]), round(seconds * SECOND)
-    for message in (pose(), status(stage)):
+    for message in (replace(pose(), steered=steered), status(stage)):
         assert peers.receive(message, 0) is None
     found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, Self(now_ns, 0, 0.1, Transform()))
     return found, now_ns
@@ -134,9 +134,18 @@ def test_one_whose_messages_take_long_is_also_where_its_plan_leads(late_s, stage
 
 def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
     for stage, minutes in ((Stage.HOLD, 60.0), (Stage.LANDING, 0.3)):
-        (other,) = (one.plan for one in after_silence(60.0 * minutes, stage)[0])
+        (other,) = (one.plan for one in after_silence(60.0 * minutes, stage, steered=False)[0])
         assert other.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1e-6)
-    assert after_silence(60.0, Stage.LANDING)[0] == []
+    assert after_silence(60.0, Stage.LANDING, steered=False)[0] == []
+
+
+@pytest.mark.parametrize("stage", [Stage.HOLD, Stage.LANDING])
+def test_one_that_brakes_by_setpoints_before_it_holds_or_lands_may_come_home_if_its_agent_is_gone(stage):
+    """Its autopilot does what it would have done in the search."""
+    comes_home = [one.plan.positions[0][:2] for one in after_silence(14.0, stage)[0]]
+    assert any(place == pytest.approx((10.0, 0.0), abs=0.3) for place in comes_home)
+    by_autopilot = [one.plan.positions[0][:2] for one in after_silence(14.0, stage, steered=False)[0]]
+    assert not any(place == pytest.approx((10.0, 0.0), abs=0.3) for place in by_autopilot)
 
 
 @pytest.mark.parametrize(("agent_lost", "places"), [("return", 2), ("hold", 1)])

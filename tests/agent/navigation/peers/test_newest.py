@@ -82,12 +82,13 @@ def test_an_agent_started_in_flight_that_waits_for_its_telemetry_does_not_launch
     assert peers["d2"].launch is None
 
 
-def test_time_that_passes_sets_no_clock():
-    """The watchdog ends an agent that stands still for longer."""
+@pytest.mark.parametrize(("passed_ms", "runs"), [(1900, True), (20_000, False)])
+def test_time_that_passes_sets_no_clock(passed_ms, runs):
+    """The watchdog ends an agent that stands still for longer; not before its first step."""
     peers = Peers(["d2"])
-    peers.keep_time(START_NS)
+    peers.keep_time(START_NS, runs=runs)
     peers.receive(pose(START_NS), START_NS)
-    peers.keep_time(START_NS + 1900 * MS)
+    peers.keep_time(START_NS + passed_ms * MS, runs=runs)
     assert peers["d2"].pose.stamp_ns == START_NS
     assert peers.set_ns == 0
 

@@ -22,14 +22,14 @@ def heard_again(silent_s, epoch=1, stage=Stage.SURVEY, heard_s=0.5, **more):
     """b is silent for so long, in a place that its new localisation does not tell, and heard again for half a second."""
     peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     me = Self(0, 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0, **more)
-    for message in (HEARD, status(stage)):
+    for message in (replace(HEARD, steered=stage is not Stage.HOLD), status(stage)):
         assert peers.receive(message, 0) is None
     hood.around(peers, me)
     for tenth in range(1, round(10 * silent_s)):
         hood.around(peers, replace(me, now_ns=tenth * SECOND // 10))
     for tenth in range(round(10 * heard_s)):
         now_ns = round(silent_s * SECOND) + tenth * SECOND // 10
-        assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=epoch), now_ns) is None
+        assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=epoch, steered=False), now_ns) is None
         assert peers.receive(replace(status(Stage.HOLD), stamp_ns=now_ns), now_ns) is None
         found = hood.around(peers, replace(me, now_ns=now_ns))
     return [one.plan.at(now_ns) for one in found], hood, peers, replace(me, now_ns=now_ns)
@@ -50,7 +50,7 @@ def test_it_may_still_be_on_its_way_home_if_it_is_silent_once_more():
         now_ns = me.now_ns + tenth * SECOND // 10
         found = hood.around(peers, replace(me, now_ns=now_ns))
         assert min(dist(one.plan.at(now_ns), HOME) for one in found) < 6.0
-    assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=1), now_ns) is None
+    assert peers.receive(replace(HEARD, stamp_ns=now_ns, epoch=1, steered=False), now_ns) is None
     found = hood.around(peers, replace(me, now_ns=now_ns))
     assert min(dist(one.plan.at(now_ns), HOME) for one in found) < 6.0
 
