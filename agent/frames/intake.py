@@ -87,6 +87,11 @@ class Intake:
             self._bucket(entry.stamp_ns).fixes[identity] = payload
             insort(self._fix_stamps[number], entry.stamp_ns)
 
+    def holds(self, identity: EntryId) -> bool:
+        """Whether an entry was received, and not dropped since."""
+        bucket = self._buckets.get(self._index(identity.stamp_ns))
+        return identity in self._exposures or (bucket is not None and (identity in bucket.sightings or identity in bucket.fixes))
+
     def taken(self) -> int | None:
         """The earliest keyframe to be recomputed, or None; the call resets it and discards the affected arrays."""
         dirty, self.dirty = self.dirty, None

@@ -63,7 +63,7 @@ class SwarmFrames:
         self._is_batch, self._took = False, 0  # whether a batch of late entries is being estimated, and calls for it
         self._put_ns: int | None = None  # when last nothing waited, but to be estimated
         self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the graph
-        self._started = False
+        self._started_ns: int | None = None
         self._due = self._wanted = -1  # the newest keyframe that is estimated, and that is due at the newest time
 
     @property
@@ -78,10 +78,12 @@ class SwarmFrames:
         return self._is_batch or (not self._batches.is_resting and bool(self._late or self._retracted))
 
     def start(self, stamp_ns: int) -> None:
-        """Set the start of the mission: much older measurements are ignored. Only the first call counts."""
-        if self._started or self._idle:
+        """Set the start of the mission: much older measurements are ignored. A later start begins anew, an earlier one is
+        ignored: an agent that has flown the mission before, and one that was restarted since, hold the same.
+        """
+        if self._idle or (self._started_ns is not None and stamp_ns <= self._started_ns):
             return
-        self._started, self._estimating = True, False
+        self._started_ns, self._estimating = stamp_ns, False
         self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
     def receive(self, entry: Entry, payload: bytes) -> None:
@@ -121,11 +123,11 @@ class SwarmFrames:
                 self._carried.receive(entry)
 
     def _taken_in(self, identities: Sequence[EntryId]) -> list[EntryId]:
-        """Those of the entries that do not wait any more; the others wait no longer."""
+        """Those of the entries that frames follow from; those that only wait to be taken wait no longer."""
         gone, waiting = set(identities), {one[0].entry_id for one in (*self._late, *self._waiting)}
         self._late = [one for one in self._late if one[0].entry_id not in gone]
         self._waiting = [one for one in self._waiting if one[0].entry_id not in gone]
-        return [identity for identity in identities if identity not in waiting]
+        return [identity for identity in identities if identity not in waiting and self._intake.holds(identity)]
 
     def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
         """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call.

@@ -129,12 +129,12 @@ class Fusion:
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
         """Where the camera was, mission frame, m, and 1 sigma of the horizontal distance; None where an entry is not fused."""
-        if not self.log.counts(identity):
+        found = None
+        with suppress(KeyError):  # it is not in the log
+            found = self._observations.of(identity) if self.log.counts(identity) else None
+        if found is None:
             return None
-        with suppress(KeyError):
-            found = self._observations.of(identity)
-            return found.position if isinstance(found, CountObservation) else found.apex, found.position_sigma_m
-        return None
+        return found.position if isinstance(found, CountObservation) else found.apex, found.position_sigma_m
 
     @property
     def state(self) -> Any:
@@ -315,7 +315,7 @@ class Fusion:
         """The state after a step, and the work that it takes."""
         identities = self._timeline.of(index)
         work = self._observations.missing(identities)
-        observations = [self._observations.of(identity) for identity in identities]
+        observations = [found for identity in identities if (found := self._observations.of(identity)) is not None]
         work += self.estimator.work(state, len(observations))
         return self.estimator.step(state, self._grid_step(index), observations), work
 

@@ -10,6 +10,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from itertools import chain, islice, zip_longest
+from operator import attrgetter
 from typing import TypeVar, cast
 
 from msgspec import Struct
@@ -239,7 +240,12 @@ class ObservationLog:
 
     def newest_ns(self, kind: type[Entry]) -> int:
         """The latest stamp of the entries of a kind that count; 0 without any."""
-        return max((identity.stamp_ns for identity in self._payloads[kind] if not self._takes_back(identity)), default=0)
+        self._settle()
+        held, taken_back = self._payloads[kind], self._retractions.takes_back
+        newest = max(held, key=attrgetter("stamp_ns"), default=None)
+        if newest is None or not taken_back((newest.drone, newest.boot), newest.sequence):
+            return 0 if newest is None else newest.stamp_ns
+        return max((one.stamp_ns for one in held if not taken_back((one.drone, one.boot), one.sequence)), default=0)
 
     def forget(self, identity: EntryId) -> bool:
         """Remove an entry that does not count any more; whether it was held."""

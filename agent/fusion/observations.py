@@ -38,14 +38,13 @@ class Observations:
         """How many of these have to be made again; to make one takes a unit of ``Estimator.work``."""
         return sum(identity not in self._held for identity in identities)
 
-    def of(self, identity: EntryId) -> Observation:
-        """The observation of an entry in the log that has one, in a known frame. Raises KeyError for other ones."""
+    def of(self, identity: EntryId) -> Observation | None:
+        """The observation of an entry in the log; None where it has none, or its frame is not known any more: then the steps that
+        it was in are computed again later.
+        """
         held = self._held.get(identity)
         if held is not None:
             return held
         entry = cast(AnyEntry, self._log.entry(identity))
         transform = self._frames.mission_from_local(entry.drone, entry.epoch, entry.stamp_ns)
-        made = observe(entry, transform, identity) if transform is not None else None
-        if made is None:
-            raise KeyError(identity)
-        return made
+        return observe(entry, transform, identity) if transform is not None else None

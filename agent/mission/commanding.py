@@ -74,12 +74,6 @@ class Commanding:
         others = self._peers.statuses(now_ns)
         flying = {name: others[name] for name in others if name in command.to}
         problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
-        begun_ns = self._begun_ns(command.stamp_ns, now_ns)
-        return self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
-
-    def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
-        already, so that all ignore the same earlier measurements.
-        """
+        # That of the drones that fly it already: all ignore the same earlier measurements.
         begun_ns = self._peers.begun_ns(self._mission_id, now_ns)
-        return stamp_ns if begun_ns is None else min(stamp_ns, begun_ns)
+        return self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)

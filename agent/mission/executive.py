@@ -114,20 +114,19 @@ class Executive:
         """
         return None if self.stage in GROUND_STAGES or self._mission.started_ns == 0 else self._mission.started_ns
 
-    def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> str | None:
+    def obey(self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
-        ``started_ns``: stamp with which the swarm's mission began, if this is a start, which after a landing begins a new one;
-        ``problems``: those that prevent one.
+        ``begun_ns``: when the swarm's mission began, as others tell; None where nobody does: a start begins it then, after a
+        landing a new one. No other command tells when it began. ``problems``: those that prevent a start.
         """
+        started_ns = stamp_ns if begun_ns is None else min(stamp_ns, begun_ns)
         refused = self._mission.command(action, stamp_ns, self._situation(now_ns, problems), started_ns)
         if refused is not None:
             return refused
         if action is Action.START and self._own.vehicle is not None:
             self._navigator.home.took_off(self._own.vehicle)
             self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
-            self._begin(started_ns)
-        elif self._mission.started_ns == 0:
             self._begin(started_ns)
         return None
 

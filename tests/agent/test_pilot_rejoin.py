@@ -396,6 +396,22 @@ def test_an_operator_resumes_a_flight_that_it_knows_nothing_of_as_the_others_fly
     assert one.stage is Stage.SURVEY
 
 
+def test_a_command_to_a_flight_that_it_knows_nothing_of_begins_no_mission():
+    """The mission seemed to have begun with the return: it left out, for good, what the others had measured before."""
+    one, _ = back(memory=None)
+    fly(one, BACK_NS, 1.0, FlightMode.HOLD)
+    now_ns, began_ns = BACK_NS + SECOND, START_NS + 3 * SECOND
+    one.receive(*command(Action.RETURN, stamp_ns=now_ns, boot=NEW_BOOT), now_ns)
+    fly(one, now_ns, 1.0, FlightMode.OFFBOARD)
+    assert (one.stage, one.memory.started_ns) == (Stage.RETURN, 0)
+    told = Status(
+        stamp_ns=now_ns + SECOND, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK, started_ns=began_ns
+    )
+    one.receive(key_of("radron", told), encode(told), now_ns + SECOND)
+    fly(one, now_ns + SECOND, 1.0, FlightMode.OFFBOARD)
+    assert one.memory.started_ns == began_ns
+
+
 def test_armed_on_the_ground_waits_for_the_truth():
     one, step = back(in_air=False)  # the landed state may not have been heard yet
     assert (step.command.request, one.memory) == (Request.STAY, KEPT)

@@ -24,6 +24,7 @@ _COARSE = 4  # voxels on a side of a coarse one
 _KEY, _LIVE, _PLACE, _FACING, _SPREAD, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), 10, slice(11, 11 + BINS)
 _COLUMNS = 11 + BINS
 _FINE = 1_000_000  # units of facing
+_FARTHEST_MM = 100_000_000  # from the mission frame's origin: beyond, a minute's sum would not fit into 64 bits
 _LONGEST_WAY_M = 10.0  # of an exposure, as far as it counts
 UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
 
@@ -115,6 +116,8 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
     if not observation.spectrum and observation.counts[0] >= UNTOLD_HITS:
         return None
     mm = [round(1e3 * part) for part in observation.position]
+    if max(map(abs, mm)) > _FARTHEST_MM:
+        return None
     counts = [0] * BINS
     for one in observation.spectrum:
         counts[one.place] = one.singles + one.coincidences

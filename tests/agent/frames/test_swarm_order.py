@@ -249,6 +249,26 @@ def test_a_start_leaves_out_the_same_whenever_it_is_told(share):
     assert lines(told_first, flown) == lines(told_last, flown) != lines(at_once(flown), flown)
 
 
+def test_a_second_mission_has_the_frames_of_one_that_was_there_from_its_start_on():
+    """The first start counted for good with those that had flown before: with one log the agents had different frames."""
+    flown = fly(slams(), 12.0, 2)
+    first_ns, second_ns = START_NS, START_NS + BEFORE_START_NS + 4 * SECOND
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    flew_before, restarted = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    flew_before.start(first_ns)
+    for entry in flown.entries:
+        flew_before.receive(entry, encode(entry))
+    settle(flew_before, end_ns)
+    flew_before.start(second_ns)
+    flew_before.start(first_ns)  # as another one still tells
+    restarted.start(second_ns)
+    for entry in flown.entries:
+        restarted.receive(entry, encode(entry))
+    for frames in (flew_before, restarted):
+        settle(frames, end_ns)
+    assert lines(flew_before, flown) == lines(restarted, flown)
+
+
 def test_what_lies_long_before_the_start_is_left_out():
     flown = fly(anchored(yaw_sigma_deg=5.0), 6.0, 1)
     frames, clean = SwarmFrames(flown.mission), at_once(flown)

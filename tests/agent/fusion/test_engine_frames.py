@@ -23,6 +23,30 @@ def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entri
         fusion._observations.of(entries[0].entry_id._replace(sequence=5000))
 
 
+def test_a_frame_that_is_lost_while_late_entries_wait_ends_no_flight(kit, mission, entries, monkeypatch):
+    """What was measured in it goes with the next change of the frames; a step that is computed again before leaves it out."""
+    monkeypatch.setattr(observations, "MOST_HELD", 0)
+    graph = FrameGraph.from_launch_layout(mission)
+    fusion = Fusion(mission, graph)
+    now_ns = max(entry.stamp_ns for entry in entries) + 10**9
+    kit.feed(fusion, entries)
+    kit.settle(fusion, now_ns)
+    graph.replace_from("b", 0, 0, [(0, None)])
+    recent = [entry for entry in entries if entry.stamp_ns > now_ns - 5 * 10**9]
+    gone = [entry.entry_id for entry in recent if entry.drone == "a"]
+    assert any(entry.drone == "b" and entry.stamp_ns > min(one.stamp_ns for one in gone) for entry in recent)
+    fusion.forget(gone)  # their steps are computed again
+    fusion.advance(now_ns, takes_late=False)
+    assert fusion.pending
+    kit.settle(fusion, now_ns)
+    without, plain = FrameGraph.from_launch_layout(mission), [one for one in entries if one.entry_id not in gone]
+    without.replace_from("b", 0, 0, [(0, None)])
+    other = Fusion(mission, without)
+    kit.feed(other, plain)
+    kit.settle(other, now_ns)
+    np.testing.assert_array_equal(fusion.hypothesis.position, other.hypothesis.position)
+
+
 def test_drones_with_their_own_frames_agree_with_one_common_frame(kit, entries, mission):
     """The same flight, written down in frames that are turned and shifted, is the same flight."""
     layout = {"a": (30.0, (5.0, -3.0, 0.0)), "b": (-120.0, (-20.0, 8.0, 0.0)), "c": (0.0, (0.0, 0.0, 0.0))}

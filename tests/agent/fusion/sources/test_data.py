@@ -25,6 +25,13 @@ def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 
     return CountObservation(*stamps, place, live_s, counts, *sigmas, Transform(), identity, 0, spectrum, facing, way_m)
 
 
+def test_a_place_that_no_drone_can_be_at_counts_nothing():
+    """A minute there did not fit into 64 bits, and ended whatever computed it."""
+    far = exposure(1, place=(2e5, 0.0, 0.0), live_s=60.0)
+    assert len(Rows.none().plus([far], DRONES)) == 0
+    assert len(Rows.none().plus([exposure(1, place=(9e4, 0.0, 0.0), live_s=60.0)], DRONES)) == 1
+
+
 EXPOSURES = st.lists(
     st.builds(
         exposure,
