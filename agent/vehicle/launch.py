@@ -11,6 +11,9 @@ from agent.vehicle.interface import LaunchPlace, Origin
 from agent.vehicle.mavlink.messages import GlobalOrigin
 
 WINDOW_S = 5.0
+UNPLACED_S = 5.0  # the origin is asked for every second
+UNPLACED = 1000  # epochs from here on are of frames that begin in flight; fewer are reached by jumps
+_RESETS, _BOOTS = 256, 3900  # of an autopilot, so that its next frame is of another epoch; all below the field's limit
 SHORTEST_S = 1.0  # standing still before the mean is used
 _SAME_DEG = 2e-7  # the origin comes in units of 1e-7 degrees
 _SAME_M = 0.01
@@ -41,6 +44,7 @@ class LaunchSurvey:
         self._stored = stored
         self._gnss, self._exact = gnss, exact
         self._flown = self._frozen = False
+        self._unplaced_s: float | None = None  # since when it flies from a place that is not known
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: Origin | None = None
 
@@ -75,6 +79,7 @@ class LaunchSurvey:
         if self._place is None and self._may_have_landed_elsewhere(booted_ns):
             self._place, self._flown = self._stored, True
         self._frozen = armed or in_air or self._flown
+        self._place_anyhow(now_s, armed and in_air, booted_ns, resets)
         if self._origin is None and self._gnss:
             self.problem = "the autopilot has not reported the origin of its local frame yet (no position fix?)"
         elif self._frozen:
@@ -82,6 +87,35 @@ class LaunchSurvey:
             self._flown = self._flown or (in_air and self._place is not None)
         else:
             self._average(now_s, position_m, booted_ns, resets)
+
+    def _place_anyhow(self, now_s: float, flies: bool, booted_ns: int | None, resets: int | None) -> None:
+        """Of one that flies from a place that nobody knows the autopilot's origin counts as that, in an epoch of its own whose
+        frame only sightings and fixes can tell: else the agent would have no telemetry, take it to be on the ground, and refuse
+        to land it.
+        """
+        unplaced = flies and self._place is None
+        self._unplaced_s = (now_s if self._unplaced_s is None else self._unplaced_s) if unplaced else None
+        if self._unplaced_s is None or now_s - self._unplaced_s < UNPLACED_S:
+            return
+        if self._stored is not None and self._origin is None and _same_boot(self._stored, booted_ns):
+            self._place = self._stored  # without satellites no origin is told
+            return
+        latitude_deg, longitude_deg, altitude_m = self._origin or (None, None, None)
+        boots = (booted_ns or 0) // 10**9 % _BOOTS * _RESETS
+        self._place, self._flown = (
+            LaunchPlace(
+                north_m=0.0,
+                east_m=0.0,
+                down_m=0.0,
+                origin_latitude_deg=latitude_deg,
+                origin_longitude_deg=longitude_deg,
+                origin_altitude_m=altitude_m,
+                booted_ns=booted_ns,
+                resets=resets,
+                epoch=UNPLACED + boots + (resets or 0) % _RESETS,
+            ),
+            True,
+        )
 
     def jumped(self) -> None:
         """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured again."""
@@ -133,7 +167,12 @@ class LaunchSurvey:
         if origin is not None and self._origin is not None:
             self._moved = not _same_spot(origin, self._origin)
             same = not self._moved and _same_height(origin, self._origin)
-        if not same:
+        if self._place.epoch >= UNPLACED:
+            self.problem = (
+                "this agent does not know where the vehicle was launched, and where it is only by fixes and sightings: "
+                "land it, and restart the agent at the launch place"
+            )
+        elif not same:
             self.problem = "the autopilot has moved the origin of its local frame in flight: land"
         elif self._exact and self._place.epoch > 0:
             self.problem = (
@@ -153,10 +192,12 @@ class LaunchSurvey:
     def _is_same_frame(self, stored: LaunchPlace, booted_ns: int | None) -> bool:
         origin = stored.origin
         if origin is not None and self._origin is not None:
-            return _same_spot(origin, self._origin) and _same_height(origin, self._origin)
-        if self._gnss or stored.booted_ns is None or booted_ns is None:
-            return False
-        return abs(stored.booted_ns - booted_ns) < _SAME_BOOT_NS
+            return _same_spot(origin, self._origin) and (_same_height(origin, self._origin) or _same_boot(stored, booted_ns))
+        return not self._gnss and _same_boot(stored, booted_ns)
+
+
+def _same_boot(stored: LaunchPlace, booted_ns: int | None) -> bool:
+    return stored.booted_ns is not None and booted_ns is not None and abs(stored.booted_ns - booted_ns) < _SAME_BOOT_NS
 
 
 def _same_spot(one: Origin, other: Origin) -> bool:

@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from agent.config.drone import VehicleConfig
 from agent.geometry import Quaternion, Vector3
+from agent.vehicle.batteries import ALL, Batteries
 from agent.vehicle.clock import BootClock
 from agent.vehicle.frame import (
     enu_from_flu,
@@ -43,6 +44,7 @@ from agent.vehicle.trust import PositionTrust
 
 FRESH_S = 0.5  # older attitudes and ranges are not used with a position
 MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported
+LANDED_S = 3.0  # one of 5 Hz
 LOST_S = 2.5  # without a heartbeat: two at 1 Hz have been lost
 NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
@@ -74,11 +76,12 @@ class Telemetry:
         self._range_m = (0.0, float("-inf"))  # along the sensor's axis; when it arrived
         self._intended: FlightMode | None = None
         self._extended: ExtendedState | None = None
+        self._extended_s = float("-inf")
         self._status: SystemStatus | None = None
         self._attitude: _Turning | None = None
         self._estimator_sigma_m = 0.0
         self._fix_us = -1  # of the newest fix
-        self._battery: float | None = None
+        self._batteries = Batteries()
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -107,8 +110,8 @@ class Telemetry:
                 sigmas = (message.pos_horiz_accuracy, message.pos_vert_accuracy)
                 self._estimator_sigma_m = max(value for value in (*sigmas, 0.0) if value is not None)
                 self._trust.take_estimator(message, arrival_s)
-            case Battery(id=0, battery_remaining=percent):
-                self._battery = percent / 100.0 if percent >= 0 else None
+            case Battery(id=number, battery_remaining=percent):
+                self._batteries.take(number, percent, arrival_s)
             case HomePosition():
                 self.has_home = True
             case GlobalOrigin():
@@ -144,11 +147,12 @@ class Telemetry:
         heartbeat, extended = self._heartbeat, self._extended
         if heartbeat is None or extended is None:
             return None
-        mode = flight_mode(heartbeat.custom_mode)
+        mode, armed = flight_mode(heartbeat.custom_mode), bool(heartbeat.base_mode & ARMED)
+        is_fresh = self._heartbeat_s - self._extended_s <= LANDED_S
         return Seen(
             mode=mode,
-            armed=bool(heartbeat.base_mode & ARMED),
-            in_air=is_in_air(extended.landed_state),
+            armed=armed,
+            in_air=is_in_air(extended.landed_state) and (armed or is_fresh),  # else it would never have landed
             failsafe=heartbeat.system_status >= CRITICAL,
             heartbeat_s=self._heartbeat_s,
             intended=self._intended,
@@ -174,14 +178,14 @@ class Telemetry:
             reason = self.not_ready()
             where = f" in mode {seen.mode}" if seen is not None else ""  # in some modes it cannot be armed
             problems = [f"the autopilot is not ready to arm{where}: {reason}"] if reason is not None else []
-        told = (self._trust.problem(now_s), self.launch.problem)
+        told = (self._trust.problem(now_s), self._batteries.problem(now_s), self.launch.problem)
         return problems + [problem for problem in told if problem is not None]
 
     def _missing(self, now_s: float) -> list[str]:
         """The missing inputs without which there is no state."""
         attitude_s = self._attitude.arrival_s if self._attitude is not None else float("-inf")
         arrivals_s = {"local position": self._position_s, "attitude": attitude_s}
-        landed_state = ["landed state"] if self._extended is None else []
+        landed_state = ["landed state"] if now_s - self._extended_s > LANDED_S else []
         return [name for name, at_s in arrivals_s.items() if now_s - at_s > MISSING_S] + landed_state
 
     def not_ready(self) -> str | None:
@@ -233,7 +237,7 @@ class Telemetry:
             armed=seen.armed,
             in_air=seen.in_air,
             healthy=self._is_healthy(seen),
-            battery=self._battery,
+            battery=self._batteries.level(arrival_s),
             position_trusted=self._trust.at(arrival_s),
         )
 
@@ -248,9 +252,10 @@ class Telemetry:
             case CurrentMode(intended_custom_mode=intended):
                 self._intended = flight_mode(intended) if intended else None
             case ExtendedState():
-                self._extended = message
-            case SystemStatus():
+                self._extended, self._extended_s = message, arrival_s
+            case SystemStatus(battery_remaining=percent):
                 self._status = message
+                self._batteries.take(ALL, percent, arrival_s)
 
     def _take_range(self, message: DistanceSensor, arrival_s: float) -> None:
         within = message.min_distance < message.current_distance < message.max_distance

@@ -39,6 +39,39 @@ def test_it_needs_some_time_on_the_ground_and_the_frames_origin() -> None:
     assert "origin" in str(survey.problem)
 
 
+@pytest.mark.parametrize("origin", [ORIGIN, None])
+def test_one_that_flies_from_a_place_that_nobody_knows_has_one_of_its_own_after_a_while(origin) -> None:
+    """Its state was torn: the agent told that it is on the ground, and refused to land it, while the failsafe flew it home."""
+    survey = LaunchSurvey()
+    if origin is not None:
+        survey.take_origin(origin)
+    places = []
+    for second in range(9):
+        survey.observe(100.0 + second, (50.0, 20.0, -8.0), **FLYING, booted_ns=BOOTED_NS, resets=2)
+        places.append(survey.place)
+    assert places[4] is None
+    assert places[5] == places[-1]
+    assert (places[-1].north_m, places[-1].down_m) == (0.0, 0.0)
+    assert 1000 <= places[-1].epoch <= 1_000_000
+    assert origin is None or "does not know where the vehicle was launched" in str(survey.problem)
+    for second in range(9):  # landed, and disarmed
+        survey.observe(200.0 + second, (60.0, 20.0, 0.0), **ON_GROUND, booted_ns=BOOTED_NS, resets=2)
+    again = LaunchSurvey(survey.to_keep)
+    again.take_origin(ORIGIN)
+    for step in range(100):
+        again.observe(step / 30, (60.0, 20.0, 0.0), **ON_GROUND, booted_ns=BOOTED_NS, resets=2)
+    assert (again.place.north_m, again.place.epoch) == (pytest.approx(60.0), 0)  # measured anew
+
+
+@pytest.mark.parametrize(("booted_ns", "known"), [(BOOTED_NS, True), (BOOTED_NS + 10**10, False)])
+def test_without_satellites_the_stored_place_counts_while_the_autopilot_is_not_booted_again(booted_ns, known) -> None:
+    survey = LaunchSurvey(replace(STORED, booted_ns=BOOTED_NS))
+    for second in range(7):
+        survey.observe(100.0 + second, (50.0, 20.0, -8.0), **FLYING, booted_ns=booted_ns)
+    assert (survey.place.north_m == STORED.north_m) is known
+    assert (survey.place.epoch == 0) is known
+
+
 def test_it_is_frozen_when_the_vehicle_is_armed() -> None:
     survey = surveyed(3.0)
     before = survey.place
