@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from agent.detector.readout import PixelHits, Readout
 from agent.detector.t3pa import DISORDER_NS, LOST_END
 
+STEP_NS = 20_000_000  # no clock is slewed by so much from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
 
 
@@ -27,7 +29,7 @@ class Block:
 @dataclass(slots=True)
 class Acquisition:
     """An acquisition of at most ``length_ns``, requested at ``called_ns``. The camera's threads set ``started_ns`` and append
-    blocks, then set ``ended_ns``; the event loop takes the blocks. All times UTC.
+    blocks, then set ``ended_ns``; the event loop takes the blocks. All times by one clock, which nobody sets.
     """
 
     called_ns: int
@@ -35,6 +37,26 @@ class Acquisition:
     started_ns: int | None = None
     ended_ns: int | None = None
     blocks: deque[Block] = field(default_factory=deque)
+
+
+class Utc:
+    """UTC of times by a clock that nobody sets. Where UTC is set, readouts move with it, and their hits as far."""
+
+    def __init__(self, utc_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
+        self._utc_ns, self._steady_ns = utc_ns, steady_ns
+        self._ahead_ns: int | None = None
+
+    def look(self) -> None:
+        """Look at both clocks: nothing but a step counts, so that readouts have no gaps."""
+        ahead_ns = self._utc_ns() - self._steady_ns()
+        if self._ahead_ns is None or abs(ahead_ns - self._ahead_ns) > STEP_NS:
+            self._ahead_ns = ahead_ns
+
+    def of(self, readout: Readout) -> Readout:
+        """The readout in UTC."""
+        ahead_ns = self._ahead_ns or 0
+        start_ns, end_ns, clock_ns = (at_ns + ahead_ns for at_ns in (readout.start_ns, readout.end_ns, readout.clock_ns))
+        return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
 
 class AcquisitionReader:

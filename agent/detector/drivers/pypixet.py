@@ -6,9 +6,10 @@ Calls and constants are those of Advacam's Python API manual and its examples: `
 ``PX_ACQTYPE_DATADRIVEN``, ``lastAcqPixelsRefInc().rawPixels()`` and ``abortOperation``. ``rawPixels`` gives five columns: matrix
 index, ToA, overflow, FToA, ToT, with the same meaning as in a .t3pa file.
 
-ToA counts from the start of an acquisition. Its UTC time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the
+ToA counts from the start of an acquisition. Its time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the
 transfer from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock
-with an error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts.
+with an error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts. These times are by a clock that
+nobody sets: where the computer's UTC was set ahead by 3 s within the minute, hits kept to the former time.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, block_of
+from agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, Utc, block_of
 from agent.detector.readout import Readout
 from agent.errors import DetectorError
 
@@ -65,11 +66,11 @@ class PixetDetector:
     All calls into the vendor's module are made on a thread of their own.
     """
 
-    def __init__(self, module: Any, bias_v: float | None = None, clock_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, module: Any, bias_v: float | None = None, utc_ns: Callable[[], int] = time.time_ns) -> None:
         """``module``: pypixet. ``bias_v``: None keeps the value of the camera's own configuration."""
         self._module = module
         self._bias_v = bias_v
-        self._utc_ns = clock_ns
+        self._utc, self._steady_ns = Utc(utc_ns, time.monotonic_ns), time.monotonic_ns
         self._problem: str | None = "the camera is starting"
         self._acquisitions: deque[Acquisition] = deque()
         self._device: Any = None
@@ -90,8 +91,9 @@ class PixetDetector:
             self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
             self._worker.start()
         while not self._closed.is_set():
-            for readout in self._reader.read(self._acquisitions, self._utc_ns()):
-                yield readout
+            self._utc.look()
+            for readout in self._reader.read(self._acquisitions, self._steady_ns()):
+                yield self._utc.of(readout)
             try:
                 async with asyncio.timeout(SLICE_S):
                     await self._closed.wait()
@@ -170,20 +172,20 @@ class PixetDetector:
     def _acquire(self, device: Any) -> None:
         """One acquisition; blocks until it ends."""
         pixet = self._module.pixet
-        acquisition = Acquisition(self._utc_ns(), round(ACQUISITION_S * 1e9))
+        acquisition = Acquisition(self._steady_ns(), round(ACQUISITION_S * 1e9))
         self._acquisitions.append(acquisition)
         try:
             code = device.doAdvancedAcquisition(
                 1, ACQUISITION_S, pixet.PX_ACQTYPE_DATADRIVEN, pixet.PX_ACQMODE_NORMAL, pixet.PX_FTYPE_AUTODETECT, 0, ""
             )
         finally:
-            acquisition.ended_ns = self._utc_ns()
+            acquisition.ended_ns = self._steady_ns()
         if not self._stop.is_set():
             _done(device, "doAdvancedAcquisition", code)
 
     def _started(self, _event: object) -> None:
         with suppress(IndexError):  # an event that arrives after the end of its acquisition; nothing may be raised here
-            self._acquisitions[-1].started_ns = self._utc_ns()
+            self._acquisitions[-1].started_ns = self._steady_ns()
             self._problem = None
 
     def _arrived(self, _event: object) -> None:
