@@ -51,7 +51,7 @@ from protocol.identity import Identity
 from protocol.keys import key_of
 from protocol.mesh.recovery import recover
 from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Stage
+from protocol.messages import GROUND_STAGES, Stage
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -195,11 +195,12 @@ class Node:
     async def _fly(self) -> None:
         """Make a step every 50 ms by absolute deadlines. Missed steps are skipped and counted, never made up for.
 
-        Ends when a new mission is there, which only happens on the ground.
+        Ends when the agent is to begin anew, which only happens on the ground: with a new mission, or as the autopilot was booted
+        again after a flight. Then the vehicle's local frame is another one, and its launch place is measured again.
         """
         loop = asyncio.get_running_loop()
         due_s = look_s = counters_s = loop.time()
-        while not self._uploaded.is_kept:
+        while not self._uploaded.is_kept and not self._lost_its_frame:
             now_s = loop.time()
             if now_s >= look_s:
                 look_s = now_s + LOOK_S
@@ -217,6 +218,13 @@ class Node:
                 self._late.note(behind_s)
             await asyncio.sleep(due_s - loop.time())
         self._heartbeat.tell(RELOADING)
+
+    @property
+    def _lost_its_frame(self) -> bool:
+        if not self._vehicle.has_rebooted or self._pilot.stage not in GROUND_STAGES:
+            return False
+        launch = self._vehicle.launch_to_keep  # one that has not flown measures its place anew at any time
+        return launch is not None and launch.flown
 
     def _log_counters(self) -> None:
         tasks = len(asyncio.all_tasks())

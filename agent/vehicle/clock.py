@@ -6,6 +6,7 @@ from collections import deque
 
 WINDOW_NS = 2_000_000_000
 SET_NS = 50_000_000  # by so much from one message to the next no clock is slewed
+REBOOTED = 10  # stamps that show a reboot
 REBOOT_NS = 1_000_000_000  # a stamp this much older than the last one is not a reordered packet
 
 
@@ -21,6 +22,8 @@ class BootClock:
         self._offsets: deque[tuple[int, int]] = deque()  # (arrival, offset), offsets ascending: the first is the smallest
         self._boot_ns = self._arrival_ns = 0
         self._ahead_ns: int | None = None  # of UTC, of the clock that nobody sets
+        self._before_ns, self._lower = 0, 0  # boot time before it went back, and how many have come since that are lower
+        self.has_rebooted = False  # the autopilot, since the agent heard it first
 
     def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
         """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival.
@@ -28,6 +31,7 @@ class BootClock:
         ``steady_ns``: its arrival by a clock that nobody sets: it tells at once where UTC was set.
         """
         boot_ns, ahead_ns = boot_ms * 1_000_000, None if steady_ns is None else arrival_ns - steady_ns
+        self._watch_boots(boot_ns)
         is_set = ahead_ns is not None and self._ahead_ns is not None and abs(ahead_ns - self._ahead_ns) > SET_NS
         if is_set or boot_ns < self._boot_ns - REBOOT_NS or arrival_ns < self._arrival_ns:
             self._offsets.clear()
@@ -39,6 +43,13 @@ class BootClock:
         while self._offsets[0][0] < arrival_ns - WINDOW_NS:
             self._offsets.popleft()
         return boot_ns + self._offsets[0][1]
+
+    def _watch_boots(self, boot_ns: int) -> None:
+        """A single packet may be late by more than ``REBOOT_NS``; after a reboot all have lower stamps for a while."""
+        if boot_ns < self._boot_ns - REBOOT_NS:
+            self._before_ns, self._lower = self._boot_ns, 0
+        self._lower = self._lower + 1 if boot_ns < self._before_ns else 0
+        self.has_rebooted = self.has_rebooted or self._lower >= REBOOTED
 
     def utc_ns(self, boot_ns: int) -> int | None:
         """A stamp of this clock in UTC, without updating the offset; None before the first message."""

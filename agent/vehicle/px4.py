@@ -120,6 +120,11 @@ class Px4Vehicle:
         return self._telemetry.launch.place
 
     @property
+    def has_rebooted(self) -> bool:
+        """Whether the autopilot was booted again since the agent heard it first: its local frame is another one."""
+        return self._telemetry.has_rebooted
+
+    @property
     def launch_to_keep(self) -> LaunchPlace | None:
         """The same for a restarted agent, once it does not change any more."""
         return self._telemetry.launch.to_keep

@@ -142,6 +142,11 @@ class Telemetry:
         return self._resets.in_doubt
 
     @property
+    def has_rebooted(self) -> bool:
+        """Whether the autopilot was booted again since it was heard first."""
+        return self._clock.has_rebooted
+
+    @property
     def seen(self) -> Seen | None:
         """What the autopilot shows of its modes; None before all of it is known."""
         heartbeat, extended = self._heartbeat, self._extended

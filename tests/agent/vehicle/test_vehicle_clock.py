@@ -32,6 +32,14 @@ def test_a_restarted_autopilot_is_believed_at_once() -> None:
     assert clock.observe(5_000, BOOTED_NS + 100 * MS) == BOOTED_NS + 100 * MS
 
 
+@pytest.mark.parametrize(("boots_ms", "rebooted"), [((5_000, 3_500, 5_033), False), ((500_000, *range(5_000, 5_400, 33)), True)])
+def test_an_autopilot_that_was_booted_again_is_noticed_and_a_late_packet_is_none(boots_ms, rebooted) -> None:
+    clock = BootClock()
+    for number, boot_ms in enumerate((*boots_ms, *range(boots_ms[-1] + 33, boots_ms[-1] + 400, 33))):
+        clock.observe(boot_ms, BOOTED_NS + (600_000 + 33 * number) * MS)
+    assert clock.has_rebooted is rebooted
+
+
 def test_a_reordered_message_does_not_count_as_a_restart() -> None:
     clock = BootClock()
     clock.observe(10_000, BOOTED_NS)
