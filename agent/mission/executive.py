@@ -125,7 +125,7 @@ class Executive:
         if refused is not None:
             return refused
         if action is Action.START and self._own.vehicle is not None:
-            self._navigator.home.took_off(self._own.vehicle)
+            self._navigator.take_off(self._own.vehicle)
             self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
             self._begin(started_ns)
         return None
@@ -205,7 +205,7 @@ class Executive:
         if self._aloft.shown and self.stage in GROUND_STAGES and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
-            self._navigator.home.remember(KeptHome(self._config.member(self._id).origin_m))
+            self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
         if self.stage not in GROUND_STAGES and self._mission.started_ns == 0:
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None:

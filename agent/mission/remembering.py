@@ -66,7 +66,7 @@ class Remembering:
             return 0
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
-        self._navigator.home.remember(memory.home)
+        self._navigator.resume(memory.home)
         self._navigator.remember(self._plausible(memory.frames), memory.others)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)

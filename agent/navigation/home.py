@@ -40,16 +40,12 @@ class KeptHome(Struct, frozen=True):
 
 
 class Home:
-    """Home of one drone, and how long the drone has been there.
-
-    ``is_remembered``: the agent was started in flight, and may never have heard some that fly.
-    """
+    """Home of one drone, and how long the drone has been there."""
 
     def __init__(self, own: OwnPose) -> None:
         self._own = own
         self._launch: Launch | None = None
         self._remembered = KeptHome()
-        self.is_remembered = False
         self._watched_ns = 0
         self._near_since_ns: int | None = None
         self._there_since_ns: int | None = None
@@ -58,11 +54,11 @@ class Home:
     def took_off(self, vehicle: VehicleState) -> None:
         """The drone takes off here."""
         self._launch = Launch(vehicle.epoch, vehicle.stamp_ns, vehicle.position_m)
-        self._remembered, self.is_remembered = KeptHome(), False
+        self._remembered = KeptHome()
 
     def remember(self, kept: KeptHome) -> None:
         """Take what was stored before the agent was restarted."""
-        self._remembered, self._launch, self.is_remembered = kept, kept.launch, True
+        self._remembered, self._launch = kept, kept.launch
 
     @property
     def kept(self) -> KeptHome:

@@ -18,7 +18,7 @@ from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
 from agent.motion.tracker import Tracker, TrackerPlan
 from agent.navigation.guidance import Guidance
-from agent.navigation.home import Home
+from agent.navigation.home import Home, KeptHome
 from agent.navigation.identification import ResponseEstimator
 from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from agent.navigation.myself import Self
@@ -82,6 +82,17 @@ class Navigator:
         self._due_ns = self._stepped_ns = 0
         self._begun_ns = 0
         self._was_steered = False
+        self._is_resumed = False  # the agent was started in flight, and may never have heard some that fly
+
+    def take_off(self, vehicle: VehicleState) -> None:
+        """The drone takes off here: home is this place."""
+        self.home.took_off(vehicle)
+        self._is_resumed = False
+
+    def resume(self, home: KeptHome) -> None:
+        """The agent was started in flight; ``home``: what is known of it."""
+        self.home.remember(home)
+        self._is_resumed = True
 
     @property
     def waits(self) -> bool:
@@ -227,7 +238,7 @@ class Navigator:
         plans = [other.plan for other in others]
         seen = seen_bearings(peers, vehicle.epoch, now_ns) if frame is None else ()
         reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans, seen)
-        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:
+        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:  # it does not know yet whom it misses
             reference = self._guidance.stay(self._virtual)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         wanted = self._ground.kept_off(reference, vehicle)
@@ -253,7 +264,7 @@ class Navigator:
             circle=self._guidance.circle(moment, centre),
             height_m=moment.vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
-            resumed=self.home.is_remembered,
+            resumed=self._is_resumed,
             measured=self._measured(moment.now_ns),
             revoked=self.revoked,
             excluded=self.excluded,

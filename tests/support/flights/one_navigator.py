@@ -67,7 +67,7 @@ def flown(
     """
     navigator, own, frames = made(mission)
     if home_m is not None:
-        navigator.home.remember(KeptHome(home_m))
+        navigator.resume(KeptHome(home_m))
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
     position, velocity, places = local.apply_point((35.0, 25.0, height_m)), (0.0, 0.0, 0.0), []
