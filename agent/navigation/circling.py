@@ -41,7 +41,6 @@ class Circling:
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._shared = SharedCircle(mission, drone)
-        self.kept: list[PeerPlan] = []
 
     def begin(self) -> None:
         """The local frame may be another one."""
@@ -80,8 +79,10 @@ class Circling:
         deviation_m: float,
         absence: Absence | None,
         others: Sequence[PeerPlan],
-    ) -> Reference:
-        """A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
+    ) -> tuple[Reference, list[PeerPlan]]:
+        """The reference, and the places on the circle that are kept free for drones that are not heard.
+
+        A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
 
         Otherwise the configured circle, growing while the source has to be found again. Arguments as of ``Guidance.reference``.
         """
@@ -94,8 +95,8 @@ class Circling:
         stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, others, heard)
         places = self._shared.places(moment.now_ns, heard, absence, (centre.position, centre.velocity), radius_m, stands)
         unheard = ((name, place) for name, place in places.items() if name not in heard)
-        self.kept = [PeerPlan.from_pose(name, moment.now_ns, place, blind=True) for name, place in unheard]
-        return self._encirclement.reference(
+        kept = [PeerPlan.from_pose(name, moment.now_ns, place, blind=True) for name, place in unheard]
+        reference = self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
             places,
             self._id,
@@ -106,6 +107,7 @@ class Circling:
             doubt_m=self._doubt_m(moment, heard, deviation_m),
             stands=stands,
         )
+        return reference, kept
 
     def hover(self, moment: Moment, state: PeerState, centre: Centre, absence: Absence | None, z_m: float) -> Reference:
         """Stay at that height where the circle is nearest."""

@@ -40,7 +40,8 @@ class Guidance:
 
     ``has_room``: the circle that is its own while others are not heard lies inside the fence, or is not flown on. One without
     room stops, as a vehicle without its agent does, of whose place the others keep clear, and will return: on its way to that
-    circle it would flee those inside of it.
+    circle it would flee those inside of it. ``kept_places``: on the circle, of the last reference: those that are left free for
+    drones that are not heard; local frame.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class Guidance:
         self._absence: Absence | None = None
         self._others: Sequence[PeerPlan] = ()
         self.has_room = True
+        self.kept_places: list[PeerPlan] = []
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
@@ -112,7 +114,7 @@ class Guidance:
         ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
         ``others``: all that fly, or may; ``seen``: directions (rad) in which it sees some.
         """
-        self._absence, self._others, self._circling.kept = absence, others, []
+        self._absence, self._others, self.kept_places = absence, others, []
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
@@ -139,7 +141,9 @@ class Guidance:
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
-        return self._circling.reference(moment, state, centre, partners, deviation_m, absence, others)
+        on_circle = self._circling.reference(moment, state, centre, partners, deviation_m, absence, others)
+        reference, self.kept_places = on_circle
+        return reference
 
     @property
     def _holds(self) -> bool:
@@ -188,11 +192,6 @@ class Guidance:
         is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was gone
         placed[:, 2] = self._over_z_m(moment) if is_beyond else self._survey_z_m(moment)
         return Reference(placed, moving, STEP_S)
-
-    @property
-    def kept_places(self) -> list[PeerPlan]:
-        """The places on the shared circle that are kept free for drones that are not heard, local frame."""
-        return self._circling.kept
 
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
