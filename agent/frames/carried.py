@@ -38,14 +38,22 @@ class CarriedFrames:
         self._told: dict[tuple[str, int], dict[EntryId, CarriedFrame]] = {}
         self._first: dict[tuple[str, int], EntryId] = {}
         self._epochs: dict[EntryId, int] = {}
+        self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
         """Take an entry of the log; each comes once."""
-        if entry.drone not in self._exact:
+        if entry.drone not in self._exact or entry.stamp_ns < self._earliest_ns:
             return
         if isinstance(entry, Exposure) and entry.epoch != LAUNCH_EPOCH and entry.carried is not None:
             self._epochs[entry.entry_id] = entry.epoch
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
+
+    def drop_before(self, stamp_ns: int) -> None:
+        """Forget what was told before that stamp, and ignore what comes of it: in the flight before, an epoch of the same number
+        was another frame.
+        """
+        self._earliest_ns = stamp_ns
+        self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
         """Take entries back that do not count any more."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right, insort
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix,
 
 E = TypeVar("E", bound=Entry)
 READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
+_MOST = 64  # measurements of a kind that count of a drone in a keyframe: a member may publish a minute's for one moment
 _OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
 # Of the other drone, if the clock of one of the two is wrong. Where that may be farther away than it can be seen, a sighting says
@@ -229,7 +231,7 @@ class Intake:
     def _seen(self, index: int) -> Sightings:
         bucket = self._buckets[index]
         if bucket.seen is None:
-            entries = (_decoded(Sighting, payload) for _, payload in sorted(bucket.sightings.items()))
+            entries = (_decoded(Sighting, payload) for payload in _counted(bucket.sightings))
             rows = list(map(self._sighting, entries))
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
@@ -262,7 +264,7 @@ class Intake:
     def _fixed(self, index: int) -> Fixes:
         bucket = self._buckets[index]
         if bucket.fixed is None:
-            rows = [self._fix(_decoded(Fix, payload)) for _, payload in sorted(bucket.fixes.items())]
+            rows = [self._fix(_decoded(Fix, payload)) for payload in _counted(bucket.fixes)]
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
                 bucket.fixed = Fixes.empty()
@@ -300,6 +302,15 @@ class Intake:
 
 def _stamp_ns(identity: EntryId) -> int:
     return identity.stamp_ns
+
+
+def _counted(held: dict[EntryId, bytes]) -> Iterator[bytes]:
+    """Those that count, in the order of their identities: the first ``_MOST`` of each drone."""
+    seen: Counter[str] = Counter()
+    for identity in sorted(held):
+        seen[identity.drone] += 1
+        if seen[identity.drone] <= _MOST:
+            yield held[identity]
 
 
 def _decoded(kind: type[E], payload: bytes) -> E:

@@ -39,7 +39,7 @@ def judge(keyframe: Keyframe, judged: Verdict) -> None:
     _check_all_fixes(keyframe, joint)
     if faulty_drone is None:
         _report_conflicts(keyframe, judged)
-    elif keyframe.members[faulty_drone].contradicted >= _FIRM and not keyframe.setting.exact[faulty_drone]:
+    elif keyframe.members[faulty_drone].contradicted >= _FIRM:
         _isolate(keyframe, faulty_drone, judged)
     for drone in np.flatnonzero(judged.blind).tolist():
         if not judged.disagree[drone].any():
@@ -149,7 +149,8 @@ def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
 def _isolate(keyframe: Keyframe, faulty_drone: int, judged: Verdict) -> None:
     others = [keyframe.setting.names[other] for other in np.flatnonzero(judged.disagree[faulty_drone])]
     keyframe.suspect(faulty_drone, f"its frame contradicts the sightings between it and {listed(others)}")
-    _realign(keyframe, faulty_drone)
+    if not keyframe.setting.exact[faulty_drone]:  # the mission knows that frame: its localisation is wrong
+        _realign(keyframe, faulty_drone)
     for drone, member in enumerate(keyframe.members):  # the faulty drone is known now
         if member.suspicion is not None and member.suspicion.ambiguous:
             keyframe.clear(drone)

@@ -81,9 +81,13 @@ class SwarmFrames:
         """Set the start of the mission: much older measurements are ignored. A later start begins anew, an earlier one is
         ignored: an agent that has flown the mission before, and one that was restarted since, hold the same.
         """
-        if self._idle or (self._started_ns is not None and stamp_ns <= self._started_ns):
+        if self._started_ns is not None and stamp_ns <= self._started_ns:
             return
-        self._started_ns, self._estimating = stamp_ns, False
+        self._started_ns = stamp_ns
+        self._carried.drop_before(stamp_ns - BEFORE_START_NS)
+        if self._idle:
+            return
+        self._estimating = False
         self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
     def receive(self, entry: Entry, payload: bytes) -> None:

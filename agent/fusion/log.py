@@ -229,11 +229,17 @@ class ObservationLog:
             raise KeyError(identity)
         return Record(kind, self._payloads[kind][identity])
 
-    def beyond(self, drone: str, last: Callable[[str], int]) -> list[EntryId]:
-        """The entries held of a drone whose numbers are greater than ``last`` of their boot, in the order of their identities."""
+    def identities(self, kind: type[Entry], drone: str) -> list[EntryId]:
+        """Those of the entries held of one kind and drone, ascending."""
+        return sorted(identity for identity in self._payloads[kind] if identity.drone == drone)
+
+    def beyond(self, drone: str, last: Callable[[str], int], boot: str | None = None) -> list[EntryId]:
+        """The entries held of a drone whose numbers are greater than ``last`` of their boot, in the order of their identities.
+        ``boot``: of that one only.
+        """
         return sorted(
             identity
-            for boot in self._boots.get(drone, ())
+            for boot in (self._boots.get(drone, ()) if boot is None else (boot,))
             for sequence, identity in self._numbered[drone, boot].items()
             if sequence > last(boot)
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from protocol.entries import Entry
+from protocol.entries import Entry, EntryId
 from protocol.revocations import MOST_HELD, Obeying, Revocation
 from protocol.signing import Verifier
 
@@ -59,8 +59,8 @@ class Revocations:
         verifier, held = self._verifier, (one for one in self.held if one.member == word.drone)
         return verifier is not None and any(verifier.accepts_obeying(word, one) for one in held)
 
-    def leaves_out(self, entry: Entry) -> bool:
-        """Whether an entry does not count."""
+    def leaves_out(self, entry: Entry | EntryId) -> bool:
+        """Whether an entry, or that of an identity, does not count."""
         return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
 
     def _is_flooded(self, sender: str, now_ns: int) -> bool:

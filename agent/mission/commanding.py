@@ -12,7 +12,7 @@ from agent.mission.orders import Orders
 from agent.mission.problems import Problems
 from agent.mission.uploads import Ground, Uploads
 from agent.navigation.peers.newest import Peers
-from protocol.messages import AnyOrder, Command, Upload
+from protocol.messages import Action, AnyOrder, Command, Upload
 
 
 class Verdict(Struct, frozen=True):
@@ -56,6 +56,8 @@ class Commanding:
             return None if refused == "to_others" else Verdict(refused)
         because = self._take(order, now_ns) if isinstance(order, Upload) else self._obey(order, now_ns)
         if because is not None:
+            if isinstance(order, Command) and order.action is Action.RESUME:  # a copy may come when a human pilot has it hold
+                self._orders.use_up(order)
             return Verdict("refused", because)
         self._orders.note(order)
         return Verdict()

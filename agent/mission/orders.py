@@ -63,9 +63,13 @@ class Orders:
             return "too_old"
         return None
 
-    def note(self, command: Order) -> None:
-        """A command has been carried out: no other one with its number or a lower one is."""
+    def use_up(self, command: Order) -> None:
+        """No command with this one's number, or a lower one, is carried out any more."""
         self._last = command.to[self._drone].number
+
+    def note(self, command: Order) -> None:
+        """A command has been carried out."""
+        self.use_up(command)
         if self._tells_obeyed:
             order = str(command.action) if isinstance(command, Command) else "upload"
             self.obeyed = Obeyed(order, command.station, command.stamp_ns, self._last)

@@ -8,6 +8,7 @@ number counts, for each boot. So all drones leave the same entries out of log, d
 from __future__ import annotations
 
 from collections import Counter
+from typing import cast
 
 from agent.fusion.blocks import Publisher
 from agent.fusion.log import Contradiction
@@ -16,11 +17,13 @@ from agent.mission.commanding import Verdict
 from agent.mission.executive import Executive
 from agent.mission.problems import Problems
 from agent.mission.worldmodel import WorldModel
+from agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_NS
 from agent.navigation.peers.newest import Peers
 from protocol.entries import Coverage, Entry
 from protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
 from protocol.signing import Trust, Verifier, sign_obeying
 
+_MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, of which some may be implausible
 PERIOD_NS = 1_000_000_000  # they are passed on so often: also to drones that join, or are heard again
 
 
@@ -87,10 +90,13 @@ class Revoking:
     def recount(self, entry: Entry) -> None:
         """An entry was not taken: if it contradicts another one, nothing from that number on counts."""
         publisher = entry.drone, entry.boot
-        found = self._world.fusion.log.contradictions.get(publisher)
+        log = self._world.fusion.log
+        found = log.contradictions.get(publisher)
         if found is not self._contradictions.get(publisher) and found is not None:
             self._contradictions[publisher] = found
-            self._recount(entry.drone)
+            held = log.identities(Coverage, entry.drone)
+            if any(one.boot == entry.boot and one.sequence >= found.number for one in held):
+                self._recount(entry.drone)
             if publisher == self._publisher:
                 self._executive.left_out()
 
@@ -140,10 +146,14 @@ class Revoking:
         self._recount(name)
 
     def _recount(self, name: str) -> None:
-        log = self._world.fusion.log
-        counted = [
-            entry
-            for entry in log.entries(Coverage, name)
-            if not self.leaves_out(entry) and entry.sequence <= log.last_counted(name, entry.boot)
-        ]
+        """Count the coverage of a drone anew. No more of it is read than can count: it may have published a minute's flood."""
+        log, read = self._world.fusion.log, Counter[int]()
+        counted = []
+        for identity in log.identities(Coverage, name):
+            window = identity.stamp_ns // WINDOW_NS
+            if self._revocations.leaves_out(identity) or identity.sequence > log.last_counted(name, identity.boot):
+                continue
+            read[window] += 1
+            if read[window] <= _MOST_READ and len(read) <= MOST_WINDOWS:
+                counted.append(cast(Coverage, log.entry(identity)))
         self._executive.recount_coverage(name, counted)

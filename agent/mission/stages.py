@@ -6,6 +6,7 @@ from math import inf
 
 from agent.config.mission import SurveyConfig, TrackConfig
 from agent.mission.braking import Braking
+from agent.mission.floor import is_low
 from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import refusal
@@ -25,8 +26,6 @@ ROOMLESS_S = 2.0
 BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
 SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
-_STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
-_ABOVE_FLOOR_M = 0.25  # so far above the floor for sure: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
 
 _REQUESTS = {
     Stage.PREFLIGHT: Request.STAY,
@@ -72,6 +71,7 @@ class Mission:
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
+        self._is_blind = False  # nothing has been heard of the vehicle since this agent asked it to hold
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
@@ -180,29 +180,29 @@ class Mission:
             self._rises = self.stage is Stage.TAKEOFF  # it continues by setpoints
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Without setpoints a vehicle that has no home lands, and the next setpoint would have it fly on from any height."""
-        if vehicle.mode is not FlightMode.LAND or vehicle.healthy:
+        """Without setpoints a vehicle returns or lands, and the next setpoint has it fly on from any height. After a time without
+        telemetry its mode tells nothing: a heartbeat may be a second old.
+        """
+        was_blind, self._is_blind = self._is_blind, False
+        if not is_failsafe(vehicle) and not was_blind:
             return
         if self.stage in STEERED or (self._is_rising and vehicle.height_m < NEAR_GROUND_M):
             self._get_clear(vehicle, now_ns)
 
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
         """Go on after a failsafe: near the ground, or at home, it lands; below the floor it first rises where it is."""
-        is_low = self._is_low(vehicle)
-        if vehicle.height_m < NEAR_GROUND_M or (is_low and self.stage is Stage.RETURN):
+        low = is_low(vehicle, self._floor_m)
+        if vehicle.height_m < NEAR_GROUND_M or (low and self.stage is Stage.RETURN):
             self.landed_because = BROUGHT_DOWN
             self._enter(Stage.LANDING, now_ns)
-        elif is_low:
+        elif low:
             self._enter(Stage.TAKEOFF, now_ns)
             self._rises = True
-
-    def _is_low(self, vehicle: VehicleState) -> bool:
-        """Whether it is not surely above the floor, or sinks so fast that it will not be."""
-        return vehicle.height_m + _STOPS_S * min(vehicle.velocity_mps[2], 0.0) < self._floor_m + _ABOVE_FLOOR_M
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
         self._takeover.hold_asked(now_ns)
+        self._is_blind = True
 
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
@@ -230,7 +230,7 @@ class Mission:
         self._leave_failsafe(vehicle, now_ns)
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
-                self._rises = self._is_low(vehicle)  # the autopilot goes by its own height, and that drifts
+                self._rises = is_low(vehicle, self._floor_m)  # the autopilot goes by its own height, and that drifts
                 if not self._rises:
                     self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, now_ns)
         elif self.stage is Stage.RETURN:

@@ -78,7 +78,7 @@ class WorldModel:
         last = log.last_counted(*publisher)
         if not self.fusion.receive(entry, payload):
             if log.last_counted(*publisher) < last:
-                self.forget(log.beyond(entry.drone, partial(log.last_counted, entry.drone)))
+                self.forget(log.beyond(entry.drone, partial(log.last_counted, entry.drone), entry.boot))
             return False
         for listener in self.listeners.values():
             listener.receive(entry, payload)

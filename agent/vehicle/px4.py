@@ -253,6 +253,8 @@ class Px4Vehicle:
 
     def _take_ack(self, ack: CommandAck, now_s: float) -> None:
         """Refusals are kept as a reason to report; acceptance only counts once the heartbeat shows it."""
+        if ack.command in (_SET_MODE, _LAND):
+            self._requests.acked()
         if ack.command in _WATCHED and ack.result in _RESULTS:
             self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
 

@@ -26,6 +26,9 @@ from agent.vehicle.interface import FlightMode, Request
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
 DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says otherwise: one forged packet is not believed
+# A command that ends offboard is sent again so soon until it is acknowledged, or for so long: no setpoints come any more, and
+# after a second without them PX4 returns.
+UNACKED_S, _LOST_S = 0.2, 1.0
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
@@ -70,7 +73,8 @@ class Requests:
 
     def __init__(self) -> None:
         self._request = Request.STAY
-        self._asked_s = float("-inf")
+        self._asked_s = self._first_s = float("-inf")  # when the last command was sent, now and first
+        self._is_acked = False
         self._last: Act | None = None
         self._was_armed = self._yielded = False
         self._begin(Request.STAY, taken_over=False)
@@ -95,12 +99,20 @@ class Requests:
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
             self._judge(seen)
         act = None if self._yielded else self._wanted(seen, streaming, altitude_set)
-        return self._asked(now_s, act, URGENT_S if seen.failsafe else REPEAT_S)
+        leaves = seen.mode is FlightMode.OFFBOARD and act in (Act.HOLD, Act.LAND)
+        is_lost = leaves and not self._is_acked and now_s - self._first_s < _LOST_S
+        return self._asked(now_s, act, UNACKED_S if is_lost else URGENT_S if seen.failsafe else REPEAT_S)
+
+    def acked(self) -> None:
+        """The autopilot has heard the last command, whatever it makes of it."""
+        self._is_acked = True
 
     def _asked(self, now_s: float, act: Act | None, repeat_s: float) -> Act | None:
         """The command, where it is time to send it."""
         if act is None or (act is self._last and now_s - self._asked_s < repeat_s):
             return None
+        if act is not self._last or now_s - self._asked_s >= REPEAT_S:
+            self._first_s, self._is_acked = now_s, False
         self._last, self._asked_s = act, now_s
         return act
 

@@ -82,14 +82,16 @@ class Inbox:
         self._scheduled = False
         self._closed = False
 
-    def put(self, key: str, payload: bytes | None) -> None:
-        """Take a message, in any thread; None stands for a payload that was too large."""
+    def put(self, key: str, payload: bytes | None, by: str | None = None) -> None:
+        """Take a message, in any thread; None stands for a payload that was too large. ``by``: the drone that has answered with
+        it: it takes up the share of that one, whoever's it is.
+        """
         try:
             address = parse_key(key)
         except ProtocolError:
             address = None
         with self._lock:
-            self._take(address, payload)
+            self._take(address, payload, by)
             wakes, self._scheduled = not self._scheduled, True
         if wakes:
             with contextlib.suppress(RuntimeError):  # the loop is closed
@@ -117,7 +119,7 @@ class Inbox:
             told = [(name, share.lost) for name, share in self._shares.items() if now_s - share.flood_s < TOLD_S]
         return tuple(f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told))
 
-    def _take(self, key: Key | None, payload: bytes | None) -> None:
+    def _take(self, key: Key | None, payload: bytes | None, by: str | None) -> None:
         if key is None:
             self._dropped["unknown_key"] += 1
             return
@@ -127,7 +129,7 @@ class Inbox:
         if self._members is not None and key.kind not in STATION_KINDS and key.sender not in self._members:
             self._dropped["unknown_drone"] += 1
             return
-        share = self._share_of(f"operator {key.sender}" if key.kind in STATION_KINDS else key.sender)
+        share = self._share_of(f"operator {key.sender}" if key.kind in STATION_KINDS else by or key.sender)
         if share is None:
             self._dropped["overflow"] += 1
             return

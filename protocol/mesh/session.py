@@ -199,7 +199,7 @@ class Mesh:
         Returns:
             The number of replies; of many some may not be delivered yet. 0 also for a drone that cannot be reached.
         """
-        replies = await self._query(drone, summary, self._take)
+        replies = await self._query(drone, summary, lambda sample: self._take(sample, by=drone))
         self.counters["log_replies"] += replies
         await self._inbox.delivered(replies)
         return replies
@@ -319,9 +319,9 @@ class Mesh:
 
     # Called in Zenoh's threads; they must not make Zenoh calls that leave the process.
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _take(self, sample: zenoh.Sample, by: str | None = None) -> None:
         payload = sample.payload
-        self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None)
+        self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None, by)
 
     def _take_miss(self, miss: ext.Miss) -> None:
         self._to_loop(self._count, "entries_missed", miss.nb)

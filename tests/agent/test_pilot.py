@@ -16,6 +16,7 @@ from one_pilot import (
     TICK_NS,
     command,
     cone_of,
+    fly,
     messages,
     partner,
     pilot,
@@ -26,7 +27,7 @@ from one_pilot import (
 
 from agent.config.drone import DroneConfig
 from agent.config.estimators import FusionConfig
-from agent.config.mission import MissionConfig, SurveyConfig
+from agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError
 from agent.pilot import Pilot
@@ -160,6 +161,31 @@ def test_who_is_started_later_begins_with_the_others(began_s, expected_s):
     own = messages(one.step(START_NS + SECOND), Status)[0]
     assert own.started_ns == START_NS + expected_s * SECOND
     assert one.memory.started_ns == own.started_ns
+
+
+def test_who_is_started_later_believes_most_of_the_others_of_when_they_began():
+    """One that lied had it count what the others leave out: with one log it had another hypothesis."""
+    mission = replace(MISSION, drones=tuple(DroneInMission(id=f"d{number}") for number in range(1, 5)))
+    one = pilot(mission=mission)
+    one.observe_vehicle(state(START_NS))
+    for name, began_s in (("d2", -7200), ("d3", -60), ("d4", -60)):
+        told = {"stage": Stage.SURVEY, "started_ns": START_NS + began_s * SECOND}
+        other = Status(stamp_ns=START_NS, drone=name, mission=mission.mission_id, boot="2" * 16, **told)
+        one.receive(key_of(mission.swarm, other), encode(other), START_NS)
+    one.receive(*command(mission=mission), START_NS)
+    assert messages(one.step(START_NS + SECOND), Status)[0].started_ns == START_NS - 60 * SECOND
+
+
+def test_a_resumption_that_was_refused_is_not_carried_out_later():
+    """Sent again after a human pilot had the drone hold, it took the vehicle from him."""
+    one = tracking()
+    now_ns = START_NS + 5 * SECOND
+    resume = command(Action.RESUME, stamp_ns=now_ns)
+    assert one.receive(*resume, now_ns).because == "resume: not holding"
+    fly(one, now_ns, 3.0, FlightMode.HOLD)
+    assert one.stage is Stage.HOLD
+    assert one.receive(*resume, now_ns + 3 * SECOND).refused == "already_obeyed"
+    assert one.stage is Stage.HOLD
 
 
 def test_two_agents_with_one_id_notice():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeVar
@@ -214,6 +214,9 @@ class Peers:
         }
 
     def begun_ns(self, mission: str, now_ns: int) -> int | None:
-        """When that mission began: the earliest stamp of a start command that one of those that fly it tells; None: nobody."""
+        """When that mission began: the stamp of a start command that most of those that fly it tell, the earliest of several;
+        None: nobody. One that lies would have who is started later count what the others leave out.
+        """
         told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
-        return min((began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS), default=None)
+        known = Counter(began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS)
+        return min(known, key=lambda began: (-known[began], began), default=None)

@@ -11,7 +11,7 @@ from sighted_swarm import START_NS as SIGHTED_NS
 from sighted_swarm import Drone, fly, settle
 
 from agent.frames.carried import told
-from agent.frames.swarm import SwarmFrames
+from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from agent.frames.transform import Transform, same
 from protocol.codec import encode
 from protocol.entries import Counts, Exposure, PoseSample
@@ -74,6 +74,23 @@ def test_an_entry_that_does_not_count_any_more_leaves_nothing_of_it(gone, others
     for epoch in (1, 7):
         told_now, without = frames.graph.mission_from_local("d1", epoch), afresh.mission_from_local("d1", epoch)
         assert without is None if told_now is None else same(told_now, without)
+
+
+def test_what_was_told_in_the_flight_before_counts_in_no_other_one():
+    """An autopilot that is booted again counts its epochs from the beginning: another jump got the frame of the first one."""
+    start_ns = exposure().stamp_ns + BEFORE_START_NS + 10**9
+    before, again = exposure(), replace(exposure(sequence=2, carried=OTHER), stamp_ns=start_ns, end_ns=start_ns + 10**9)
+    frames = SwarmFrames(MISSION)
+    frames.start(exposure().stamp_ns)
+    frames.receive(before, encode(before))
+    assert frames.graph.mission_from_local("d1", 1) is not None
+    frames.start(start_ns)
+    assert frames.graph.mission_from_local("d1", 1) is None
+    for entry in (before, again):
+        frames.receive(entry, encode(entry))
+    only = SwarmFrames(MISSION)
+    only.receive(again, encode(again))
+    assert same(frames.graph.mission_from_local("d1", 1), only.graph.mission_from_local("d1", 1))
 
 
 def test_the_first_epoch_is_the_missions_and_an_estimated_frame_the_logs():

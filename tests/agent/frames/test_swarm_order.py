@@ -269,6 +269,20 @@ def test_a_second_mission_has_the_frames_of_one_that_was_there_from_its_start_on
     assert lines(flew_before, flown) == lines(restarted, flown)
 
 
+def test_of_one_drone_a_bounded_number_of_sightings_counts_in_a_keyframe():
+    """A member published a minute's sightings for one moment: all agents stood still, and were ended by their watchdogs."""
+    flown = fly(anchored(yaw_sigma_deg=5.0), 6.0, 1)
+    seen = next(entry for entry in flown.entries if isinstance(entry, Sighting) and entry.stamp_ns > START_NS + 3 * SECOND)
+    last = max(entry.sequence for entry in flown.entries)
+    flood = [structs.replace(seen, sequence=last + number) for number in range(1, 5000)]
+    few, many = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    for frames, more in ((few, flood[:100]), (many, flood)):
+        for entry in (*flown.entries, *more):
+            frames.receive(entry, encode(entry))
+        settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert lines(few, flown) == lines(many, flown)
+
+
 def test_what_lies_long_before_the_start_is_left_out():
     flown = fly(anchored(yaw_sigma_deg=5.0), 6.0, 1)
     frames, clean = SwarmFrames(flown.mission), at_once(flown)

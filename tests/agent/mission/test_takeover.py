@@ -145,13 +145,14 @@ def test_a_takeoff_that_ends_below_the_floor_goes_on_by_setpoints() -> None:
     ("height_m", "healthy", "stage"),
     [(0.5, False, Stage.LANDING), (1.4, False, Stage.TAKEOFF), (3.0, False, Stage.TRACK), (0.5, True, Stage.TRACK)],
 )
-def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(height_m, healthy, stage) -> None:
-    """Its link was gone for seconds: it went on to search at 0.5 m above ground."""
+@pytest.mark.parametrize("mode", [FlightMode.LAND, FlightMode.RETURN])
+def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(height_m, healthy, stage, mode) -> None:
+    """Its link was gone for seconds: it went on to search at 0.5 m above ground. A real one lands at home in return mode."""
     mission = Mission(TrackConfig(), floor_m=1.5)
     mission.command(Action.START, SECOND, CALM)
     for at_s in (2.0, 10.0):
         mission.step(at(at_s, has_hypothesis=at_s > 2.0, last_cone_ns=10 * SECOND))
-    sinking = replace(VEHICLE, mode=FlightMode.LAND, healthy=healthy, height_m=height_m)
+    sinking = replace(VEHICLE, mode=mode, healthy=healthy, height_m=height_m)
     mission.step(at(20.0, sinking, has_hypothesis=True, last_cone_ns=20 * SECOND))
     assert mission.stage is stage
     if stage is Stage.TAKEOFF:  # and goes on to sink, as no setpoints reach it
@@ -187,6 +188,18 @@ def test_a_drone_brakes_by_setpoints_before_it_holds_or_lands(action) -> None:
         asked.append(mission.request)
         assert not mission.released
     assert asked == [Request.OFFBOARD, Request.OFFBOARD, Request.HOLD if action is Action.HOLD else Request.LAND]
+
+
+@pytest.mark.parametrize(("height_m", "stage"), [(0.5, Stage.LANDING), (1.4, Stage.TAKEOFF), (3.0, Stage.TRACK)])
+def test_nor_one_of_which_nothing_was_heard_meanwhile(height_m, stage) -> None:
+    """The first heartbeat after it still shows offboard."""
+    mission, found = Mission(TrackConfig(), floor_m=1.5), {"has_hypothesis": True, "last_cone_ns": 20 * SECOND}
+    mission.command(Action.START, SECOND, CALM)
+    for at_s in (2.0, 10.0):
+        mission.step(at(at_s, has_hypothesis=at_s > 2.0, last_cone_ns=10 * SECOND))
+    mission.hold_asked(20 * SECOND)
+    mission.step(at(20.1, replace(OFFBOARD, height_m=height_m), **found))
+    assert mission.stage is stage
 
 
 def test_the_autopilots_way_from_takeoff_to_hold_is_nobodys_takeover() -> None:

@@ -1,5 +1,6 @@
 """Fulfilment of requests: by the heartbeat, not by acknowledgements, and never against a human pilot."""
 
+import pytest
 from msgspec.structs import replace
 
 from agent.vehicle.interface import FlightMode, Request
@@ -69,6 +70,22 @@ def test_offboard_is_asked_for_once_setpoints_stream_and_again_until_the_heartbe
     assert desk.run(Request.OFFBOARD, 2.0 * REPEAT_S) == [Act.OFFBOARD] * 2
     desk.seen = replace(FLYING, mode=FlightMode.OFFBOARD)
     assert desk.run(Request.OFFBOARD, 5.0) == []
+
+
+@pytest.mark.parametrize(("request_", "act"), [(Request.HOLD, Act.HOLD), (Request.LAND, Act.LAND)])
+def test_what_ends_offboard_is_sent_again_at_once_until_it_is_acknowledged(request_, act) -> None:
+    """A packet that was lost left the vehicle without setpoints for 1.5 s: PX4 returned instead. Not for long: a human pilot may
+    take over meanwhile, which a heartbeat shows only when no command has been sent for a moment.
+    """
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    assert desk.run(request_, 0.65) == [act] * 3
+    desk.requests.acked()
+    assert desk.run(request_, 1.2) == []
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    assert len(desk.run(request_, 1.4)) <= 6
+    desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
+    assert desk.run(request_, 1.1) == []
+    assert desk.run(request_, 5.0) == []
 
 
 def test_offboard_is_not_asked_for_on_the_ground() -> None:

@@ -102,6 +102,21 @@ def test_a_flood_is_delivered_in_slices_between_which_the_loop_does_other_things
     asyncio.run(run())
 
 
+def test_who_answers_with_the_entries_of_others_takes_up_its_own_share() -> None:
+    """One that answered with junk had the drone named for it whose key it bore, and kept that one's own messages out."""
+
+    async def run() -> None:
+        received = Received()
+        theirs = drone_key("s", "d2", "cone")
+        for i in range(MOST_ENTRIES + 10):
+            received.inbox.put(theirs, b"%d" % i, by="d3")
+        received.inbox.put(theirs, b"own")
+        assert [line.split()[0] for line in received.inbox.problems] == ["d3"]
+        await until(lambda: (theirs, b"own") in received.messages)
+
+    asyncio.run(run())
+
+
 def test_who_waits_for_the_entries_has_them_all_or_waits_no_longer_than_it_wants() -> None:
     async def run() -> None:
         received = Received()
