@@ -23,6 +23,8 @@ DISARM_AFTER_S = 2.0
 OFFBOARD_LOSS_S = 1.0
 ACTS_AFTER_S = 5.0  # COM_FAIL_ACT_T: time in hold before the failsafe of an empty battery acts
 
+_WITHOUT_AGENT = {"return": FlightMode.RETURN, "hold": FlightMode.HOLD, "land": FlightMode.LAND}
+
 
 class Autopilot:
     """The flight-mode logic of one vehicle, advanced in fixed steps.
@@ -32,16 +34,26 @@ class Autopilot:
     """
 
     def __init__(
-        self, home: Vector3, yaw: float, step_s: float, return_height_m: float = RETURN_HEIGHT_M, *, has_home: bool = True
+        self,
+        home: Vector3,
+        yaw: float,
+        step_s: float,
+        return_height_m: float = RETURN_HEIGHT_M,
+        *,
+        has_home: bool = True,
+        without_setpoints: FlightMode = FlightMode.RETURN,
     ) -> None:
         """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT). ``has_home``: a PX4 without satellites has none,
-        and lands where it would return; preflight refuses a return for want of setpoints there (COM_OBL_RC_ACT).
+        and lands where it would return; preflight refuses a return for want of setpoints there. ``without_setpoints``: the mode
+        that it flies then (COM_OBL_RC_ACT).
         """
         self._return_height_m, self._has_home = return_height_m, has_home
         self.mode = FlightMode.HOLD
         self.armed = False
         self.in_air = False
         self.failsafe = False
+        self._without_setpoints = without_setpoints
+        self._comes_down = False  # over home, still in return mode
         self._guidance = Guidance(home, yaw, step_s)
         self._position, self._velocity = home, (0.0, 0.0, 0.0)
         self._ground_m = home[2]
@@ -82,6 +94,7 @@ class Autopilot:
             self._ask(command, setpoint is not None)
         if self._intended is FlightMode.OFFBOARD and self.knows_position and setpoint is not None and not self._failed:
             self.mode, self.failsafe, self._intended = FlightMode.OFFBOARD, False, None  # it goes back by itself
+            self._comes_down = False
         if self.mode is FlightMode.OFFBOARD and setpoint is not None:
             self._guidance.target = Target(
                 setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad, setpoint.acceleration_mps2, setpoint.yaw_rate_rps
@@ -133,10 +146,10 @@ class Autopilot:
             return
         if self.mode is FlightMode.TAKEOFF:
             self._climb(position)
+        elif self.mode is FlightMode.LAND or self._comes_down:
+            self._descend(position)
         elif self.mode is FlightMode.RETURN:
             self._return_home()
-        elif self.mode is FlightMode.LAND:
-            self._descend(position)
         elif self.mode in (FlightMode.HOLD, FlightMode.MANUAL):
             self._guidance.hover()
 
@@ -151,7 +164,7 @@ class Autopilot:
             self.failsafe = True
         elif self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
             self._intended = FlightMode.OFFBOARD
-            self._switch(FlightMode.RETURN)
+            self._switch(self._without_setpoints)
             self.failsafe = True
         elif self.knows_position and self._intended not in (None, FlightMode.OFFBOARD):
             assert self._intended is not None
@@ -194,7 +207,7 @@ class Autopilot:
         self._intended = self._acts = None
         self.failsafe = self.failsafe and not self.knows_position
         if mode is FlightMode.OFFBOARD:
-            self.mode = mode
+            self.mode, self._comes_down = mode, False
         else:
             self._switch(mode)
 
@@ -202,7 +215,7 @@ class Autopilot:
         """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
         if mode is FlightMode.RETURN and not self._has_home:
             mode = FlightMode.LAND
-        self.mode = mode
+        self.mode, self._comes_down = mode, False
         self._guidance.brake(self._position, self._velocity, back=mode is FlightMode.RETURN)
 
     def _take_off(self, height: float) -> None:
@@ -219,8 +232,9 @@ class Autopilot:
             self._guidance.stay(self.target.position)
 
     def _return_home(self) -> None:
+        """A PX4 stays in return mode until it is down."""
         if self._guidance.go_home(self._return_height_m, RETURN_CLIMB_MPS, RETURN_SPEED_MPS):
-            self.mode = FlightMode.LAND
+            self._comes_down = True
 
     def _descend(self, position: Vector3) -> None:
         if self._failed:
@@ -233,11 +247,14 @@ class Autopilot:
                 self.armed = self.in_air = False
                 self.failsafe = self._failed
                 self.mode, self._intended, self._acts = FlightMode.HOLD, None, None
+                self._comes_down = False
 
 
 def autopilots(mission: MissionConfig, homes: Iterable[Vector3], yaws: Array, step_s: float) -> list[Autopilot]:
     """Those of a mission's drones. ``homes``: in each one's local frame; ``yaws``: (N,) rad, of these frames in the mission's."""
     places = zip(homes, yaws.tolist(), mission.return_heights_m, mission.drones, strict=True)
+    mode = _WITHOUT_AGENT[mission.safety.agent_lost]
     return [
-        Autopilot(home, -yaw, step_s, height_m, has_home=drone.localization != "slam") for home, yaw, height_m, drone in places
+        Autopilot(home, -yaw, step_s, height_m, has_home=drone.localization != "slam", without_setpoints=mode)
+        for home, yaw, height_m, drone in places
     ]

@@ -28,6 +28,7 @@ _NEVER_STAY = ("freeze", "late")  # a frozen process is killed by its watchdog: 
 _ONE_ONLY = ("kill", "late", "motor", "takeover", "equivocating", "revoked")  # else there would often be nobody left
 _WITHOUT_END = ("late", "motor", "revoked")
 _WITHOUT_TARGET = ("partition",)
+_RETURN, _HOLD = 0.7, 0.85  # cumulated shares of what autopilots do without setpoints; the others land
 _FLOOD_S = 5.0  # each second of it costs as much as ten others
 
 
@@ -40,7 +41,15 @@ def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
     count = int(rng.integers(1, _MOST_FAULTS + 1))
     faults = [_fault(rng, kinds[int(rng.integers(len(kinds)))], names, course) for _ in range(count)]
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
+    document["mission"]["safety"] = {"agent_lost": _agent_lost(seed)}
     return document
+
+
+def _agent_lost(seed: int) -> str:
+    """What autopilots do without their agents; mostly the default. By a stream of its own: faults stay those of the seed."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM, 1)))
+    share = float(rng.random())
+    return "return" if share < _RETURN else "hold" if share < _HOLD else "land"
 
 
 def as_toml(document: dict[str, Any]) -> str:

@@ -18,7 +18,8 @@ _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 
 
 class Landed(Invariant[Scene]):
-    """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it.
+    """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it, or
+    it holds without its agent, where the mission says so (``safety.agent_lost``).
 
     Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``).
     """
@@ -77,7 +78,8 @@ class Landed(Invariant[Scene]):
         if able:
             return False
         returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (pilot is not None and pilot.stage in _COMING_HOME)
-        return returns or self._is_flown_by_hand(moment.time_s, drone)
+        holds = pilot is None and autopilot.mode is FlightMode.HOLD and self.setting.mission.safety.agent_lost == "hold"
+        return returns or holds or self._is_flown_by_hand(moment.time_s, drone)
 
     def _is_flown_by_hand(self, time_s: float, drone: int) -> bool:
         name, faults = self.setting.names[drone], self.setting.scenario.fault

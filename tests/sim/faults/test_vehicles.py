@@ -126,7 +126,7 @@ def test_lost_messages_are_lost_independently() -> None:
 def test_without_any_message_the_vehicle_returns_and_comes_back_when_they_do() -> None:
     world = World(MavlinkLoss(at_s=1.0, for_s=2.0, target="d1", probability=1.0))
     world.fly(2.5)
-    assert world.autopilots[0].mode is FlightMode.LAND  # it was at home
+    assert world.autopilots[0].mode is FlightMode.RETURN
     assert world.autopilots[0].failsafe
     assert world.fly(1.0) is FlightMode.OFFBOARD
     assert not world.autopilots[0].failsafe

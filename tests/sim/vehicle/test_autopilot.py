@@ -18,8 +18,8 @@ def run(autopilot, seconds, command=None):
         autopilot.step(autopilot.target.position)
 
 
-def airborne(has_home=True):
-    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S, has_home=has_home)
+def airborne(**values):
+    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S, **values)
     run(autopilot, 6.0, VehicleCommand(Request.TAKEOFF, takeoff_height_m=3.0))
     assert autopilot.in_air
     return autopilot
@@ -59,6 +59,41 @@ def test_without_a_home_it_lands_where_it_is_when_setpoints_stop():
     run(autopilot, 20.0)
     assert not autopilot.armed
     assert autopilot.target.position[:2] == SETPOINT.position_m[:2]
+
+
+def test_without_setpoints_it_holds_where_it_stops_if_that_is_set():
+    autopilot = airborne(without_setpoints=FlightMode.HOLD)
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 60.0)
+    assert (autopilot.mode, autopilot.failsafe, autopilot.armed) == (FlightMode.HOLD, True, True)
+    assert autopilot.target.position[:2] == SETPOINT.position_m[:2]
+    run(autopilot, 0.1, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    assert (autopilot.mode, autopilot.failsafe) == (FlightMode.OFFBOARD, False)
+
+
+def test_a_return_is_one_until_it_is_down():
+    autopilot, heights = airborne(), []
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    for _ in range(200):
+        run(autopilot, 0.5)
+        if not autopilot.armed:
+            break
+        assert autopilot.mode in (FlightMode.OFFBOARD, FlightMode.RETURN)
+        heights.append(autopilot.target.position[2])
+    assert max(heights) > 9.0
+    assert heights[-1] < 0.5
+    assert not autopilot.armed
+
+
+def test_setpoints_end_a_return_that_comes_down_over_home():
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 12.0)
+    while autopilot.target.position[2] > 1.0:
+        run(autopilot, 0.5)
+    assert (autopilot.mode, autopilot.failsafe) == (FlightMode.RETURN, True)
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    assert (autopilot.mode, autopilot.target.position) == (FlightMode.OFFBOARD, SETPOINT.position_m)
 
 
 def test_resumed_stream_takes_it_back_to_offboard():
