@@ -54,6 +54,11 @@ class Setting:
         self.revoked_s = {self.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(self.names)}
         struck = ((fault, [self.names.index(name) for name in self.strikes(fault)]) for fault in scenario.fault)
         self._spans = [(fault.family, drones, fault.at_s, fault.end_s) for fault, drones in struck if drones]
+        self._unannounced = [
+            (fault.family, frozenset(self.strikes(fault)), begin_s, end_s)
+            for fault in scenario.fault
+            for begin_s, end_s in _unannounced_s(fault)
+        ]
 
     def strikes(self, fault: Fault) -> list[str]:
         """The drones that a fault strikes: who flies by SLAM loses nothing with its satellites."""
@@ -85,17 +90,11 @@ class Setting:
         """Whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump
         that it knows of, only ``ANNOUNCED_S`` count, after the jump and after the one back.
         """
-        mine = (one for one in self.scenario.fault if one.family in families and self.names[drone] in self.strikes(one))
-        spans = [
-            (begin_s, end_s)
-            for one in mine
-            for begin_s, end_s in (
-                ((one.at_s, one.at_s + ANNOUNCED_S), (one.end_s, one.end_s + ANNOUNCED_S))
-                if _is_announced(one)
-                else ((one.at_s, one.end_s + RECOVERY_S),)
-            )
-        ]
-        return any(begin_s <= time_s <= end_s for begin_s, end_s in spans)
+        name = self.names[drone]
+        return any(
+            begin_s <= time_s <= end_s and family in families and name in struck
+            for family, struck, begin_s, end_s in self._unannounced
+        )
 
     def lost_itself(self, drone: int, time_s: float) -> bool:
         """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
@@ -162,3 +161,10 @@ class Invariant(ABC, Generic[S_contra]):
 def _is_announced(fault: Fault) -> bool:
     """Whether a fault of an own position is known to its drone, which begins a new epoch then."""
     return isinstance(fault, PositionJump) and fault.announced
+
+
+def _unannounced_s(fault: Fault) -> tuple[tuple[float, float], ...]:
+    """When a fault counts whose drone does not know of it (``Setting.struck_unannounced``)."""
+    if _is_announced(fault):
+        return (fault.at_s, fault.at_s + ANNOUNCED_S), (fault.end_s, fault.end_s + ANNOUNCED_S)
+    return ((fault.at_s, fault.end_s + RECOVERY_S),)
