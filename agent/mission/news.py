@@ -6,7 +6,7 @@ from agent.fusion.proofs import Proofs
 from agent.localization.clocks import Clocks
 from agent.mission.problems import TWIN_NS, Problems
 from agent.mission.revoking import Revoking
-from agent.navigation.peers.newest import NEWS, Peers
+from agent.navigation.peers.newest import FUTURE_NS, NEWS, OLDEST_NS, Peers, is_present
 from protocol.messages import AnyDroneMessage, Estimate, Frame, Status
 
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
@@ -51,5 +51,8 @@ class News:
             return None
         if isinstance(message, NEWS):
             here = self._clocks.by_own_clock(message)
+            is_far = abs(here.stamp_ns - message.stamp_ns) > OLDEST_NS + FUTURE_NS  # so that only one of the two can be of now
+            if is_far and is_present(message.stamp_ns, now_ns):
+                here = message  # its clock is right again: a late status of before has told otherwise, or none has come yet
             return self._peers.receive(here, now_ns, ahead_ns=message.stamp_ns - here.stamp_ns)
         return "unused"

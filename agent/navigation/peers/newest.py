@@ -82,19 +82,21 @@ class Peer:
         self.sightings.clear()
         self.sightings.extend(sightings)
 
-    def reckon_clock(self, ahead_ns: int, delay_ns: int) -> None:
-        """Its clock is that far ahead, as a message tells with this apparent delay.
+    def reckon_clock(self, ahead_ns: int, delay_ns: int, now_ns: int) -> None:
+        """Its clock is that far ahead, as a message tells with this apparent delay, at ``now_ns`` by the own clock.
 
         Where another estimate of the same clock is the reason, what it told before moves along, or its next pose would seem to be
         a jump. Where its clock has been set, what it told before stays: its stamps were right by the former clock. A set clock
         changes the apparent delays by as much as the estimate; a new estimate alone does not. Of the delays before, the smallest
-        counts, because queueing only ever makes a message later.
+        counts, because queueing only ever makes a message later. Nor does anything move into the future: all later news would be
+        older than known.
         """
         by_ns = self.ahead_ns - ahead_ns
         if by_ns == 0:
             return
         grown_ns = delay_ns - min(self.delays_ns, default=delay_ns)
-        if abs(grown_ns) <= abs(grown_ns - by_ns):
+        newest_ns = max((one.stamp_ns for one in (self.pose, self.plan, self.status) if one is not None), default=now_ns - by_ns)
+        if abs(grown_ns) <= abs(grown_ns - by_ns) and newest_ns + by_ns <= now_ns + FUTURE_NS:
             self._shift_news(by_ns)
         else:
             self.delays_ns.clear()
@@ -124,6 +126,11 @@ class Peer:
             self.at_launch_since_ns = pose.stamp_ns
         if self.status.stage in _AT_LAUNCH and pose.stamp_ns - self.at_launch_since_ns >= _SURELY_DOWN_NS:
             self.launch = pose
+
+
+def is_present(stamp_ns: int, now_ns: int) -> bool:
+    """Whether news of that stamp is neither too old nor of the future."""
+    return now_ns - OLDEST_NS <= stamp_ns <= now_ns + FUTURE_NS
 
 
 def _shifted(message: M | None, by_ns: int) -> M | None:
@@ -170,13 +177,11 @@ class Peers:
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
-        if message.stamp_ns < now_ns - OLDEST_NS:
-            return "stale"
-        if message.stamp_ns > now_ns + FUTURE_NS:
-            return "from_the_future"
+        if not is_present(message.stamp_ns, now_ns):
+            return "stale" if message.stamp_ns < now_ns else "from_the_future"
         delay_ns = now_ns - message.stamp_ns - (peer.ahead_ns if ahead_ns is None else ahead_ns)
         if ahead_ns is not None:
-            peer.reckon_clock(ahead_ns, delay_ns)
+            peer.reckon_clock(ahead_ns, delay_ns, now_ns)
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
         if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):

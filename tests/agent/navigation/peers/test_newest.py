@@ -156,3 +156,34 @@ def test_news_from_before_a_drones_clock_was_set_keep_their_time(jump_s):
     assert peers.receive(pose(known_ns), known_ns, ahead_ns=ahead_ns) is None
     assert [one.stamp_ns for one in peers["d2"].poses] == [START_NS, known_ns]
     assert peers["d2"].ahead_ns == ahead_ns
+
+
+def test_a_late_status_of_a_moment_in_which_a_clock_was_wrong_hides_nobody():
+    """Believed after the clock was right again, all it told was stale; then what had been heard moved 30 s into the future, and
+    all was older than known until that time had come.
+    """
+    one, jump_ns, taken = pilot(), 30_000 * MS, []
+    begun_ns = START_NS + 1000 * MS
+
+    def hear(message, now_ns):
+        one.receive(key_of("radron", message), encode(message), now_ns)
+
+    def told(sent_ns, ahead_ns=0):
+        return replace(heard(sent_ns + ahead_ns, ahead_ns + 20 * MS), mission=MISSION.mission_id)
+
+    one.step(START_NS)
+    for delays_ns in ({}, {"d1": 20 * MS}):
+        hear(replace(told(begun_ns), delays_ns=delays_ns), begun_ns + 20 * MS)
+    late = told(begun_ns + 300 * MS, jump_ns)  # the clock is set ahead by 30 s from 200 to 400 ms, and this comes at 700 ms
+    for tenth in range(1, 40):
+        sent_ns = begun_ns + 100 * MS * tenth
+        ahead_ns = jump_ns if 2 <= tenth < 4 else 0
+        hear(pose(sent_ns + ahead_ns), sent_ns + 20 * MS)
+        if tenth == 7:
+            hear(late, sent_ns + 21 * MS)
+        if tenth == 15:
+            hear(told(sent_ns), sent_ns + 21 * MS)
+        known = one._peers["d2"].pose
+        taken.append(sent_ns - known.stamp_ns)
+    assert max(taken) <= 200 * MS  # the two of the wrong clock apart
+    assert min(taken) >= 0
