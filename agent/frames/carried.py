@@ -57,22 +57,21 @@ class CarriedFrames:
 
     def forget(self, identities: Iterable[EntryId]) -> None:
         """Take entries back that do not count any more."""
+        changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)
             if epoch is not None:
-                self._remove((identity.drone, epoch), identity)
+                key = identity.drone, epoch
+                del self._told[key][identity]
+                changed |= {key} if identity == self._first[key] else set()
+        for key in sorted(changed):
+            self._place(key, min(self._told[key], default=None))
 
     def _add(self, key: tuple[str, int], identity: EntryId, carried: CarriedFrame) -> None:
         held, first = self._told.setdefault(key, {}), self._first.get(key)
         held[identity] = held[first] if first is not None and held[first] == carried else carried  # one in memory
         if first is None or identity < first:
             self._place(key, identity)
-
-    def _remove(self, key: tuple[str, int], identity: EntryId) -> None:
-        held = self._told[key]
-        del held[identity]
-        if identity == self._first[key]:
-            self._place(key, min(held, default=None))
 
     def _place(self, key: tuple[str, int], first: EntryId | None) -> None:
         drone, epoch = key

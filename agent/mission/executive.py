@@ -19,7 +19,7 @@ from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
-from agent.mission.takeover import MODES
+from agent.mission.takeover import MODES, SEARCHING
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
@@ -206,10 +206,13 @@ class Executive:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
-        if self.stage not in GROUND_STAGES and self._mission.started_ns == 0:
+        started_ns = self._mission.started_ns
+        if self.stage not in GROUND_STAGES and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # it is not known
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
-            if begun_ns is not None:
+            if begun_ns is not None and begun_ns > started_ns:
                 self._begin(begun_ns)
+            elif started_ns == 0 and self.stage in SEARCHING:  # what is older is of another flight
+                self._begin(now_ns - _LONGEST_FLIGHT_NS)
 
     def _begin(self, started_ns: int) -> None:
         """What was measured and searched before counts no more."""

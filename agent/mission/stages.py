@@ -71,7 +71,7 @@ class Mission:
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
-        self._is_blind = False  # nothing has been heard of the vehicle since this agent asked it to hold
+        self._blind_ns: int | None = None  # when this agent asked for a hold for want of telemetry, until some comes
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
@@ -183,8 +183,9 @@ class Mission:
         """Without setpoints a vehicle returns or lands, and the next setpoint has it fly on from any height. After a time without
         telemetry its mode tells nothing: a heartbeat may be a second old.
         """
-        was_blind, self._is_blind = self._is_blind, False
-        if not is_failsafe(vehicle) and not was_blind:
+        was_blind = self._blind_ns is not None and vehicle.stamp_ns > self._blind_ns
+        self._blind_ns = None if was_blind else self._blind_ns
+        if not is_failsafe(vehicle) and not (was_blind and (self.stage is not Stage.RETURN or vehicle.height_m < NEAR_GROUND_M)):
             return
         if self.stage in STEERED or (self._is_rising and vehicle.height_m < NEAR_GROUND_M):
             self._get_clear(vehicle, now_ns)
@@ -202,7 +203,7 @@ class Mission:
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
         self._takeover.hold_asked(now_ns)
-        self._is_blind = True
+        self._blind_ns = now_ns
 
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
@@ -331,7 +332,6 @@ class Mission:
         self.released, self._foreign = True, ForeignStage()
 
     def _follow_release(self, mode: FlightMode, now_ns: int) -> None:
-        """Somebody else flies it: what is resumed stays."""
         flown = self._foreign.stage(self.stage, mode, now_ns)
         if flown is not self.stage:
             self._enter(flown, now_ns)

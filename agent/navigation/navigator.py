@@ -39,6 +39,7 @@ from protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
 _GAP_NS = 300_000_000  # a step so late is made after the clock was set on, or this agent stood still
+_AGE_NS = 100_000_000  # of telemetry
 _LEAP_M = 2.0  # a vehicle so far from its plan then has not flown it: the setpoint would leap by as much
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
@@ -213,8 +214,11 @@ class Navigator:
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
-        """Whether the plan has gone on without the vehicle since the last step."""
-        if moment.now_ns - self._stepped_ns < _GAP_NS:
+        """Whether the plan has gone on without the vehicle since the last step. Telemetry that is older than that step does not
+        tell, but for what a clock that was set on has made as old.
+        """
+        gap_ns = moment.now_ns - self._stepped_ns
+        if gap_ns < _GAP_NS or moment.now_ns - moment.vehicle.stamp_ns > gap_ns + _AGE_NS:
             return False
         return dist(tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 

@@ -207,6 +207,8 @@ class Statuses:
             return f"{drone}: no longer heard"
         if status.ticket is None:
             return f"{drone}: its status tells no nonce, without which no command is obeyed"
+        if self.is_overtaken(drone) and action is Action.RESUME:  # one that is refused is used up, too
+            return f"{drone}: resume was not possible, or another command came first (now in {status.stage})"
         if self.is_overtaken(drone):
             return f"{drone}: another command came first: give this one again"
         if action is Action.START and abs(self._ahead_s[drone]) > CLOCKS_S:

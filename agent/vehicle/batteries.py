@@ -10,21 +10,23 @@ class Batteries:
     """The newest level of each battery."""
 
     def __init__(self) -> None:
-        self._told: dict[int, tuple[float, float]] = {}  # level, and when it was told (s), by number
+        self._told: dict[int, tuple[float | None, float]] = {}  # level, and when it was told (s), by number, once it was known
 
     def take(self, number: int, percent: int, now_s: float) -> None:
         """Take what is told of one battery, or of ``ALL``; negative: it does not know."""
-        if percent >= 0:
-            self._told[number] = percent / 100.0, now_s
-        else:
-            self._told.pop(number, None)
+        if percent >= 0 or number in self._told:
+            self._told[number] = percent / 100.0 if percent >= 0 else None, now_s
 
     def level(self, now_s: float) -> float | None:
         """The lowest level, 0 .. 1, that is not stale; None: nobody tells."""
-        return min((level for level, told_s in self._told.values() if now_s - told_s <= STALE_S), default=None)
+        fresh = (level for level, told_s in self._told.values() if now_s - told_s <= STALE_S)
+        return min((level for level in fresh if level is not None), default=None)
 
     def problem(self, now_s: float) -> str | None:
-        """What is told to the operator: a level that was known is not told any more, and no return follows from it."""
-        if not self._told or self.level(now_s) is not None:
+        """What is told to the operator: a level that was known is not told any more, and no return follows from it. SYS_STATUS
+        may go on with what it was before a battery was lost.
+        """
+        single = [one for number, one in self._told.items() if number != ALL] or list(self._told.values())
+        if all(level is not None and now_s - told_s <= STALE_S for level, told_s in single):
             return None
-        return f"the autopilot has not told the battery's level for {STALE_S:.0f} s"
+        return "the autopilot does not tell a battery's level any more"

@@ -12,6 +12,7 @@ from agent.vehicle.mavlink.messages import GlobalOrigin
 
 WINDOW_S = 5.0
 UNPLACED_S = 5.0  # the origin is asked for every second
+ORIGIN_S = 30.0  # while it may yet show that the stored place counts
 UNPLACED = 1000  # epochs from here on are of frames that begin in flight; fewer are reached by jumps
 _RESETS, _BOOTS = 256, 3900  # of an autopilot, so that its next frame is of another epoch; all below the field's limit
 SHORTEST_S = 1.0  # standing still before the mean is used
@@ -95,10 +96,12 @@ class LaunchSurvey:
         """
         unplaced = flies and self._place is None
         self._unplaced_s = (now_s if self._unplaced_s is None else self._unplaced_s) if unplaced else None
+        waits_s = ORIGIN_S if self._gnss and self._stored is not None and self._origin is None else UNPLACED_S
         if self._unplaced_s is None or now_s - self._unplaced_s < UNPLACED_S:
             return
         if self._stored is not None and self._origin is None and _same_boot(self._stored, booted_ns):
             self._place = self._stored  # without satellites no origin is told
+        if self._place is not None or now_s - self._unplaced_s < waits_s:
             return
         latitude_deg, longitude_deg, altitude_m = self._origin or (None, None, None)
         boots = (booted_ns or 0) // 10**9 % _BOOTS * _RESETS
@@ -169,8 +172,8 @@ class LaunchSurvey:
             same = not self._moved and _same_height(origin, self._origin)
         if self._place.epoch >= UNPLACED:
             self.problem = (
-                "this agent does not know where the vehicle was launched, and where it is only by fixes and sightings: "
-                "land it, and restart the agent at the launch place"
+                "the launch place is not known; the position comes only from satellite fixes and sightings: "
+                "land, then restart the agent at the launch place"
             )
         elif not same:
             self.problem = "the autopilot has moved the origin of its local frame in flight: land"

@@ -412,6 +412,16 @@ def test_a_command_to_a_flight_that_it_knows_nothing_of_begins_no_mission():
     assert one.memory.started_ns == began_ns
 
 
+def test_one_that_resumes_alone_leaves_out_what_is_older_than_any_flight():
+    """Entries of another day came to it from those that had landed."""
+    one, _ = back(memory=None)
+    fly(one, BACK_NS, 1.0, FlightMode.HOLD)
+    now_ns = BACK_NS + SECOND
+    one.receive(*command(Action.RESUME, stamp_ns=now_ns, boot=NEW_BOOT), now_ns)
+    fly(one, now_ns, 1.0, FlightMode.OFFBOARD)
+    assert one.memory.started_ns == pytest.approx(now_ns - 3600 * SECOND, abs=SECOND)
+
+
 def test_armed_on_the_ground_waits_for_the_truth():
     one, step = back(in_air=False)  # the landed state may not have been heard yet
     assert (step.command.request, one.memory) == (Request.STAY, KEPT)

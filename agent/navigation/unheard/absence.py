@@ -26,7 +26,7 @@ class Absence(Struct, frozen=True):
     stops: (M, 2) m, both ends of each stretch on which a vehicle may hover before it flies home without its agent; also of the
         unhearing, as they reckon with the same of this drone.
     coming_home: missing drones whose vehicles may be on their way home without their agents, and not down yet.
-    homes: places that are kept clear of, as others may come down there.
+    homes: places that are kept clear of, as others may come down there; on the way home also those where others may hover.
     left: missing drones that are revoked, obey, and have climbed from the circle.
     anywhere: missing drones that no line parts from this one: they may fly on, nobody knows where.
     """

@@ -7,7 +7,7 @@ places of that way. Positions are horizontal, mission frame; times in seconds si
 
 from __future__ import annotations
 
-from math import dist, hypot, inf
+from math import ceil, dist, hypot, inf
 
 import numpy as np
 from msgspec import Struct
@@ -30,6 +30,7 @@ _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
 _NEAREST_S, _FARTHEST_S = 0.5, 2.0  # it stops so many seconds of its velocity ahead, at least and at most: about ``ONWARD_S``
 _BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # one that is told to hold stops after v^2 / 6 + 0.6 v: MPC_ACC_HOR is 3 m/s^2
+_GAP_M = 6.0  # between two of which each is kept from by the separation and more no way leads
 _LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
@@ -85,6 +86,15 @@ class Course(Struct, frozen=True):
         front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
         back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
+
+    @property
+    def hovers(self) -> list[Point2]:
+        """Places along its stop if it stays there, so near to each other that no way leads between them; none if it leaves."""
+        (x, y), (end_x, end_y) = self.stop.start, self.stop.end
+        if self.leaves_s < inf:
+            return []
+        count = 1 + ceil(dist(self.stop.start, self.stop.end) / _GAP_M)
+        return [(x + share * (end_x - x), y + share * (end_y - y)) for share in np.linspace(0.0, 1.0, count).tolist()]
 
     def is_stop(self, stretch: Stretch) -> bool:
         """Whether one of these stretches is that on which it stops."""
@@ -167,7 +177,7 @@ class Agentless:
             return "land"
         if stage not in STEERED:
             return "hold"
-        return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
+        return "hold" if name in self._homeless else self._agent_lost
 
     def launch(self, name: str) -> Vector3:
         """Its launch place by the mission's layout."""

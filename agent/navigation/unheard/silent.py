@@ -166,8 +166,9 @@ class Silent:
 
     @property
     def homes(self) -> tuple[KeptPlace, ...]:
-        """Those that are kept clear of at present, as others may come down there; mission frame."""
-        return self._homes.kept
+        """Places to fly around on the way home, as others may come down or hover there; mission frame."""
+        courses = (course for _, (_, all_of_one) in sorted(self._courses.items()) for course in all_of_one)
+        return (*self._homes.kept, *(KeptPlace(place, _SIGMA_M) for course in courses for place in course.hovers))
 
     def _has_left(self, name: str, now_ns: int) -> bool:
         """Whether one that is revoked, and obeys, has climbed from the circle."""

@@ -113,10 +113,11 @@ class Setting:
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def was_set_down(self, drone: int, time_s: float) -> bool:
-        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: one without satellites has no
-        home to return to, and its agent or its link to the autopilot was faulted.
+        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: the mission says so, or one
+        without satellites has no home to return to; and its agent or its link to the autopilot was faulted.
         """
-        return self.mission.drones[drone].localization == "slam" and self.struck(("process", "vehicle"), drone, time_s, inf)
+        lands = self.mission.safety.agent_lost == "land" or self.mission.drones[drone].localization == "slam"
+        return lands and self.struck(("process", "vehicle"), drone, time_s, inf)
 
     def named(self, *drones: int) -> tuple[str, ...]:
         """Ids of drones."""

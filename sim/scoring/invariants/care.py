@@ -34,7 +34,9 @@ _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
 class Reserve(Invariant[Moment]):
-    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it."""
+    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it, or that hovers
+    without an agent, as the mission says (``safety.agent_lost``), until its autopilot acts.
+    """
 
     name = "reserve"
 
@@ -46,7 +48,8 @@ class Reserve(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Vehicles with empty batteries in the air."""
         for drone, level in enumerate(moment.batteries):
-            if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone):
+            hovers = moment.pilots[drone] is None and self.setting.mission.safety.agent_lost == "hold"
+            if level < LEAST_LEVEL and self._honest[drone] and not hovers and moment.airborne(drone):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
 
 

@@ -93,6 +93,20 @@ def test_what_was_told_in_the_flight_before_counts_in_no_other_one():
     assert same(frames.graph.mission_from_local("d1", 1), only.graph.mission_from_local("d1", 1))
 
 
+def test_what_a_long_flight_has_told_is_forgotten_at_once():
+    """Frame by frame it took seconds, in which the watchdogs of all agents ended them as they started."""
+    frames = SwarmFrames(MISSION)
+    for second in range(2000):
+        told_then = replace(
+            exposure(sequence=second), stamp_ns=START_NS + second * 10**9, end_ns=START_NS + second * 10**9 + 10**9
+        )
+        frames.receive(told_then, encode(told_then))
+    before = frames.graph.revision
+    frames.start(START_NS + 10**13)
+    assert frames.graph.revision <= before + 1
+    assert frames.graph.mission_from_local("d1", 1) is None
+
+
 def test_the_first_epoch_is_the_missions_and_an_estimated_frame_the_logs():
     graph = frames_of([exposure(epoch=0)])
     assert same(graph.mission_from_local("d1", 0), LAUNCH)

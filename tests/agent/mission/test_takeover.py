@@ -199,6 +199,8 @@ def test_nor_one_of_which_nothing_was_heard_meanwhile(height_m, stage) -> None:
         mission.step(at(at_s, has_hypothesis=at_s > 2.0, last_cone_ns=10 * SECOND))
     mission.hold_asked(20 * SECOND)
     mission.step(at(20.1, replace(OFFBOARD, height_m=height_m), **found))
+    assert mission.stage is Stage.TRACK  # nothing new has been heard yet
+    mission.step(at(20.2, replace(OFFBOARD, stamp_ns=20 * SECOND + SECOND // 5, height_m=height_m), **found))
     assert mission.stage is stage
 
 

@@ -162,6 +162,19 @@ def test_one_that_its_agent_had_ceased_to_steer_may_be_held_where_it_was(agent_l
         assert any(one.plan.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1.5) for one in held)
 
 
+@pytest.mark.parametrize(("agent_lost", "around"), [("hold", True), ("return", False)])
+def test_a_way_home_leads_around_where_one_may_hover_without_its_agent(agent_lost, around):
+    """Straight on, a drone stopped before that, and landed there after a minute."""
+    peers, mission = Peers(["b"]), replace(MISSION, safety=SafetyConfig(agent_lost=agent_lost))
+    hood = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a")
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(60 * SECOND, 0, 0.1, Transform(), returning_s=5.0))
+    (x, y), *more = [home.place for home in hood.absence.homes if home.place != MISSION.drones[1].origin_m[:2]] or [(0.0, 0.0)]
+    assert ((x, y) == pytest.approx((10.0, 2.0), abs=1.1)) is around
+    assert all(place[0] == pytest.approx(10.0) for place in more)
+
+
 def test_one_whose_statuses_go_on_without_poses_may_be_held_by_its_agent():
     """Its telemetry was lost, and it hovered where nobody expected it any more: from 2 m/s it stops 2.0 m and 1.9 m on."""
     places = []
