@@ -177,8 +177,10 @@ class Peers:
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
-        if not is_present(message.stamp_ns, now_ns):
-            return "stale" if message.stamp_ns < now_ns else "from_the_future"
+        if message.stamp_ns < now_ns - OLDEST_NS:
+            return "stale"
+        if message.stamp_ns > now_ns + FUTURE_NS:
+            return "from_the_future"
         delay_ns = now_ns - message.stamp_ns - (peer.ahead_ns if ahead_ns is None else ahead_ns)
         if ahead_ns is not None:
             peer.reckon_clock(ahead_ns, delay_ns, now_ns)
