@@ -163,6 +163,9 @@ def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
     assert told(Reserve(moments.setting()), empty) == [("d2",)]
     lies = {"kind": "battery", "at_s": 1.0, "target": "d2", "lies": True}
     assert told(Reserve(moments.setting(lies)), empty) == []
+    for for_s, told_of in ((20.0, []), (5.0, [("d2",)])):  # while a human pilot flies it
+        by_hand = {"kind": "takeover", "at_s": 1.0, "for_s": for_s, "target": "d2"}
+        assert told(Reserve(moments.setting(by_hand)), empty) == told_of
     assert told(Reserve(moments.setting()), moments.moment(10.0, places(1, 20.0, 10.0, 0.0), batteries=[0.8, 0.02, 0.8])) == []
 
 
