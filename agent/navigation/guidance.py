@@ -32,6 +32,7 @@ from protocol.messages import Stage
 # drone that does not move. Two that only saw in which direction the other one was, 6 m away, circled towards each other (2.2 m).
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
+_CLIMBS_LATE_S = 2.0  # others may notice later, and take time to get to their climb rate
 _AT_HEIGHT_M = 1.0  # so near to its height it has arrived there
 
 
@@ -56,6 +57,9 @@ class Guidance:
     ) -> None:
         self._config = mission
         self._id = drone.id
+        highest_m = max(crossing_height_m(mission, member.id) for member in mission.drones)
+        way_m = max(0.0, highest_m - mission.survey.height_m)
+        self._climb_ns = round((way_m / mission.limits.climb_mps + _CLIMBS_LATE_S) * 1e9)  # until all are in their layers
         self._own, self._ground, self._home = own, ground, home
         self._search, self._informed = search, informed
         self._circling = Circling(mission, drone.id, ground)
@@ -69,6 +73,7 @@ class Guidance:
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
         self._freest_rad = 0.0  # where there is most room for it to move then
         self._climbs_at: Vector3 | None = None  # above others that may fly anywhere, local
+        self._above_ns: int | None = None  # since when it searches, or is to search, above them
 
     @property
     def comes_down(self) -> bool:
@@ -138,6 +143,7 @@ class Guidance:
         if moment.stage is Stage.SURVEY or centre is None:
             if self._may_meet:
                 return self._search_above(moment, state, partners, frame, above)
+            self._above_ns = None
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
@@ -232,9 +238,13 @@ class Guidance:
     ) -> Reference:
         """Search at the height at which this drone crosses, above all that fly low: others that no line parts from it may be
         anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: where it is. Others may be on
-        their way to their heights, too.
+        their way to their heights, too, and as they expect each other elsewhere they may be pushed along as they climb: where
+        the first one had begun to search in its layer, it met one that came through it (1.1 m).
         """
-        if abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
+        if self._above_ns is None or self._above_ns > moment.now_ns:  # or the clock was set back
+            self._above_ns = moment.now_ns
+        all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
+        if all_are_there and abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
             found = self._survey(moment, state, partners, frame)
             found.positions[:, 2] = self._over_z_m(moment)
             return found

@@ -13,7 +13,8 @@ from protocol.messages import Pose, Stage, Status
 
 class LastNews(Struct, frozen=True, kw_only=True):
     """The last pose and stage of a drone that flies by them, and the line that parts it from this one; None: there is none.
-    ``launch``: its last pose on the ground, where it was heard there: its home, which the mission's layout tells less well.
+    ``launch``: its last pose before it left the place of its launch, there on the ground: its home, which the mission's layout
+    tells less well; None where it was not heard there.
 
     That line follows from how both moved when they last heard each other. A restarted agent, which has no telemetry of then,
     could not work it out again. Of one that was heard until this agent was ended, all this is up to 5 s older.
@@ -40,7 +41,7 @@ class LastNews(Struct, frozen=True, kw_only=True):
             mission=status.mission,
             boot=status.boot,
             wall=wall if holds else None,
-            launch=launch if launch is not None and launch.stamp_ns >= 0 else None,
+            launch=_on_ground(launch) if launch is not None and launch.stamp_ns >= 0 else None,
         )
 
     def told_before(self, latest_ns: int) -> tuple[Pose, Status]:
@@ -48,3 +49,8 @@ class LastNews(Struct, frozen=True, kw_only=True):
         stamp_ns = min(self.pose.stamp_ns, latest_ns)
         status = Status(stamp_ns=stamp_ns, drone=self.pose.drone, mission=self.mission, boot=self.boot, stage=self.stage)
         return replace(self.pose, stamp_ns=stamp_ns), status
+
+
+def _on_ground(launch: Pose) -> Pose:
+    """That pose may be of the takeoff; local frames begin on the ground."""
+    return replace(launch, position_m=(*launch.position_m[:2], 0.0))
