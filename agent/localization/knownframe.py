@@ -37,7 +37,10 @@ class KnownFrame:
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
     ) -> Transform:
-        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``."""
+        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``.
+
+        ``last`` has the errors that the localisation states, and no doubt of the agent: by that, any jump would put things right.
+        """
         onward = carried_on(old, last, vehicle, turning_rps)
         if announced and not last.position_trusted and self._is_within_error(onward, old, last, vehicle):
             return old

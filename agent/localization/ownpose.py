@@ -99,6 +99,7 @@ class OwnPose:
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
+        self._stated: VehicleState | None = None  # the newest telemetry, as the localisation states it
         self._continued: Untold | None = None  # the frame by continuity
         self._kept: Untold | None = None  # the one from before a restart, or from before this drone was left out
         self._is_left_out = False
@@ -121,11 +122,12 @@ class OwnPose:
             self._counters["telemetry_older_than_known"] += 1
             return None
         self._older, self._older_ns = 0, 0
+        before, self._stated = self._stated, state
         jumps = self._jumps.jumps
         vehicle = self._grounded.take(self._jumps.take(state))
         vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
-        if last is not None and last.epoch != vehicle.epoch:
-            self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
+        if last is not None and before is not None and last.epoch != vehicle.epoch:
+            self._continue(last.epoch, before, vehicle, announced=self._jumps.jumps == jumps)
         if self._continued is not None and not self._is_told(self._continued.epoch):
             self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
         self._kept = self._kept_at(vehicle)
@@ -313,9 +315,9 @@ class OwnPose:
     def _is_told(self, epoch: int) -> bool:
         return self._frames.mission_from_local(self._drone, epoch) is not None
 
-    def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
-        """A new epoch: the vehicle has flown on, whatever its localisation says."""
-        old = self._mission_from_local(last.epoch)
+    def _continue(self, epoch: int, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
+        """A new epoch: the vehicle has flown on, whatever its localisation says. ``last``: of ``epoch``, as stated."""
+        old = self._mission_from_local(epoch)
         if old is None:
             return
         turning_rps = self.history.turning_rps

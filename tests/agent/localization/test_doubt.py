@@ -132,6 +132,16 @@ def test_an_announced_jump_that_it_does_not_explain_begins_another_frame(own):
     assert own.sigma_m > 2.0  # it was as wrong before
 
 
+def test_a_doubt_does_not_explain_an_announced_jump(own):
+    """1390021: it jumped back twice, announced and not, was 5 m off without knowing it, and flew into another one's way."""
+    exactly, well = own.frame.mission_from_local, {"position_trusted": False}  # until its filter's reset is confirmed
+    places = (15.0, 0), (40.0, 0), (35.0, 1), (10.0, 1)
+    for tick, (east, resets) in enumerate(places, start=6):
+        own.take(state(START_NS + tick * TICK_NS, position=(east, 10.0, 3.0), epoch=1 + resets, **well))
+    assert own.doubt_m == 0.0
+    assert own.frame.mission_from_local.apply_point(HERE) == pytest.approx(exactly.apply_point(HERE), abs=0.5)
+
+
 def test_a_turn_that_was_not_announced_is_a_doubt_that_grows_with_the_way(own):
     before, turned = in_mission(own), (math.cos(0.3), 0.0, 0.0, math.sin(0.3))  # by 0.6 rad
     own.take(state(START_NS + 6 * TICK_NS, position=HERE, quaternion=turned))
