@@ -12,6 +12,7 @@ from agent.vehicle.interface import VehicleState
 
 # Two places, and two headings, nearer to each other than this are one: so much the continuity is off after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
+NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
 _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
 # measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.
@@ -25,9 +26,9 @@ class KnownFrame:
     A jump that was announced begins another frame, which continues the motion. One that was not has two explanations: the
     position is wrong from then on, or it was wrong until then, as that of a vehicle whose satellites are not spoofed any more;
     nothing can tell which. The drone flies on by continuity, but may as well be where its localisation says, ``otherwise`` (None:
-    no such doubt), and takes back what it measured while it may have slid away (``elsewhere``). An announced jump by no more than
-    a localisation that was not trusted had stated as its error puts that right: it has found its satellites again, and the frame
-    is what it was.
+    no such doubt), and takes back what it measured while it may have slid away (``elsewhere``). An announced jump with which a
+    localisation that was not trusted finds its satellites again, by no more than it had stated as its error, puts that right: the
+    frame is what it was. So it is where nothing has jumped, as when it loses them.
     """
 
     def __init__(self) -> None:
@@ -42,7 +43,7 @@ class KnownFrame:
         ``last`` has the errors that the localisation states, and no doubt of the agent: by that, any jump would put things right.
         """
         onward = carried_on(old, last, vehicle, turning_rps)
-        if announced and not last.position_trusted and self._is_within_error(onward, old, last, vehicle):
+        if announced and not last.position_trusted and self._is_put_right(onward, old, last, vehicle):
             return old
         otherwise = self.otherwise or old
         if announced:
@@ -79,9 +80,12 @@ class KnownFrame:
         return msgspec.structs.replace(vehicle, position_sigma_m=position_m, yaw_sigma_rad=yaw_rad)
 
     @staticmethod
-    def _is_within_error(onward: Transform, old: Transform, last: VehicleState, vehicle: VehicleState) -> bool:
-        near = _apart_m(onward, old, vehicle) <= SAME_M + _SIGMAS * last.position_sigma_m
-        return near and abs(_turned_rad(onward, old)) <= SAME_RAD + _SIGMAS * last.yaw_sigma_rad
+    def _is_put_right(onward: Transform, old: Transform, last: VehicleState, vehicle: VehicleState) -> bool:
+        jump_m, turn_rad = _apart_m(onward, old, vehicle), abs(_turned_rad(onward, old))
+        if jump_m <= NO_JUMP_M and turn_rad <= NO_JUMP_RAD:
+            return True
+        within = jump_m <= SAME_M + _SIGMAS * last.position_sigma_m and turn_rad <= SAME_RAD + _SIGMAS * last.yaw_sigma_rad
+        return vehicle.aided and within
 
 
 def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:

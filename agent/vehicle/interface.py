@@ -42,6 +42,7 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     battery: float | None = None  # 0 .. 1
     clock_sigma_m: float = 0.0  # what a wrong clock adds for others, who know by the stamp alone when it was here
     position_trusted: bool = True  # False: satellites lost or estimate inconsistent; the drone holds
+    aided: bool = True  # False: it flies by its inertial sensors alone, as no satellites are received
 
     @property
     def stamped_sigma_m(self) -> float:

@@ -244,6 +244,7 @@ class Telemetry:
             healthy=self._is_healthy(seen),
             battery=self._batteries.level(arrival_s),
             position_trusted=self._trust.at(arrival_s),
+            aided=self._trust.hears_satellites(arrival_s),
         )
 
     def _is_healthy(self, seen: Seen) -> bool:

@@ -49,9 +49,17 @@ class PositionTrust:
         self._judge(now_s)
 
     def jumped(self, now_s: float) -> None:
-        """The position or heading has jumped: it has to be confirmed again."""
-        if self._by_satellites and self._well_s is not None:
+        """The position or heading has jumped: it has to be confirmed again. With satellites the drift ends with that."""
+        if not self._by_satellites:
+            return
+        if self.hears_satellites(now_s):
+            self._blind_s = None
+        if self._well_s is not None:
             self._well_s = now_s
+
+    def hears_satellites(self, now_s: float) -> bool:
+        """Whether the receiver has a position; true where the autopilot has another source."""
+        return not self._by_satellites or (self._has_fix and (self._fix_s is None or now_s - self._fix_s < SILENCE_S))
 
     def at(self, now_s: float) -> bool:
         """Whether the position can be trusted."""
@@ -71,19 +79,16 @@ class PositionTrust:
         """What is wrong, in words."""
         if self.at(now_s):
             return None
-        if not self._hears_satellites(now_s):
+        if not self.hears_satellites(now_s):
             return "no satellites: the position is drifting"
         if not self._estimates:
             return "satellites and the autopilot's estimate disagree: the position is unknown"
         return "satellites or the position were lost a moment ago: the position is being confirmed"
 
-    def _hears_satellites(self, now_s: float) -> bool:
-        return self._has_fix and (self._fix_s is None or now_s - self._fix_s < SILENCE_S)
-
     def _judge(self, now_s: float) -> None:
         if not self._by_satellites:
             return
-        if self._hears_satellites(now_s) and self._estimates:
+        if self.hears_satellites(now_s) and self._estimates:
             if self._well_s is None:
                 self._well_s = now_s
             return

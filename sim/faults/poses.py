@@ -41,14 +41,21 @@ class _Doubt:
         self._well_s = CONFIRM_S
         self._missing_s = 0.0
 
+    @property
+    def aided(self) -> bool:
+        """Whether satellites are received, or have not been missing for long enough to be missed."""
+        return self._missing_s < NOTICED_S
+
     def jumped(self) -> None:
-        """The position has jumped, and has to be confirmed."""
+        """The position has jumped, and has to be confirmed; where satellites are received, it does not drift any more."""
         self._well_s, self.trusted = 0.0, False
+        if self.aided:
+            self.blind_s = 0.0
 
     def step(self, aided: bool, known: bool, step_s: float) -> None:
         """``aided``: by satellites; ``known``: the filter holds its position to be known."""
         self._missing_s = 0.0 if aided else self._missing_s + step_s
-        well = known and self._missing_s < NOTICED_S
+        well = known and self.aided
         self._well_s = self._well_s + step_s if well else 0.0
         self.trusted = self._well_s >= CONFIRM_S
         if self.trusted:
@@ -80,6 +87,11 @@ class PoseFaults:
         """Whether the driver of a vehicle trusts its position."""
         doubt = self._doubts.get(drone)
         return doubt is None or doubt.trusted
+
+    def aided(self, drone: int) -> bool:
+        """Whether a vehicle's driver hears its satellites, as far as it flies by them."""
+        doubt = self._doubts.get(drone)
+        return doubt is None or doubt.aided
 
     def sigma_m(self, drone: int, usual_m: float) -> float:
         """1 sigma of a vehicle's horizontal position as its driver states it."""
@@ -150,6 +162,7 @@ class PoseFaults:
         self._errors.take(drone, reckoning)
         if jump_m is not None:
             self._frames.expect(drone, Reset(jump_m))
+            self._doubts[drone].jumped()
         autopilot.knows_position = reckoning.known
 
     def _is_blind(self, drone: int) -> bool:

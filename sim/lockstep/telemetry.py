@@ -70,5 +70,6 @@ class Telemetry:
                     healthy=not autopilot.failsafe,
                     battery=onboard.vehicles.battery(drone),
                     position_trusted=onboard.poses.trusted(drone),
+                    aided=onboard.poses.aided(drone),
                 )
             )

@@ -132,6 +132,28 @@ def test_an_announced_jump_that_it_does_not_explain_begins_another_frame(own):
     assert own.sigma_m > 2.0  # it was as wrong before
 
 
+def test_without_satellites_the_stated_error_explains_no_jump_and_with_them_one(own):
+    """An announced jump back while they are lost, and another one after they were found: each was taken for the one that finds them."""
+    exactly, blind = own.frame.mission_from_local, {"position_trusted": False, "position_sigma_m": 9.0, "aided": False}
+    place, found = exactly.apply_point(HERE), {"position_trusted": False}
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))
+    own.take(state(START_NS + 7 * TICK_NS, position=JUMPED, epoch=1, **blind))
+    own.take(state(START_NS + 8 * TICK_NS, position=HERE, epoch=2, **blind))
+    assert in_mission(own) == pytest.approx(place, abs=0.5)
+    own.take(state(START_NS + 9 * TICK_NS, position=(14.0, 10.0, 3.0), epoch=3, **found))
+    assert own.frame.mission_from_local.apply_point(HERE) == pytest.approx(place, abs=0.5)  # its position was 4 m off
+    before = in_mission(own)
+    own.take(state(START_NS + 10 * TICK_NS, position=(34.0, 10.0, 3.0), epoch=4, **found))
+    assert in_mission(own) == pytest.approx(before, abs=0.5)
+
+
+def test_who_loses_its_satellites_and_does_not_jump_goes_on_in_its_frame(own):
+    exactly, blind = own.frame.mission_from_local, {"position_trusted": False, "position_sigma_m": 1.0, "aided": False}
+    own.take(state(START_NS + 6 * TICK_NS, position=HERE, **blind))
+    own.take(state(START_NS + 7 * TICK_NS, position=HERE, epoch=1, **blind))
+    assert own.frame.mission_from_local == exactly
+
+
 def test_a_doubt_does_not_explain_an_announced_jump(own):
     """1390021: it jumped back twice, announced and not, was 5 m off without knowing it, and flew into another one's way."""
     exactly, well = own.frame.mission_from_local, {"position_trusted": False}  # until its filter's reset is confirmed
