@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import DroneInMission
-from agent.frames.carried import launch_from_local, told
+from agent.frames.carried import told
 from agent.frames.drift import Drift
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.kept import KeptFrame
@@ -131,6 +131,7 @@ class OwnPose:
         if self._continued is not None and not self._is_told(self._continued.epoch):
             self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
         self._kept = self._kept_at(vehicle)
+        self._tell_carried(vehicle)
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
@@ -176,15 +177,13 @@ class OwnPose:
 
     @property
     def kept_frame(self) -> KeptFrame | None:
-        """The present frame, as it is told, and as it is otherwise, for an agent that is restarted in flight; None where it is
+        """The present frame, without a doubt, and as it is otherwise, for an agent that is restarted in flight; None where it is
         not known, or the mission tells it.
         """
         vehicle, frame = self.vehicle, self.frame
         if vehicle is None or frame is None:
             return None
-        carried, transform = self.carried(vehicle.epoch), frame.mission_from_local
-        if carried is not None:
-            transform = self._launch @ launch_from_local(carried)
+        transform = frame.mission_from_local if self.is_estimated else self._undoubted(vehicle.epoch)
         return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, transform, self.otherwise)
 
     def remember(self, kept: KeptFrame) -> None:
@@ -193,12 +192,14 @@ class OwnPose:
         """
         transform = kept.mission_from_local
         assert transform is not None  # it is plausible
-        self._kept = Untold(kept.epoch, transform, kept.stamp_ns)
+        untold = Untold(kept.epoch, transform, kept.stamp_ns)
         if self.vehicle is not None:
-            self._kept = self._kept.drifted(self._drone, self.vehicle, self._drift)
+            untold = untold.drifted(self._drone, self.vehicle, self._drift)
         self.is_unplaced = False
-        if not self.is_estimated and kept.epoch != LAUNCH_EPOCH and (self.vehicle is None or self.vehicle.epoch == kept.epoch):
-            self._carried[kept.epoch] = told(self._launch.inverse() @ transform)
+        if self.is_estimated:
+            self._kept = untold
+        elif kept.epoch != LAUNCH_EPOCH and (self.vehicle is None or self.vehicle.epoch == kept.epoch):
+            self._continued = untold
             self._exact.otherwise = None if kept.otherwise is None else kept.otherwise.mission_from_local
 
     @property
@@ -317,16 +318,27 @@ class OwnPose:
 
     def _continue(self, epoch: int, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says. ``last``: of ``epoch``, as stated."""
-        old = self._mission_from_local(epoch)
+        old = self._mission_from_local(epoch) if self.is_estimated else self._undoubted(epoch)
         if old is None:
             return
         turning_rps = self.history.turning_rps
         if self.is_estimated:
-            self._continued = Untold(vehicle.epoch, carried_on(old, last, vehicle, turning_rps), vehicle.stamp_ns)
-            return
-        frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
+            frame = carried_on(old, last, vehicle, turning_rps)
+        else:
+            frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
         self._continued = Untold(vehicle.epoch, frame, vehicle.stamp_ns)
-        self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(frame, vehicle))
+
+    def _undoubted(self, epoch: int) -> Transform | None:
+        """The frame of an epoch as it has been carried on; as it is told, its covariance has the doubt already."""
+        continued = self._continued
+        return continued.transform if continued is not None and continued.epoch == epoch else self._mission_from_local(epoch)
+
+    def _tell_carried(self, vehicle: VehicleState) -> None:
+        """Note how a frame that the mission does not tell is told from now on, with the doubt in its covariance."""
+        continued = self._continued
+        if self.is_estimated or continued is None or continued.epoch != vehicle.epoch or vehicle.epoch in self._carried:
+            return
+        self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(continued.transform, vehicle))
         while len(self._carried) > _EPOCHS_KEPT:
             del self._carried[next(iter(self._carried))]
 

@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
+from agent.frames.carried import launch_from_local
 from agent.frames.graph import FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import same
@@ -98,6 +99,21 @@ def test_the_frame_of_a_localisation_that_has_jumped_back_is_known_exactly_after
     assert again.carried(2).covariance is None
 
 
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
+    """The frame that is told has the doubt in its covariance: carried on, it had it twice, and no second place was known."""
+    graph = FrameGraph.from_launch_layout(MISSION)
+    own = own_pose("d1", graph)
+    own.take(state(START_NS, position=HERE))
+    own.take(state(START_NS + TICK_NS, position=JUMPED))
+    told = own.carried(1)
+    graph.place("d1", 1, graph.mission_from_local("d1", 0) @ launch_from_local(told))
+    own = restarted(own) if restarts else own
+    own.take(state(own.vehicle.stamp_ns + TICK_NS, position=(42.0, 10.0, 3.0), epoch=1))
+    assert own.doubt_m == pytest.approx(22.0, abs=0.5)
+    assert launch_from_local(own.carried(2)).sigmas_at((42.0, 10.0, 3.0))[0] == pytest.approx(15.6, abs=0.5)
+
+
 def test_a_doubt_about_an_epoch_that_is_over_is_none_about_the_present_one(own):
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
     again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=1)
@@ -133,7 +149,7 @@ def test_an_announced_jump_that_it_does_not_explain_begins_another_frame(own):
 
 
 def test_without_satellites_the_stated_error_explains_no_jump_and_with_them_one(own):
-    """An announced jump back while they are lost, and another one after they were found: each was taken for the one that finds them."""
+    """A jump back while they are lost, and another one after they were found: each was taken for the one that finds them."""
     exactly, blind = own.frame.mission_from_local, {"position_trusted": False, "position_sigma_m": 9.0, "aided": False}
     place, found = exactly.apply_point(HERE), {"position_trusted": False}
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))

@@ -17,6 +17,7 @@ def lost():
 def test_the_bound_of_the_drift_grows_without_satellites_and_lasts_until_the_position_is_confirmed(lost):
     assert lost.drift_m(6.0) == pytest.approx(drift_m(5.0))
     lost.take_fix(True, 6.0)
+    lost.take_fix(True, 7.5)
     assert not lost.at(6.0 + CONFIRM_S - 0.1)
     assert lost.drift_m(6.0 + CONFIRM_S - 0.1) == pytest.approx(drift_m(5.0))
     assert lost.drift_m(6.0 + CONFIRM_S) == 0.0
@@ -25,6 +26,7 @@ def test_the_bound_of_the_drift_grows_without_satellites_and_lasts_until_the_pos
 def test_a_jump_with_which_satellites_are_found_ends_the_drift_but_not_the_doubt(lost):
     lost.take_fix(True, 6.0)
     lost.jumped(6.5)
+    lost.take_fix(True, 8.0)
     assert lost.drift_m(6.5) == 0.0
     assert not lost.at(6.5 + CONFIRM_S - 0.1)
 
