@@ -64,7 +64,7 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
         turning_rps: rate of the heading at ``before``; None where it is not known.
     """
     elapsed_s = max(0, after.stamp_ns - before.stamp_ns) * 1e-9
-    axis_m, yaw_rad = _added(hypot(*before.velocity_mps), elapsed_s, turning_rps)
+    axis_m, yaw_rad = spread(before, after, turning_rps)
     if mission_from_old.covariance is None:
         axis_m, yaw_rad = hypot(axis_m, before.position_sigma_m / sqrt(2.0)), hypot(yaw_rad, before.yaw_sigma_rad)
     added = np.diag([axis_m**2, axis_m**2, axis_m**2, yaw_rad**2])
@@ -76,8 +76,9 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
     return now @ Transform(yaw_of(after.quaternion), after.position_m).inverse()
 
 
-def _added(speed_mps: float, elapsed_s: float, turning_rps: float | None) -> tuple[float, float]:
+def spread(before: Posed, after: Posed, turning_rps: float | None = None) -> tuple[float, float]:
     """1 sigma of each axis of the position (m), and of the heading (rad), that two poses and the motion between them add."""
+    elapsed_s, speed_mps = max(0, after.stamp_ns - before.stamp_ns) * 1e-9, hypot(*before.velocity_mps)
     half_s2, turning_rps = 0.5 * elapsed_s**2, ANY_TURNING_RPS if turning_rps is None else TURNING_RPS
     place_m = hypot(POSES_M, STAMPS_S * speed_mps, VELOCITY_MPS * elapsed_s, ACCELERATION_MPS2 * half_s2)
     return place_m, hypot(POSES_RAD, turning_rps * elapsed_s, TURNING_RPS2 * half_s2)

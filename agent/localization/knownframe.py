@@ -7,12 +7,14 @@ from math import dist, hypot, remainder, sqrt, tau
 import msgspec
 
 from agent.frames.transform import Transform
-from agent.localization.continuity import carried_on
+from agent.localization.continuity import carried_on, spread
 from agent.vehicle.interface import VehicleState
 
 # Two places, and two headings, nearer to each other than this are one: so much the continuity is off after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
+LARGEST_DOUBT_M = 7.0  # of its place, above which a drone leaves the mission
 NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
+_PART = 0.25  # of a doubt: as near to the other place leads a jump back that nobody watched, if the motion explains the rest
 _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
 # measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.
@@ -37,18 +39,25 @@ class KnownFrame:
 
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
-    ) -> Transform:
-        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``.
+    ) -> Transform | None:
+        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``. None after an announced jump in a
+        gap in flight that is too long for the motion to tell: where the vehicle is since then, nobody knows.
 
         ``last`` has the errors that the localisation states, and no doubt of the agent: by that, any jump would put things right.
         """
-        onward = carried_on(old, last, vehicle, turning_rps)
+        onward = carried_on(_as_unsure(old, last), last, vehicle, turning_rps)
         if announced and not last.position_trusted and self._is_put_right(onward, old, last, vehicle):
             return old
+        spread_m, spread_rad = spread(last, vehicle, turning_rps)
+        if announced and last.in_air and spread_m > LARGEST_DOUBT_M:
+            self.otherwise = None
+            return None
         otherwise = self.otherwise or old
+        doubt_m, doubt_rad = _apart_m(old, otherwise, last), abs(_turned_rad(old, otherwise))
         if announced:
-            otherwise = carried_on(otherwise, last, vehicle, turning_rps)
-        if _apart_m(onward, otherwise, vehicle) < SAME_M and abs(_turned_rad(onward, otherwise)) < SAME_RAD:
+            otherwise = carried_on(_as_unsure(otherwise, last), last, vehicle, turning_rps)
+        same_m, same_rad = SAME_M + min(spread_m, _PART * doubt_m), SAME_RAD + min(spread_rad, _PART * doubt_rad)
+        if _apart_m(onward, otherwise, vehicle) < same_m and abs(_turned_rad(onward, otherwise)) < same_rad:
             self.otherwise = self.elsewhere = None  # the jump has undone the one before it
             return otherwise
         self.otherwise = otherwise
@@ -86,6 +95,15 @@ class KnownFrame:
             return True
         within = jump_m <= SAME_M + _SIGMAS * last.position_sigma_m and turn_rad <= SAME_RAD + _SIGMAS * last.yaw_sigma_rad
         return vehicle.aided and within
+
+
+def _as_unsure(frame: Transform, last: VehicleState) -> Transform:
+    """A frame that was carried on, with what its localisation has come to state as its error since then."""
+    if frame.covariance is None:
+        return frame  # to which ``carried_on`` adds all of that
+    place_m, yaw_rad = frame.sigmas_at(last.position_m)
+    axis_m2 = 0.5 * max(0.0, last.position_sigma_m**2 - place_m**2)
+    return frame.blurred(last.position_m, (axis_m2, axis_m2, 0.0, max(0.0, last.yaw_sigma_rad**2 - yaw_rad**2)))
 
 
 def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:

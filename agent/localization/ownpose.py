@@ -34,7 +34,6 @@ from protocol.entries import CarriedFrame, Entry, Sighting
 SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
 _NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
-LARGEST_DOUBT_M = 7.0  # between the two places where a drone may be, above which it leaves the mission
 _EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
 
@@ -172,7 +171,7 @@ class OwnPose:
 
     @property
     def is_displaced(self) -> bool:
-        """Whether its localisation had jumped before this agent was started, out of the frame that the mission tells exactly."""
+        """Whether its localisation has jumped out of the frame that the mission tells exactly while it was not watched."""
         return not self.is_estimated and self.vehicle is not None and self.frame is None
 
     @property
@@ -322,11 +321,10 @@ class OwnPose:
         if old is None:
             return
         turning_rps = self.history.turning_rps
-        if self.is_estimated:
-            frame = carried_on(old, last, vehicle, turning_rps)
-        else:
+        frame: Transform | None = carried_on(old, last, vehicle, turning_rps)
+        if not self.is_estimated:
             frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
-        self._continued = Untold(vehicle.epoch, frame, vehicle.stamp_ns)
+        self._continued = None if frame is None else Untold(vehicle.epoch, frame, vehicle.stamp_ns)
 
     def _undoubted(self, epoch: int) -> Transform | None:
         """The frame of an epoch as it has been carried on; as it is told, its covariance has the doubt already."""

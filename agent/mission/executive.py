@@ -11,7 +11,8 @@ from msgspec import Struct
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis
-from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
+from agent.localization.knownframe import LARGEST_DOUBT_M
+from agent.localization.ownpose import OwnPose
 from agent.mission.aloft import Aloft
 from agent.mission.memory import Memory
 from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS

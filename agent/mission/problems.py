@@ -21,8 +21,8 @@ class Problems:
     ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``revoked``:
     that this drone has been, which prevents one too. ``noticed``, ``seen``: found by the pilot, and no obstacle to a start: of
     camera and spectrum, and of clock, localisation and frames. ``unplaced``: nothing relates the heading of its local frame to
-    the mission frame yet. ``displaced``: its localisation had jumped before this agent was started. ``taken_over``: a mission
-    is. ``passing``: ids of drones that fly too near for a takeoff.
+    the mission frame yet. ``displaced``: its localisation jumped while it was not watched, and its frame is not known any more.
+    ``taken_over``: a mission is. ``passing``: ids of drones that fly too near for a takeoff.
     """
 
     def __init__(self, drone: str, mission_id: str, battery_reserve: float) -> None:
@@ -63,7 +63,8 @@ class Problems:
             problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")
         if self.displaced:
             problems.append(
-                "its localisation had jumped before this agent was started: restart autopilot and agent at its launch place"
+                "its localisation jumped before this agent was started, or while nothing was heard of the vehicle: "
+                "restart autopilot and agent at its launch place"
             )
         if self.taken_over is not None:
             problems.append(self.taken_over)

@@ -52,7 +52,7 @@ def test_a_drone_whose_localisation_jumped_before_its_agent_was_started_does_not
     one.step(START_NS)
     verdict = one.receive(*command(), START_NS)
     assert (one.stage is Stage.TAKEOFF) == (verdict.because == "") == (epoch == 0)
-    assert ("had jumped before this agent was started" in verdict.because) == (epoch == 1)
+    assert ("its localisation jumped before this agent was started" in verdict.because) == (epoch == 1)
 
 
 def test_reports_pose_at_10_hz_and_status_at_1_hz():

@@ -114,6 +114,41 @@ def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
     assert launch_from_local(own.carried(2)).sigmas_at((42.0, 10.0, 3.0))[0] == pytest.approx(15.6, abs=0.5)
 
 
+@pytest.mark.parametrize("gap_s", [0.05, 1.0, 2.0, 3.0])
+def test_a_jump_back_that_nobody_watched_ends_the_doubt_as_far_as_the_motion_explains_the_rest(gap_s):
+    """On a circle of 10 m at 3 m/s. The doubt stayed for the rest of the flight, and the drone flew by the worse one of two places."""
+    own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
+
+    def at(seconds, east_m=0.0):
+        angle = 0.3 * seconds
+        velocity = (-3.0 * math.sin(angle), 3.0 * math.cos(angle), 0.0)
+        position = (10.0 * math.cos(angle) + east_m, 10.0 * math.sin(angle), 3.0)
+        return state(START_NS + round(seconds * SECOND), position=position, velocity_mps=velocity)
+
+    for tick in range(20):
+        own.take(at(0.05 * tick))
+    own.take(at(1.0, 25.0))
+    assert own.doubt_m > 20.0
+    own.take(at(1.0 + gap_s))
+    assert own.doubt_m == 0.0
+    assert own.frame.mission_from_local.covariance is None
+
+
+def test_after_an_announced_jump_in_a_long_gap_in_flight_the_frame_is_not_known_any_more(own):
+    """It flew on by a place that was up to 40 m off, as far as its autopilot had flown meanwhile."""
+    own.take(state(own.vehicle.stamp_ns + 10 * SECOND, position=JUMPED, epoch=1))
+    assert own.frame is None
+    assert own.is_displaced
+
+
+def test_what_the_localisation_states_as_its_error_is_not_lost_at_the_second_jump(own):
+    blind = {"position_trusted": False, "position_sigma_m": 9.0, "aided": False}
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))
+    own.take(state(START_NS + 7 * TICK_NS, position=JUMPED, epoch=1, **blind))
+    own.take(state(START_NS + 8 * TICK_NS, position=(80.0, 10.0, 3.0), epoch=2))
+    assert own.sigma_m == pytest.approx(9.0, abs=0.1)
+
+
 def test_a_doubt_about_an_epoch_that_is_over_is_none_about_the_present_one(own):
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
     again = own_pose("d1", FrameGraph.from_launch_layout(MISSION), epoch_offset=1)
