@@ -228,7 +228,7 @@ class Pilot:
         if act.plan is not None:
             self._outbox.put(act.plan)
         entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
-        if self._own.is_estimated:
+        if self._own.tells_frame:
             entries += self._observer.unseen(now_ns)
         self._record(entries, now_ns)
         self._telling.tell(now_ns)

@@ -165,6 +165,14 @@ class OwnPose:
             self._kept = self._kept_at(self.vehicle)
 
     @property
+    def tells_frame(self) -> bool:
+        """Whether the others know its frame by its poses in the log only: it is estimated, or told with them after a jump, as
+        soon as its position can be trusted.
+        """
+        vehicle = self.vehicle
+        return self.is_estimated or (vehicle is not None and vehicle.position_trusted and vehicle.epoch in self._carried)
+
+    @property
     def is_lost(self) -> bool:
         """Whether this drone does not know its frame, and never will."""
         return self._is_left_out and self.frame is None

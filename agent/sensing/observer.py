@@ -185,7 +185,7 @@ class Observer:
 
     def unseen(self, now_ns: int) -> list[Entry]:
         """Poses of the time of which the camera delivered nothing that is used: exposures without live time. They carry no
-        information on the source, but without them the drone's frame could not be estimated any more.
+        information on the source, but without them the drone's frame could not be estimated, or told after a jump, any more.
 
         A readout that may still come is waited for, and no longer than that: poses that come late have everybody estimate all
         frames since then again, and with them the source.

@@ -35,7 +35,9 @@ class TheirFrames:
     def kept(self) -> dict[str, KeptFrame]:
         """The frames of the others, for an agent that is restarted in flight; while one is not heard again, that of before."""
         found = {
-            name: KeptFrame.of(pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame))
+            name: KeptFrame.of(
+                pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame), self.elsewhere(name, pose, frame)
+            )
             for name, (pose, frame) in self._placed.items()
         }
         known = {name: kept for name, kept in found.items() if kept is not None}
@@ -48,9 +50,13 @@ class TheirFrames:
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Take the plausible frames stored before the agent was restarted: each holds for its epoch until the log tells it, and
-        drifts.
+        drifts. One that was in doubt is as before where else it may be.
         """
         self._remembered = frames
+        for name, kept in frames.items():
+            other = None if kept.otherwise is None else kept.otherwise.mission_from_local
+            if other is not None:
+                self._otherwise[name] = [other]
 
     def told(self, name: str, epoch: int) -> Transform | None:
         """Its frame in an epoch, as the log tells it."""

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 from msgspec.structs import replace
-from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
+from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, started, state
 
 from agent.frames.carried import launch_from_local
 from agent.frames.graph import FrameGraph
@@ -13,6 +13,7 @@ from agent.frames.kept import KeptFrame
 from agent.frames.transform import same
 from agent.navigation.ownfence import OwnFence
 from agent.vehicle.interface import FlightMode
+from protocol.entries import Exposure
 from protocol.messages import Pose, Stage, Status
 
 HERE, JUMPED = (10.0, 10.0, 3.0), (32.0, 10.0, 3.0)
@@ -116,7 +117,7 @@ def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
 
 @pytest.mark.parametrize("gap_s", [0.05, 1.0, 2.0, 3.0])
 def test_a_jump_back_that_nobody_watched_ends_the_doubt_as_far_as_the_motion_explains_the_rest(gap_s):
-    """On a circle of 10 m at 3 m/s. The doubt stayed for the rest of the flight, and the drone flew by the worse one of two places."""
+    """On a circle of 10 m at 3 m/s. The doubt stayed for the rest of the flight, and the drone flew by the worse of the two."""
     own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
 
     def at(seconds, east_m=0.0):
@@ -254,3 +255,14 @@ def test_a_drone_in_great_doubt_leaves_the_mission_and_tells(jump_m, stage):
     assert one.stage is stage
     assert [message.position_sigma_m for message in told if isinstance(message, Pose)][-1] > 0.6 * jump_m
     assert any("from where it believes to be" in " ".join(message.problems) for message in told if isinstance(message, Status))
+
+
+def test_after_a_jump_a_drone_tells_its_frame_though_its_camera_measures_nothing():
+    """Nobody else knows that frame: they went on by the motion, 12 m off, for the rest of the flight."""
+    one = started()
+    for tick in range(8 * 20):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, epoch=int(tick >= 10)))
+        one.step(now_ns)
+    assert one.frames.graph.mission_from_local("d1", 1) is not None
+    assert all(entry.live_time_s == 0.0 for entry in one.fusion.log.entries(Exposure))

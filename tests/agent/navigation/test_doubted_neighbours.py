@@ -176,3 +176,21 @@ def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
     expected = [pytest.approx((10.0, 1.4), abs=0.1), pytest.approx((10.0, 21.4), abs=0.1)]
     assert [one.plan.state(later_ns).position[:2] for one in found] == expected
     assert max(one.plan.sigma_m for one in found) < 1.0
+
+
+def test_after_a_restart_of_its_observer_one_in_doubt_is_still_in_either_of_two_places():
+    """It had jumped announced, by 20 m, before it jumped unannounced: by the frame of the launch it was nowhere near."""
+    former, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    graph = former.frames._graph
+    launch = graph.mission_from_local("b", 0)
+    doubt = np.diag([50.0, 50.0, 0.0, 0.0])  # of 10 m between the two places
+    graph.place("b", 1, launch @ Transform(translation=(-20.0, 0.0, 0.0)))
+    graph.place("b", 2, launch @ Transform(0.0, (-10.0, 0.0, 0.0), doubt))
+    for epoch, x in enumerate((1.0, 21.2, 11.4)):
+        now = replace(pose((epoch + 1) * NOW_NS, 0.1 if epoch < 2 else 50.0**0.5, epoch=epoch), position_m=(x, 0.0, 3.0))
+        assert peers.receive(now, now.stamp_ns) is None
+        before = former.around(peers, Self(now.stamp_ns, 0, 0.3, Transform()))
+    assert len(before) == 2
+    again = Neighbourhood(MISSION, graph, "a")
+    again.frames.remember(former.frames.kept)
+    assert places(again.around(peers, Self(now.stamp_ns, 0, 0.3, Transform()))) == places(before)
