@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import hypot
+from statistics import median
 
 import numpy as np
 from msgspec import Struct
 
-from agent.geometry import Array, Vector3
+from agent.geometry import Vector3
 from agent.motion.reference import PeerState
 from protocol.entries import Sighting
 
@@ -77,17 +78,22 @@ def _towards(there: Vector3, here: Vector3) -> Vector3:
 
 def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) -> Offset | None:
     """The offset that most sightings agree on; None where too few do."""
-    known = [(place, there) for place in seen if (there := expected(place.stamp_ns)) is not None]
+    known = [(one.position, there, one.sigma_m) for one in seen if (there := expected(one.stamp_ns)) is not None]
     if len(known) < FEWEST:
         return None
-    apart: Array = np.array([place.position for place, _ in known]) - np.array([there for _, there in known])
-    sigmas = np.array([place.sigma_m for place, _ in known])
-    agree = np.hypot(*(apart - np.median(apart, axis=0))[:, :2].T) <= _SIGMAS * sigmas + _FLOOR_M
-    count = int(agree.sum())
+    apart = [(x - u, y - v, z - w) for (x, y, z), (u, v, w), _ in known]
+    # Of a dozen values; NumPy's median and std take as long as all the rest.
+    middle = [median(along) for along in zip(*apart, strict=True)]
+    vectors, sigmas = np.array(apart), np.array([sigma_m for _, _, sigma_m in known])
+    agree = np.hypot(*(vectors - middle)[:, :2].T) <= _SIGMAS * sigmas + _FLOOR_M
+    agreeing = vectors[agree]
+    count = len(agreeing)
     if count < max(FEWEST, _SHARE * len(known)):
         return None
-    spread_m = max(float(np.hypot(*apart[agree].std(axis=0)[:2])), float(sigmas[agree].mean()))
-    x, y, z = apart[agree].mean(axis=0).tolist()
+    mean = agreeing.sum(axis=0) / count
+    u, v, _ = np.sqrt(np.square(agreeing - mean).sum(axis=0) / count).tolist()  # standard deviations
+    spread_m = max(float(np.hypot(u, v)), float(sigmas[agree].sum()) / count)
+    x, y, z = mean.tolist()
     return Offset((x, y, z), hypot(spread_m / count**0.5, _FLOOR_M))
 
 
