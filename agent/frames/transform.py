@@ -15,6 +15,8 @@ import numpy as np
 
 from agent.geometry import Array, Vector3
 
+_HORIZONTAL: Array = np.eye(2, 4)  # x and y of (x, y, z, yaw)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
@@ -113,8 +115,9 @@ class Transform:
         if self.covariance is None:
             return 0.0, 0.0
         x, y, _ = self._turned_per_yaw(point)
-        turned = np.array(((1.0, 0.0, 0.0, x), (0.0, 1.0, 0.0, y)))
-        (xx, _), (_, yy) = (turned @ self.covariance @ turned.T).tolist()
+        turned = _HORIZONTAL.copy()
+        turned[0, 3], turned[1, 3] = x, y
+        (xx, _), (_, yy) = turned.dot(self.covariance).dot(turned.T).tolist()  # as with @, which takes twice as long here
         return math.sqrt(max(xx + yy, 0.0)), self.yaw_sigma_rad
 
     @property
