@@ -13,7 +13,6 @@ whatever goes wrong there parts it from the others. In every tenth mission of a 
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Generic, NamedTuple, TypeVar, cast
@@ -30,6 +29,7 @@ MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay si
 MOST_LINEAGES = 4096  # without their states, for those that replay more than that
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
 MOST_READ = 512  # messages: those of a second and more of six drones, which they get within the delay of the radio
+_UNKNOWN = object()
 
 S = TypeVar("S")
 R = TypeVar("R")
@@ -112,17 +112,17 @@ class Results(Shared):
     def __init__(self, most: int) -> None:
         """``most``: so many are kept."""
         self._most = most
-        self._known: OrderedDict[object, object] = OrderedDict()
+        self._known: dict[object, object] = {}  # the one asked for last at the end
 
     def get(self, key: object, compute: Callable[[], R]) -> R:
         """A result, from memory or else computed."""
-        if key in self._known:
-            self._known.move_to_end(key)
-            return cast(R, self._known[key])
-        result = self._known[key] = compute()
+        result = self._known.pop(key, _UNKNOWN)  # keys hold all that was observed in a step: each look at one costs
+        if result is _UNKNOWN:
+            result = compute()
+        self._known[key] = result
         if len(self._known) > self._most:
-            self._known.popitem(last=False)
-        return result
+            del self._known[next(iter(self._known))]
+        return cast(R, result)
 
 
 def _content(observation: Observation) -> tuple[object, ...]:
