@@ -158,9 +158,8 @@ class Fusion:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
-        identity = self.log.identity_of(entry)
-        if not self._ended and isinstance(entry, self.estimator.reads) and self.log.counts(identity):
-            self._take(identity, entry, known_ns(entry) // self._grid_ns)
+        if not self._ended and isinstance(entry, self.estimator.reads) and not self.log.takes_back(entry):
+            self._take(self.log.identity_of(entry), entry, known_ns(entry) // self._grid_ns)
         return True
 
     def _take(self, identity: EntryId, read: AnyEntry | None, step: int) -> None:

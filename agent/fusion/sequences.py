@@ -25,7 +25,10 @@ class SequenceSet:
 
     def add(self, number: int) -> None:
         """Add a number; one that is held already changes nothing."""
-        self.add_range(number, number)
+        if self._lasts and number == self._lasts[-1] + 1:  # as numbers mostly come
+            self._lasts[-1] = number
+        else:
+            self.add_range(number, number)
 
     def add_range(self, first: int, last: int) -> None:
         """Add all numbers of a range."""

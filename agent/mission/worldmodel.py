@@ -82,7 +82,7 @@ class WorldModel:
             return False
         for listener in self.listeners.values():
             listener.receive(entry, payload)
-        if not log.counts(entry.entry_id):
+        if log.takes_back(entry):
             return True
         self.frames.receive(entry, payload)
         if isinstance(entry, Cone):
