@@ -13,7 +13,6 @@ from agent.computing import Computing
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode
 from protocol.messages import Action
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
@@ -276,8 +275,7 @@ class World:
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
-        landing = any(autopilot.mode is FlightMode.LAND for autopilot in self._autopilots)
-        if not flat or motion.any_falls or landing:
+        if not flat or motion.any_falls or any(autopilot.descends for autopilot in self._autopilots):
             motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()
         self._onboard.poses.step()

@@ -81,6 +81,11 @@ class Autopilot:
         return self._setpoint_age if self.mode is FlightMode.OFFBOARD else None
 
     @property
+    def descends(self) -> bool:
+        """Whether the vehicle comes down to land, also at the end of a return."""
+        return self.mode is FlightMode.LAND or self._comes_down
+
+    @property
     def grounded(self) -> bool:
         """Whether the vehicle is on the ground with idling or stopped rotors."""
         return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)
@@ -108,8 +113,8 @@ class Autopilot:
             self._choose(mode)
 
     def give_back(self) -> None:
-        """The human pilot leaves the vehicle in hold."""
-        if self._piloted or (self._yielded and self.mode is not FlightMode.LAND):
+        """The human pilot leaves the vehicle in hold, or lets it land that comes down."""
+        if self._piloted or (self._yielded and not self.descends):
             self._piloted = False
             self._choose(FlightMode.HOLD)
 
@@ -146,7 +151,7 @@ class Autopilot:
             return
         if self.mode is FlightMode.TAKEOFF:
             self._climb(position)
-        elif self.mode is FlightMode.LAND or self._comes_down:
+        elif self.descends:
             self._descend(position)
         elif self.mode is FlightMode.RETURN:
             self._return_home()
@@ -189,15 +194,16 @@ class Autopilot:
             self._request, self._yielded = request, False
         if self._yielded or self._piloted or self.refuses or self._failed:
             return
+        fails = self._intended is not None  # a mode that a failsafe flies is not what was asked for
         if request is Request.TAKEOFF:
             self._take_off(command.takeoff_height_m)
         elif request is Request.OFFBOARD and self.in_air and streaming:
             self._change(FlightMode.OFFBOARD)
-        elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
+        elif self.armed and request is Request.HOLD and self.in_air and (fails or self.mode is not FlightMode.HOLD):
             self._change(FlightMode.HOLD)
-        elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
+        elif self.armed and request is Request.RETURN and (fails or self.mode not in (FlightMode.RETURN, FlightMode.LAND)):
             self._change(FlightMode.RETURN)
-        elif self.armed and request is Request.LAND and (self.mode is not FlightMode.LAND or self._intended is not None):
+        elif self.armed and request is Request.LAND and (fails or self.mode is not FlightMode.LAND):
             self._change(FlightMode.LAND)
 
     def _change(self, mode: FlightMode) -> None:

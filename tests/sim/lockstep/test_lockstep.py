@@ -3,11 +3,13 @@
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.detector.calibration import load_calibration
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage
+from sim.faults.agents import Kill
 from sim.lockstep.flight import fly, watched
 from sim.scenario import load_scenario, override
 from sim.scoring.samples import spacing_error_deg
@@ -170,6 +172,21 @@ def test_vehicles_land_on_the_ground_however_wrong_their_heights_are():
     watched(flight, 1, watch)
     assert len(heights) == 2
     assert all(0.0 <= height_m < 0.3 for height_m in heights.values())
+
+
+def test_a_vehicle_that_returns_without_its_agent_stays_above_the_ground():
+    """It sank to -0.66 m: its mode is that of a return until it is down."""
+    calm = override(load_scenario("stabilization"), {"drones": 2, "end.track_s": 90.0})
+    armed, lowest_m = [], []
+
+    def watch(moment):
+        armed.append(moment.autopilots[0].armed)
+        lowest_m.append(moment.position_m[:, 2].min())
+        return not armed[-1] and any(armed)
+
+    watched(replace(calm, fault=(Kill(at_s=8.0, target="d1"),)), 1, watch)
+    assert not armed[-1]
+    assert min(lowest_m) > -0.01
 
 
 def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):

@@ -71,6 +71,16 @@ def test_without_setpoints_it_holds_where_it_stops_if_that_is_set():
     assert (autopilot.mode, autopilot.failsafe) == (FlightMode.OFFBOARD, False)
 
 
+@pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.RETURN, FlightMode.LAND])
+def test_a_mode_that_is_asked_for_while_a_failsafe_flies_it_ends_the_failsafe(mode):
+    autopilot = airborne(without_setpoints=mode)
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 1.2)
+    assert (autopilot.mode, autopilot.failsafe) == (mode, True)
+    run(autopilot, 0.5, VehicleCommand(Request[mode.name]))
+    assert (autopilot.mode, autopilot.failsafe) == (mode, False)
+
+
 def test_a_return_is_one_until_it_is_down():
     autopilot, heights = airborne(), []
     run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
@@ -140,6 +150,28 @@ def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world()
     run(autopilot, 60.0, VehicleCommand(Request.RETURN))
     assert not autopilot.armed
     assert autopilot.target.position[:2] == pytest.approx((0.0, -10.0), abs=0.3)
+
+
+def test_a_human_pilot_who_gives_a_vehicle_back_that_comes_down_lets_it_land():
+    """It held at 0.6 m, armed, for good."""
+    autopilot = airborne()
+    autopilot.take_over(FlightMode.RETURN)
+    run(autopilot, 1.0)
+    while autopilot.target.position[2] > 0.6:
+        run(autopilot, STEP_S)
+    autopilot.give_back()
+    assert autopilot.mode is FlightMode.RETURN
+    run(autopilot, 5.0)
+    assert not autopilot.armed
+
+
+def test_a_human_pilot_who_gives_a_vehicle_back_that_is_on_its_way_home_leaves_it_in_hold():
+    autopilot = airborne()
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    autopilot.take_over(FlightMode.RETURN)
+    run(autopilot, 1.0)
+    autopilot.give_back()
+    assert autopilot.mode is FlightMode.HOLD
 
 
 def braked(mode):
