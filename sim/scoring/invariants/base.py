@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import Battery, PositionJump, SatellitesLost
+from sim.faults.machines import PositionJump, SatellitesLost
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -105,9 +105,6 @@ class Setting:
         it was. Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted
         unannounced.
         """
-        batteries = (one for one in self.scenario.fault if isinstance(one, Battery) and one.at_s <= time_s)
-        if any(self.names[drone] in self.strikes(one) for one in batteries):
-            return True
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s

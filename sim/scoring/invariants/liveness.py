@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import hypot
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.faults.machines import Takeover
+from sim.faults.machines import Battery, Takeover
 from sim.geometry import Array
 from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
+from sim.vehicle.px4.battery import HOVER_A
 
 LANDS_WITHIN_S = 30.0  # from 50 m away, at 3 m/s, and 10 m up
+_URGENT = 0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``agent.mission.reserve``)
+_ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): one without a home lands
+_HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn in flight in a second
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 
 
@@ -21,7 +25,8 @@ class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it, or
     it holds without its agent, where the mission says so (``safety.agent_lost``).
 
-    Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``).
+    Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``), and whose battery has told so
+    little that its agent, or its autopilot, may have landed it where it was.
     """
 
     name = "landing"
@@ -54,6 +59,8 @@ class Landed(Invariant[Scene]):
         """Horizontal distance from the place of its launch; 0 for who is exempt."""
         setting, time_s = self.setting, moment.time_s
         if self._launch is None or setting.may_land_elsewhere(drone, time_s) or setting.was_set_down(drone, time_s):
+            return 0.0
+        if _lands_for_want_of_battery(setting, drone, time_s):
             return 0.0
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
@@ -90,3 +97,21 @@ class Landed(Invariant[Scene]):
 
 def _is_down(moment: Scene, drone: int) -> bool:
     return not moment.airborne(drone) and not moment.autopilots[drone].armed
+
+
+def _lands_for_want_of_battery(setting: Setting, drone: int, time_s: float) -> bool:
+    """Whether the battery of a drone may have told a level, as a fault has it, at which it lands where it is."""
+    name = setting.names[drone]
+    faults = [
+        one for one in setting.scenario.fault if isinstance(one, Battery) and one.at_s <= time_s and name in setting.strikes(one)
+    ]
+    urgent = _URGENT * setting.mission.safety.battery_reserve
+    return any(_lowest(one, faults, time_s) < max(urgent, _ACTS_BELOW if one.acts else 0.0) for one in faults)
+
+
+def _lowest(battery: Battery, faults: Sequence[Battery], time_s: float) -> float:
+    """The lowest level that a faulted battery may have told by now, in flight all the time; ``faults``: of the same drone."""
+    until_s = min(time_s, battery.end_s) if battery.lies else time_s
+    spans = ((one, min(until_s, one.end_s) - max(battery.at_s, one.at_s)) for one in faults)
+    faster = sum(one.drain_ps * max(0.0, span_s) for one, span_s in spans)
+    return battery.level - faster - _HOVER_PS * (until_s - battery.at_s)

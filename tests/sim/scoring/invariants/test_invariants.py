@@ -334,8 +334,37 @@ def test_a_drone_that_does_not_come_home() -> None:
     elsewhere = [(x + 9.9, y + 2.0, 0.0), *others]
     assert ending(places=elsewhere, autopilots=stopped) == ["d1"]
     assert ending(dead, places=elsewhere, autopilots=stopped) == []
-    assert ending({"kind": "battery", "at_s": 10.0, "for_s": 5.0, "target": "d1"}, places=elsewhere, autopilots=stopped) == []
     assert ending({"kind": "gust", "at_s": 10.0, "for_s": 5.0, "target": "d1"}, places=elsewhere, autopilots=stopped) == []
+
+
+@pytest.mark.parametrize(
+    ("battery", "expected"),
+    [
+        ({"level": 0.17}, []),  # below 10 %, half of the reserve, after 90 s in flight
+        ({"level": 0.25}, ["d1"]),
+        ({"level": 0.25, "drain_ps": 0.02}, []),
+        ({"level": 0.25, "drain_ps": 0.02, "target": "d2"}, ["d1"]),
+        ({"level": 0.11, "lies": True}, []),
+        ({"level": 0.17, "lies": True}, ["d1"]),  # its battery is well again
+    ],
+)
+def test_who_has_landed_elsewhere_for_want_of_battery_must_have_had_little_left(battery, expected) -> None:
+    (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    fault = {"kind": "battery", "at_s": 10.0, "for_s": 8.0, "target": "d1"} | battery
+    assert ending(fault, places=[(x + 9.9, y + 2.0, 0.0), *others], autopilots=stopped) == expected
+
+
+@pytest.mark.parametrize(("reserve", "acts", "expected"), [(0.2, False, []), (0.1, False, ["d1"]), (0.1, True, [])])
+def test_whose_autopilot_acts_may_land_although_the_reserve_is_small(reserve, acts, expected) -> None:
+    (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    setting = moments.setting({"kind": "battery", "at_s": 10.0, "for_s": 5.0, "target": "d1", "level": 0.14, "acts": acts})
+    setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, battery_reserve=reserve))
+    invariant = Landed(setting)
+    invariant.look(moments.moment(moments.HEAL_S))
+    end = moments.moment(moments.END_S, [(x + 9.9, y + 2.0, 0.0), *others], autopilots=stopped)
+    assert [violation.drones[0] for violation in invariant.finish(end)] == expected
 
 
 def test_where_frames_are_estimated_a_faulted_position_that_is_not_announced_may_lead_everybody_elsewhere() -> None:

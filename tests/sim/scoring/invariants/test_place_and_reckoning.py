@@ -111,6 +111,7 @@ def test_a_drone_that_is_too_sure_of_its_heading() -> None:
         ((15.0, 10.0, 0.0), (), []),
         ((25.0, 10.0, 0.0), (JUMP | {"target": "d1"},), []),
         (None, (JUMP | {"target": "d1"},), [("d1",)]),
+        ((25.0, 10.0, 0.0), ({"kind": "battery", "at_s": 5.0, "target": "d1", "level": 0.05},), [("d1",)]),
     ],
 )
 def test_a_drone_in_flight_knows_where_it_took_off(home_m, faults, expected) -> None:
