@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Equivocating, Forged, Kill, Lie, Revoked
+from sim.faults.agents import Disk, Equivocating, Forged, Freeze, Kill, Lie, Revoked, SlowCpu
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Takeover
+from sim.faults.process import RESTART_NS, SILENCE_NS
 from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Scene
 
 _DISABLING: tuple[Family, ...] = ("vehicle", "thrust", "pose", "camera", "network")
 _OF_THE_LOG = ("cone", "counts", "sighting")
+_STATE_LOST = ("full", "state-torn", "state-flipped")
 
 
 class Able:
-    """The drones that are able, known from the heal on; before, none is."""
+    """The drones that are able, known from the heal on; before, none is.
+
+    ``without_state``: those, not able, whose autopilots hold without their agents, and whose agents may have lost their state:
+    one that is started again leaves its vehicle there until an operator commands, whom nobody plays.
+    """
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
         faults = setting.scenario.fault
         unfit = {name for fault in faults if _disables(fault, setting.heal_s) for name in setting.strikes(fault)}
-        self._fit = [drone for drone, name in enumerate(setting.names) if name not in unfit]
+        names = enumerate(setting.names) if setting.mission.safety.agent_lost == "hold" else ()
+        self.without_state = frozenset(drone for drone, name in names if _loses_state(setting, name))
+        self._fit = [k for k, name in enumerate(setting.names) if name not in unfit and k not in self.without_state]
         self.drones: tuple[int, ...] | None = None
 
     def see(self, moment: Scene) -> tuple[int, ...]:
@@ -48,3 +56,20 @@ def _disables(fault: Fault, heal_s: float) -> bool:
         return True
     lasts = fault.end_s > heal_s + 1e-9
     return lasts and (fault.family in _DISABLING or isinstance(fault, Kill))
+
+
+def _loses_state(setting: Setting, name: str) -> bool:
+    """Whether a drone's agent ends, or is started again, while its disk keeps no state, or spoils it."""
+    faults = [fault for fault in setting.scenario.fault if name in setting.strikes(fault)]
+    spoilt = [fault for fault in faults if isinstance(fault, Disk) and fault.how in _STATE_LOST]
+    gone = [span for fault in faults if (span := _gone_s(fault)) is not None]
+    return any(disk.at_s <= last_s and disk.end_s >= first_s for disk in spoilt for first_s, last_s in gone)
+
+
+def _gone_s(fault: Fault) -> tuple[float, float] | None:
+    """From when to when agents may be gone that a fault kills, or that their watchdogs do as they stand still; None: never."""
+    silence_s, restart_s = SILENCE_NS * 1e-9, RESTART_NS * 1e-9
+    if isinstance(fault, SlowCpu):
+        return (fault.at_s, fault.end_s + silence_s + restart_s) if fault.late_s > silence_s else None
+    ends = isinstance(fault, Kill) or (isinstance(fault, Freeze) and fault.end_s - fault.at_s > silence_s)
+    return (fault.at_s, fault.end_s) if ends else None

@@ -23,7 +23,7 @@ _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 
 class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it, or
-    it holds without its agent, where the mission says so (``safety.agent_lost``).
+    it holds without its agent, or with one that may have lost its state, where the mission says so (``safety.agent_lost``).
 
     Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``), and whose battery has told so
     little that its agent, or its autopilot, may have landed it where it was.
@@ -85,7 +85,8 @@ class Landed(Invariant[Scene]):
         if able:
             return False
         returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (pilot is not None and pilot.stage in _COMING_HOME)
-        holds = pilot is None and autopilot.mode is FlightMode.HOLD and self.setting.mission.safety.agent_lost == "hold"
+        left = drone in self.able.without_state or (pilot is None and self.setting.mission.safety.agent_lost == "hold")
+        holds = left and autopilot.mode is FlightMode.HOLD
         return returns or holds or self._is_flown_by_hand(moment.time_s, drone)
 
     def _is_flown_by_hand(self, time_s: float, drone: int) -> bool:

@@ -367,6 +367,56 @@ def test_whose_autopilot_acts_may_land_although_the_reserve_is_small(reserve, ac
     assert [violation.drones[0] for violation in invariant.finish(end)] == expected
 
 
+def out_without(agent_lost, *faults, pilots=None, mode=FlightMode.HOLD):
+    """Who has not ended as it must where the autopilots do that without their agents; all are in the air, in this mode."""
+    setting = moments.setting(*faults)
+    setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, agent_lost=agent_lost))
+    invariant = Landed(setting)
+    invariant.look(moments.moment(moments.HEAL_S))
+    changes = {"pilots": pilots} if pilots is not None else {}
+    end = moments.moment(moments.END_S, autopilots=[moments.autopilot(mode, setpoint_age_s=None) for _ in range(3)], **changes)
+    return [violation.drones[0] for violation in invariant.finish(end)]
+
+
+KILL = {"kind": "kill", "at_s": 20.0, "for_s": 5.0, "target": "d1"}
+FREEZE = {"kind": "freeze", "at_s": 20.0, "for_s": 5.0, "target": "d1"}
+SLOW = {"kind": "slow-cpu", "at_s": 20.0, "for_s": 5.0, "target": "d1", "late_s": 1.2}
+TORN = {"kind": "disk", "at_s": 24.0, "for_s": 3.0, "target": "d1", "how": "state-torn"}
+FULL = {"kind": "disk", "at_s": 5.0, "for_s": 16.0, "target": "d1", "how": "full"}
+
+
+@pytest.mark.parametrize(
+    ("agent_lost", "faults", "expected"),
+    [
+        ("hold", (KILL, TORN), ["d2", "d3"]),
+        ("hold", (KILL, FULL), ["d2", "d3"]),
+        ("hold", (KILL, TORN | {"how": "state-flipped"}), ["d2", "d3"]),
+        ("hold", (FREEZE, FULL), ["d2", "d3"]),
+        ("hold", (SLOW, FULL), ["d2", "d3"]),
+        ("return", (KILL, TORN), ["d1", "d2", "d3"]),
+        ("hold", (KILL,), ["d1", "d2", "d3"]),
+        ("hold", (TORN,), ["d1", "d2", "d3"]),
+        ("hold", (KILL, TORN | {"target": "d2"}), ["d1", "d2", "d3"]),
+        ("hold", (KILL, TORN | {"how": "slow"}), ["d1", "d2", "d3"]),
+        ("hold", (KILL, TORN | {"at_s": 25.5}), ["d1", "d2", "d3"]),  # its agent has been back
+        ("hold", (KILL, FULL | {"for_s": 10.0}), ["d1", "d2", "d3"]),
+        ("hold", (FREEZE | {"for_s": 0.9}, FULL), ["d1", "d2", "d3"]),
+        ("hold", (SLOW | {"late_s": 0.8}, FULL), ["d1", "d2", "d3"]),
+        ("hold", ({"kind": "camera-dead", "at_s": 5.0, "target": "d1"},), ["d1", "d2", "d3"]),  # not able either
+    ],
+)
+def test_an_agent_that_has_lost_its_state_leaves_its_vehicle_where_it_holds_without_it(agent_lost, faults, expected) -> None:
+    assert out_without(agent_lost, *faults) == expected
+    assert out_without(agent_lost, *faults, mode=FlightMode.OFFBOARD) == ["d1", "d2", "d3"]
+
+
+@pytest.mark.parametrize(("agent_lost", "expected"), [("hold", ["d2", "d3"]), ("return", ["d1", "d2", "d3"])])
+def test_a_vehicle_without_an_agent_may_hold_where_the_mission_says_so(agent_lost, expected) -> None:
+    gone, dead = moments.changed(0, None, moments.pilot), {"kind": "kill", "at_s": 10.0, "target": "d1"}
+    assert out_without(agent_lost, dead, pilots=gone) == expected
+    assert out_without(agent_lost, dead, pilots=gone, mode=FlightMode.MANUAL) == ["d1", "d2", "d3"]
+
+
 def test_where_frames_are_estimated_a_faulted_position_that_is_not_announced_may_lead_everybody_elsewhere() -> None:
     (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
     stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
