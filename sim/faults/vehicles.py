@@ -28,6 +28,7 @@ class VehicleFaults:
         self._true = [Cells(Parameters(drone + 1, {}), step_s) for drone in range(len(autopilots))]
         self._told = list(self._true)  # another one where the battery lies
         self._warned = [Warning.NONE] * len(autopilots)
+        self._due: list[FlightMode | None] = [None] * len(autopilots)  # what autopilots do once no human pilot flies
         self._pushes: dict[tuple[Active, int], Array] = {}
         self._heard = [True] * len(autopilots)
 
@@ -102,7 +103,13 @@ class VehicleFaults:
         if told is not true:
             told.step(autopilot.armed, flying)
         if told.warning > self._warned[drone] and any(fault.acts for fault, _ in faults) and told.warning in _ACTIONS:
-            autopilot.save_battery(_ACTIONS[told.warning])
+            self._due[drone] = _ACTIONS[told.warning]
+        elif told.warning < self._warned[drone]:
+            self._due[drone] = None
         self._warned[drone] = told.warning
+        due = self._due[drone]
+        if due is not None and not autopilot.piloted:
+            autopilot.save_battery(due)
+            self._due[drone] = None
         if faults and flying and true.remaining <= 0.0:
             self._fail(drone, EMPTY_MPS)

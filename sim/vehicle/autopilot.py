@@ -81,6 +81,11 @@ class Autopilot:
         return self._setpoint_age if self.mode is FlightMode.OFFBOARD else None
 
     @property
+    def piloted(self) -> bool:
+        """Whether a human pilot flies by hand: nobody else is obeyed, and no failsafe for want of battery acts."""
+        return self._piloted
+
+    @property
     def descends(self) -> bool:
         """Whether the vehicle comes down to land, also at the end of a return."""
         return self.mode is FlightMode.LAND or self._comes_down
@@ -113,8 +118,8 @@ class Autopilot:
             self._choose(mode)
 
     def give_back(self) -> None:
-        """The human pilot leaves the vehicle in hold, or lets it land that comes down."""
-        if self._piloted or (self._yielded and not self.descends):
+        """The human pilot leaves the vehicle in hold, or lets it land that comes down, or that a failsafe flies."""
+        if self._piloted or (self._yielded and not (self.descends or self.failsafe)):
             self._piloted = False
             self._choose(FlightMode.HOLD)
 

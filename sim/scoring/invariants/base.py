@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import PositionJump, SatellitesLost
+from sim.faults.machines import PositionJump, SatellitesLost, Takeover
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -95,6 +95,11 @@ class Setting:
             begin_s <= time_s <= end_s and family in families and name in struck
             for family, struck, begin_s, end_s in self._unannounced
         )
+
+    def taken_over(self, drone: int, time_s: float) -> bool:
+        """Whether a human pilot has taken a vehicle over by then; one that is given back holds until an operator commands."""
+        takeovers = (fault for fault in self.scenario.fault if isinstance(fault, Takeover) and fault.at_s <= time_s)
+        return any(self.names[drone] in self.strikes(fault) for fault in takeovers)
 
     def lost_itself(self, drone: int, time_s: float) -> bool:
         """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""

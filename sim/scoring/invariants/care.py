@@ -12,9 +12,10 @@ from math import dist, hypot, inf
 import numpy as np
 
 from agent.pilot import Pilot
+from agent.vehicle.interface import FlightMode
 from sim.faults.agents import Corrupt, Cut, Partition, RadioRange
 from sim.faults.base import Family, Fault
-from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump, Takeover
+from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.invariants.place import excluded
 from sim.scoring.moment import Moment, Shared
@@ -34,8 +35,9 @@ _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
 class Reserve(Invariant[Moment]):
-    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it, that a human
-    pilot flies, or that hovers without an agent, as the mission says (``safety.agent_lost``), until its autopilot acts.
+    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it; one that hovers
+    without an agent, as the mission says (``safety.agent_lost``), until its autopilot acts; and one that a human pilot has taken
+    over, until its agent flies it by setpoints again: given back, it hovers until an operator commands, whom nobody plays.
     """
 
     name = "reserve"
@@ -43,21 +45,19 @@ class Reserve(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         lying = [fault for fault in setting.scenario.fault if isinstance(fault, Battery) and fault.lies]
-        pilots = [fault for fault in setting.scenario.fault if isinstance(fault, Takeover)]
-        self._by_hand = [([setting.names.index(name) for name in setting.strikes(one)], one.at_s, one.end_s) for one in pilots]
-        self._honest = [name not in {one for fault in lying for one in fault.strikes(setting.names)} for name in setting.names]
+        self._honest = [name not in {one for fault in lying for one in setting.strikes(fault)} for name in setting.names]
+        self._hovers = setting.mission.safety.agent_lost == "hold"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Vehicles with empty batteries in the air."""
         for drone, level in enumerate(moment.batteries):
-            if self._is_flown_by_hand(drone, moment.time_s):
-                continue
-            hovers = moment.pilots[drone] is None and self.setting.mission.safety.agent_lost == "hold"
-            if level < LEAST_LEVEL and self._honest[drone] and not hovers and moment.airborne(drone):
+            if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone) and not self._is_exempt(moment, drone):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
 
-    def _is_flown_by_hand(self, drone: int, time_s: float) -> bool:
-        return any(at_s <= time_s <= end_s and drone in drones for drones, at_s, end_s in self._by_hand)
+    def _is_exempt(self, moment: Moment, drone: int) -> bool:
+        mode = moment.autopilots[drone].mode
+        hovers = self._hovers and moment.pilots[drone] is None and mode is FlightMode.HOLD
+        return hovers or (mode is not FlightMode.OFFBOARD and self.setting.taken_over(drone, moment.time_s))
 
 
 class Named(Invariant[Moment]):

@@ -7,7 +7,7 @@ from math import hypot
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.faults.machines import Battery, Takeover
+from sim.faults.machines import Battery
 from sim.geometry import Array
 from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
@@ -74,7 +74,7 @@ class Landed(Invariant[Scene]):
             return False
         if self._all_return_s is None:
             self._all_return_s = moment.time_s
-        lands = (drone for drone in drones if not self._is_flown_by_hand(moment.time_s, drone))
+        lands = (drone for drone in drones if not self.setting.taken_over(drone, moment.time_s))
         return all(_is_down(moment, drone) for drone in lands) or moment.time_s - self._all_return_s >= LANDS_WITHIN_S
 
     def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
@@ -87,13 +87,7 @@ class Landed(Invariant[Scene]):
         returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (pilot is not None and pilot.stage in _COMING_HOME)
         left = drone in self.able.without_state or (pilot is None and self.setting.mission.safety.agent_lost == "hold")
         holds = left and autopilot.mode is FlightMode.HOLD
-        return returns or holds or self._is_flown_by_hand(moment.time_s, drone)
-
-    def _is_flown_by_hand(self, time_s: float, drone: int) -> bool:
-        name, faults = self.setting.names[drone], self.setting.scenario.fault
-        return any(
-            isinstance(fault, Takeover) and name in fault.strikes(self.setting.names) and fault.at_s <= time_s for fault in faults
-        )
+        return returns or holds or self.setting.taken_over(drone, moment.time_s)
 
 
 def _is_down(moment: Scene, drone: int) -> bool:

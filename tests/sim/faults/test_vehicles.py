@@ -104,6 +104,24 @@ def test_a_battery_is_reported_and_at_critical_level_the_autopilot_returns() -> 
     assert world.autopilots[1].mode is FlightMode.OFFBOARD
 
 
+@pytest.mark.parametrize("mode", ["manual", "hold"])
+def test_a_battery_that_gets_low_while_a_human_pilot_flies_is_acted_on_when_the_vehicle_is_given_back(mode) -> None:
+    pilot = Takeover(at_s=1.0, for_s=9.0, target="d1", mode=mode)
+    world = World(pilot, Battery(at_s=1.0, for_s=6.0, target="d1", level=0.08, drain_ps=0.0025))
+    release = VehicleCommand(Request.RELEASE)
+    assert world.fly(9.5, release) is FlightMode(mode)
+    world.fly(1.0, release)  # it is given back at 10 s
+    assert world.autopilots[0].failsafe
+    assert world.fly(5.5, release) is FlightMode.RETURN
+
+
+def test_a_battery_that_was_only_said_to_be_low_is_not_acted_on() -> None:
+    lie = Battery(at_s=1.0, for_s=6.0, target="d1", level=0.06, lies=True)
+    world = World(Takeover(at_s=1.0, for_s=9.0, target="d1", mode="manual"), lie)
+    assert world.fly(20.0, VehicleCommand(Request.RELEASE)) is FlightMode.HOLD
+    assert not world.autopilots[0].failsafe
+
+
 def test_an_empty_battery_brings_the_vehicle_down_unless_it_lies() -> None:
     empty, lying = (
         World(Battery(at_s=1.0, target="d1", level=0.01, drain_ps=0.01, acts=False, lies=lies)) for lies in (False, True)

@@ -163,10 +163,32 @@ def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
     assert told(Reserve(moments.setting()), empty) == [("d2",)]
     lies = {"kind": "battery", "at_s": 1.0, "target": "d2", "lies": True}
     assert told(Reserve(moments.setting(lies)), empty) == []
-    for for_s, told_of in ((20.0, []), (5.0, [("d2",)])):  # while a human pilot flies it
-        by_hand = {"kind": "takeover", "at_s": 1.0, "for_s": for_s, "target": "d2"}
-        assert told(Reserve(moments.setting(by_hand)), empty) == told_of
     assert told(Reserve(moments.setting()), moments.moment(10.0, places(1, 20.0, 10.0, 0.0), batteries=[0.8, 0.02, 0.8])) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "agent_lost", "lives", "mode", "expected"),
+    [
+        ("takeover", "return", True, FlightMode.MANUAL, []),
+        ("takeover", "return", True, FlightMode.HOLD, []),  # given back, it waits for the operator
+        ("takeover", "return", True, FlightMode.OFFBOARD, [("d2",)]),
+        ("refusal", "return", True, FlightMode.HOLD, [("d2",)]),
+        ("kill", "hold", False, FlightMode.HOLD, []),
+        ("kill", "hold", False, FlightMode.RETURN, [("d2",)]),
+        ("kill", "hold", False, FlightMode.LAND, [("d2",)]),
+        ("kill", "hold", True, FlightMode.HOLD, [("d2",)]),
+        ("kill", "return", False, FlightMode.HOLD, [("d2",)]),
+    ],
+)
+def test_whose_battery_may_be_nearly_empty_in_the_air(kind, agent_lost, lives, mode, expected) -> None:
+    setting = moments.setting({"kind": kind, "at_s": 1.0, "for_s": 5.0, "target": "d2"})
+    setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, agent_lost=agent_lost))
+    autopilots = moments.changed(1, moments.autopilot(mode, setpoint_age_s=None), moments.autopilot)
+    pilots = moments.changed(1, moments.pilot() if lives else None, moments.pilot)
+    empty = moments.moment(10.0, batteries=[0.8, 0.02, 0.8], autopilots=autopilots, pilots=pilots)
+    assert told(Reserve(setting), empty) == expected
+    before = moments.moment(0.5, batteries=[0.8, 0.02, 0.8], autopilots=autopilots)
+    assert told(Reserve(setting), before) == [("d2",)]
 
 
 def unsuspected(*faults, suspects=(), unknown=(), by="d1", sightings=True, seconds=12.0, gone="", **changes):
