@@ -16,7 +16,7 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
-MEAN_SQUARE = 20.0
+MEAN_SQUARE, MEAN_SQUARE_AT_REST = 12.0, 20.0
 LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of it is the time from an exposure to the hypothesis that it is in
 CORRELATED_S = 3.0  # the errors of a hypothesis are about the same for 0.7 to 3 s, as measured in six flights
 _LOOK_TICKS, _LEAST = 10, 20
@@ -67,11 +67,11 @@ class TruthPossible(Invariant[Scene]):
 
 class SourceCalibrated(Invariant[Scene]):
     """Over a flight, the error of a hypothesis is not much more than it states: the mean squared Mahalanobis distance of the
-    truth, 2 by expectation, is 20 at most. Exempt as in ``six-sigma``.
+    truth, 2 by expectation, is 12 at most, 20 of a source at rest. Exempt as in ``six-sigma``.
 
     The error of a source at rest hardly changes in a flight, and is one draw of a chi-squared distribution with two degrees of
-    freedom, however often it is looked at: 12, the former limit, is exceeded by exp(-6), one flight in 400 of an estimator that
-    states its errors exactly, and 20 by one in 22,000.
+    freedom, however often it is looked at: 12 is exceeded by exp(-6), one flight in 400 of an estimator that states its errors
+    exactly, and 20 by one in 22,000. That of a source that moves is drawn anew every few seconds.
 
     What ``six-sigma`` allows is left out: the worst 5 s of those in which the truth is excluded. A source that moves slowly may
     be taken to rest, rightly 99 times of 100; the hundredth is a few seconds at 13 sigma, which alone are more than the mean of
@@ -83,6 +83,8 @@ class SourceCalibrated(Invariant[Scene]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self._until_s = setting.began_s(_BELIEF_FAULTS)
+        source = setting.scenario.source
+        self._most = MEAN_SQUARE if source is not None and source.motion != "static" else MEAN_SQUARE_AT_REST
         self.squares: list[list[float]] = [[] for _ in setting.names]
         self._ticks = 0
 
@@ -100,7 +102,7 @@ class SourceCalibrated(Invariant[Scene]):
         for drone, squares in enumerate(self.squares):
             most = _most(squares)
             counted = [square for square in squares if square <= most]
-            if len(squares) >= _LEAST and counted and (mean := sum(counted) / len(counted)) > MEAN_SQUARE:
+            if len(squares) >= _LEAST and counted and (mean := sum(counted) / len(counted)) > self._most:
                 yield Breach((drone,), f"the mean square of its normalised error is {mean:.0f}, 2 are expected")
 
 
@@ -258,8 +260,10 @@ def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
     (xx, xy, _), (_, yy, _), _ = hypothesis.covariance.tolist()
     east, north = source[0] - x, source[1] - y
     determinant = xx * yy - xy * xy
-    if determinant <= 0.0:  # surer than anything can be, or given by the mission
-        return inf if max(abs(xx), abs(yy)) > 0.0 and hypot(east, north) > 0.0 else 0.0
+    if xx == yy == 0.0:  # given by the mission
+        return 0.0
+    if determinant <= 0.0:  # surer than anything can be
+        return inf if hypot(east, north) > 0.0 else 0.0
     return sqrt(max(0.0, (yy * east * east - 2.0 * xy * east * north + xx * north * north) / determinant))
 
 

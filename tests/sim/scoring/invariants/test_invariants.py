@@ -137,6 +137,16 @@ def test_a_hypothesis_that_excludes_the_truth() -> None:
     assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d3"}) == [("d2",)]
 
 
+@pytest.mark.parametrize(("east_m2", "expected"), [(0.25, [("d2",)]), (0.0, [])])  # one without any is given by the mission
+def test_a_hypothesis_without_a_covariance_in_one_direction_excludes_the_truth(east_m2, expected) -> None:
+    believed = moments.hypothesis(x=30.1)
+    believed.covariance = np.diag([east_m2, 0.0, 0.0])
+    pilots = moments.changed(1, moments.pilot(believed=believed), moments.pilot)
+    times = np.arange(10.0, 16.0, 0.05)
+    seen = [moments.moment(float(time_s), pilots=pilots) for time_s in times]
+    assert told(TruthPossible(moments.setting()), *seen) == expected
+
+
 def test_equal_logs_with_different_hypotheses() -> None:
     here, there = moments.hypothesis(), moments.hypothesis(x=30.0 + 1e-12)
     pilots = [moments.pilot(believed=here, digest="7"), moments.pilot(believed=there, digest="7"), moments.pilot()]
@@ -267,17 +277,19 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
     assert told(Accused(moments.setting(corrupt)), moments.moment(20.0, pilots=pilots)) == []
 
 
-def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.7):
+def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.7, motion="static"):
     """What is told of a drone whose hypothesis, of 0.5 m on each axis, is wrong by so much within these times, and by
-    ``else_m`` else.
+    ``else_m`` else; ``motion``: of the source.
     """
+    setting = moments.setting(*faults)
+    setting.scenario = replace(setting.scenario, source=replace(setting.scenario.source, motion=motion))
 
     def seen_at(time_s):
         wrong_m = off_m if any(begin_s <= time_s - 10.0 < end_s for begin_s, end_s in within_s) else else_m
         believed = moments.hypothesis(x=30.0 + wrong_m)
         return moments.moment(time_s, pilots=moments.changed(1, moments.pilot(believed=believed), moments.pilot))
 
-    invariant = SourceCalibrated(moments.setting(*faults))
+    invariant = SourceCalibrated(setting)
     seen = [seen_at(float(time_s)) for time_s in np.arange(10.0, 10.0 + seconds, 0.05)]
     assert told(invariant, *seen) == []
     return [violation.drones for violation in invariant.finish(seen[-1])]
@@ -286,6 +298,8 @@ def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.
 def test_a_hypothesis_that_is_too_sure_of_itself_over_a_flight() -> None:
     assert too_sure() == [("d2",)]
     assert too_sure(off_m=2.0) == []
+    assert too_sure(off_m=2.0, motion="wander") == [("d2",)]  # 16, which one draw exceeds too often
+    assert too_sure(off_m=1.7, motion="wander") == []
     assert too_sure(seconds=9.0) == []
     assert too_sure({"kind": "camera-gain", "at_s": 12.0, "target": "d3"}) == []
 
