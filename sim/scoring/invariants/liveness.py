@@ -12,9 +12,10 @@ from sim.geometry import Array
 from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
+from sim.vehicle.autopilot import DISARM_AFTER_S, LANDING_SPEED_MPS, RETURN_CLIMB_MPS
 from sim.vehicle.px4.battery import HOVER_A
 
-LANDS_WITHIN_S = 30.0  # from 50 m away, at 3 m/s, and 10 m up
+_WAY_S = 50.0 / 3.0  # home across the area, and into the way of others
 _URGENT = 0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``agent.mission.reserve``)
 _ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): one without a home lands
 _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn in flight in a second
@@ -34,8 +35,10 @@ class Landed(Invariant[Scene]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.able = Able(setting)
-        self._all_return_s: float | None = None  # since when nobody has anything to do any more but to come home
+        self._coming_home_since_s: float | None = None  # nobody has anything to do any more but to come home
         self._launch: Array | None = None
+        highest_m = max(setting.mission.return_heights_m)
+        self.lands_within_s = _WAY_S + highest_m / RETURN_CLIMB_MPS + highest_m / LANDING_SPEED_MPS + DISARM_AFTER_S
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Nothing while it flies."""
@@ -65,17 +68,18 @@ class Landed(Invariant[Scene]):
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
-        """Whether nothing more is to be expected of the flight: everybody has ended it as it must, and is down, or has had
-        ``LANDS_WITHIN_S`` for that, in which it is judged on its way home.
+        """Whether nothing more is to be expected of the flight: everybody has ended it as it must, and is down, or stays up for
+        good, or has had ``lands_within_s`` to come down, as from the highest of the returns, in which it is judged on its way.
         """
         able, drones = self.able.see(moment), range(len(self.setting.names))
         if self.able.drones is None or not all(self.is_home(moment, drone, drone in able) for drone in drones):
-            self._all_return_s = None
+            self._coming_home_since_s = None
             return False
-        if self._all_return_s is None:
-            self._all_return_s = moment.time_s
-        lands = (drone for drone in drones if not self.setting.taken_over(drone, moment.time_s))
-        return all(_is_down(moment, drone) for drone in lands) or moment.time_s - self._all_return_s >= LANDS_WITHIN_S
+        if self._coming_home_since_s is None:
+            self._coming_home_since_s = moment.time_s
+        lands = (drone for drone in drones if not self._stays_up(moment, drone))
+        within = moment.time_s - self._coming_home_since_s < self.lands_within_s
+        return not within or all(_is_down(moment, drone) for drone in lands)
 
     def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
         """Whether a drone has ended its flight as it must."""
@@ -85,9 +89,13 @@ class Landed(Invariant[Scene]):
         if able:
             return False
         returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (pilot is not None and pilot.stage in _COMING_HOME)
-        left = drone in self.able.without_state or (pilot is None and self.setting.mission.safety.agent_lost == "hold")
-        holds = left and autopilot.mode is FlightMode.HOLD
-        return returns or holds or self.setting.taken_over(drone, moment.time_s)
+        return returns or self._stays_up(moment, drone)
+
+    def _stays_up(self, moment: Scene, drone: int) -> bool:
+        """Whether a drone that is not able may stay up for good: it holds without its agent, or a human pilot flies it."""
+        left = self.setting.mission.safety.agent_lost == "hold" and moment.pilots[drone] is None
+        holds = moment.autopilots[drone].mode is FlightMode.HOLD and (left or drone in self.able.without_state)
+        return holds or self.setting.taken_over(drone, moment.time_s)
 
 
 def _is_down(moment: Scene, drone: int) -> bool:

@@ -529,13 +529,29 @@ def test_the_judge_ends_a_flight_when_nothing_more_is_to_come() -> None:
     assert Judge(moments.setting())(moments.moment(moments.END_S))
 
 
-def test_the_judge_watches_those_that_are_not_able_on_their_way_home() -> None:
-    dead = [{"kind": "kill", "at_s": 10.0, "target": name} for name in ("d1", "d2", "d3")]
+@pytest.mark.parametrize(("layer_m", "lasts_s"), [(3.0, 50.4), (0.0, 38.5)])  # up to 16 or 10 m, across, down, and disarmed
+def test_those_that_are_not_able_are_judged_on_their_way_home_as_long_as_that_takes(layer_m, lasts_s) -> None:
+    setting = moments.setting({"kind": "kill", "at_s": 10.0})
+    setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, return_layer_m=layer_m))
+    invariant = Landed(setting)
     returning = [moments.autopilot(FlightMode.RETURN) for _ in range(3)]
-    judge = Judge(moments.setting(*dead))
-    assert not judge(moments.moment(50.0, autopilots=returning))
-    assert not judge(moments.moment(79.0, autopilots=returning))
-    assert judge(moments.moment(80.0, autopilots=returning))
+    for later_s, over in ((0.0, False), (lasts_s - 0.1, False), (lasts_s + 0.1, True)):
+        assert invariant.is_over(moments.moment(50.0 + later_s, autopilots=returning)) == over
+
+
+def test_the_judge_waits_for_nobody_who_holds_for_good_without_an_agent() -> None:
+    dead = [{"kind": "kill", "at_s": 10.0, "target": name} for name in ("d1", "d2", "d3")]
+    (x, y, z), *others = moments.PLACES
+    places = [(x, y, z), *((x, y, 0.0) for x, y, _ in others)]
+    autopilots = [moments.autopilot(FlightMode.HOLD, armed, setpoint_age_s=None) for armed in (True, False, False)]
+    setting = moments.setting(*dead)
+    setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, agent_lost="hold"))
+    invariant = Landed(setting)
+    held = moments.moment(50.0, places, pilots=[None] * 3, autopilots=autopilots)
+    invariant.look(held)
+    assert invariant.is_over(held)
+    returning = [moments.autopilot(FlightMode.RETURN), *autopilots[1:]]
+    assert not invariant.is_over(moments.moment(51.0, places, pilots=[None] * 3, autopilots=returning))
 
 
 def test_the_judge_ends_a_flight_at_the_violation_that_is_looked_for() -> None:
