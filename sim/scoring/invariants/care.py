@@ -81,7 +81,7 @@ class Named(Invariant[Moment]):
             (setting.names.index(name), *span)
             for fault in setting.scenario.fault
             if seen and (span := _misplaced_s(fault)) is not None
-            for name in fault.strikes(setting.names)
+            for name in setting.strikes(fault)
         ]
         self._by_slam = [drone.localization == "slam" for drone in setting.mission.drones]
         self._unnamed_s = [0.0] * len(self._spans)
@@ -130,7 +130,7 @@ class Named(Invariant[Moment]):
         for fault in self.setting.scenario.fault:
             if not fault.at_s <= moment.time_s < fault.end_s:
                 continue
-            if isinstance(fault, Cut) and set(pair) & set(fault.strikes(self.setting.names)):
+            if isinstance(fault, Cut) and set(pair) & set(self.setting.strikes(fault)):
                 return False
             if isinstance(fault, Partition) and not any(set(pair) <= set(group) for group in fault.groups):
                 return False
@@ -189,7 +189,7 @@ class Told(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         useless = [fault for fault in setting.scenario.fault if isinstance(fault, CameraDead | CameraStuck)]
-        self._spans = [(setting.names.index(name), fault) for fault in useless for name in fault.strikes(setting.names)]
+        self._spans = [(setting.names.index(name), fault) for fault in useless for name in setting.strikes(fault)]
         self._born: dict[int, tuple[Pilot, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:

@@ -77,7 +77,7 @@ class Mistimed(Invariant[Moment]):
 def _outvoted_s(setting: Setting) -> float:
     """When half of the clocks or more first jump at once; infinite if they never do."""
     jumps = (fault for fault in setting.scenario.fault if isinstance(fault, Clock) and fault.jump_s != 0.0)
-    return min((jump.at_s for jump in jumps if 2 * len(jump.strikes(setting.names)) >= len(setting.names)), default=inf)
+    return min((jump.at_s for jump in jumps if 2 * len(setting.strikes(jump)) >= len(setting.names)), default=inf)
 
 
 class PlaceBound(Invariant[Moment]):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees, hypot, inf, remainder, tau
 
-from sim.faults.agents import Revoked
 from sim.geometry import Array
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
@@ -113,8 +112,6 @@ class KnowsItsPlace(_Placed):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self._unplaced_s = [0.0] * len(setting.names)
-        revoked = (one for one in setting.scenario.fault if isinstance(one, Revoked))
-        self._revoked_s = {setting.names.index(name): one.at_s for one in revoked for name in one.strikes(setting.names)}
         self._last_s = 0.0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
@@ -130,7 +127,7 @@ class KnowsItsPlace(_Placed):
                 yield Breach((drone,), f"it does not know where it is, {UNPLACED_S:g} s among others")
 
     def _is_revoked(self, moment: Moment, drone: int) -> bool:
-        return moment.time_s >= self._revoked_s.get(drone, inf)
+        return moment.time_s >= self.setting.revoked_s.get(drone, inf)
 
     def _is_seen(self, moment: Moment, drone: int) -> bool:
         x, y, _ = moment.position_m[drone].tolist()

@@ -46,12 +46,12 @@ class Reckoned(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         late = [fault for fault in setting.scenario.fault if isinstance(fault, Late)]
-        self._late = {setting.names.index(name) for fault in late for name in fault.strikes(setting.names)}
+        self._late = {setting.names.index(name) for fault in late for name in setting.strikes(fault)}
         self._home_m = [drone.origin_m[:2] for drone in setting.mission.drones]
         self._lost_s: dict[int, float] = {}  # since when agents are gone
         self._misled_s: dict[int, float] = {}  # until when own positions are faulted
         for fault in setting.scenario.fault:
-            for name in fault.strikes(setting.names) if fault.family == "pose" else ():
+            for name in setting.strikes(fault) if fault.family == "pose" else ():
                 drone = setting.names.index(name)
                 self._misled_s[drone] = max(fault.end_s, self._misled_s.get(drone, -inf))
         self._first: list[Pilot | None] = [None] * len(setting.names)

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from agent.mission.memory import Memory
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
+from sim.scoring.invariants.base import Setting
 from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 
@@ -21,6 +22,13 @@ def estimated(*faults):
     found = moments.setting(*faults)
     found.mission = moments.with_estimated_frames(found.mission)
     return found
+
+
+def with_localization(scenario, localization):
+    """The scenario with another localisation of d2."""
+    one, other, *rest = scenario.mission.drones
+    drones = one, replace(other, localization=localization), *rest
+    return replace(scenario, mission=replace(scenario.mission, drones=drones))
 
 
 def seen(invariant, one, *, seconds=7.0, **changes):
@@ -269,6 +277,23 @@ def test_nobody_knows_that_one_was_spoofed_after_a_revocation(revoked_s, spoofed
     pilots = [reckons(other=(expected_x, 10.0, 3.0)), placed(x=told_x), moments.pilot()]
     found = []
     for time_s in np.arange(30.0, 36.0, 0.05):  # 15 s after a fault of its own position, that of a drone is not judged
+        found += invariant.look(moments.moment(float(time_s), pilots=pilots))
+    assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
+
+
+@pytest.mark.parametrize(("localization", "expected"), [("gnss", []), ("slam", [("d1", "d2")])])
+def test_who_flies_by_slam_loses_nothing_with_its_satellites(localization, expected) -> None:
+    """d2, 10 m away, takes itself to be 8 m farther away, and d1 has it there."""
+    faults = (
+        {"kind": "satellites-lost", "at_s": 9.5, "for_s": 4.0, "target": "d2"},
+        {"kind": "revoked", "at_s": 8.0, "target": "d1"},
+    )
+    setting = moments.setting(*faults)
+    setting = Setting(with_localization(setting.scenario, localization), moments.HEAL_S, moments.END_S)
+    assert setting.strikes(setting.scenario.fault[0]) == ([] if localization == "slam" else ["d2"])
+    pilots = [reckons(other=(28.0, 10.0, 3.0)), placed(x=28.0), moments.pilot()]
+    invariant, found = Reckoned(setting), []
+    for time_s in np.arange(30.0, 36.0, 0.05):
         found += invariant.look(moments.moment(float(time_s), pilots=pilots))
     assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
 
