@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import PositionJump, SatellitesLost, Takeover
+from sim.faults.machines import MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -115,11 +115,15 @@ class Setting:
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def was_set_down(self, drone: int, time_s: float) -> bool:
-        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: the mission says so, or one
-        without satellites has no home to return to; and its agent or its link to the autopilot was faulted.
+        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: the mission says so, or that
+        it returns, and one without satellites has no home to return to; and its agent or its link to the autopilot was faulted.
         """
-        lands = self.mission.safety.agent_lost == "land" or self.mission.drones[drone].localization == "slam"
-        return lands and self.struck(("process", "vehicle"), drone, time_s, inf)
+        without_agent, by_slam = self.mission.safety.agent_lost, self.mission.drones[drone].localization == "slam"
+        if without_agent != "land" and not (by_slam and without_agent == "return"):
+            return False
+        begun = (fault for fault in self.scenario.fault if fault.at_s <= time_s)
+        stopping = (fault for fault in begun if fault.family == "process" or isinstance(fault, MavlinkLoss | MavlinkImpaired))
+        return any(self.names[drone] in self.strikes(fault) for fault in stopping)
 
     def named(self, *drones: int) -> tuple[str, ...]:
         """Ids of drones."""

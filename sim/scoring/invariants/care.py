@@ -13,7 +13,7 @@ import numpy as np
 
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode
-from sim.faults.agents import Corrupt, Cut, Partition, RadioRange
+from sim.faults.agents import Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
@@ -30,7 +30,6 @@ _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType
 _LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _CLOCK: tuple[Family, ...] = ("clock",)
-_LIAR: tuple[Family, ...] = ("liar",)
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
@@ -64,12 +63,13 @@ class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
-    are where they take themselves to be, have never lied, and hear it: where all satellites are spoofed nobody can tell who is
-    wrong, and a sighting tells something to those only that know both tracks, by clocks that agree. So they do not count while
-    its agent is gone or its clock is wrong, nor once it is revoked. Nor do they count for a drone that flies by SLAM, whose frame
-    drifts anyway, while the others' sightings keep that frame right: it is where it takes itself to be in the mission frame, and
-    nothing that it measures contradicts that. One with satellites has to be named then, too: its fixes contradict the sightings.
-    That a frame is not known yet, as to any agent that has just been started, is no suspicion.
+    are where they take themselves to be, have never lied about poses or sightings, nor contradicted themselves, and hear it:
+    where all satellites are spoofed nobody can tell who is wrong, and a sighting tells something to those only that know both
+    tracks, by clocks that agree. So they do not count while its agent is gone or its clock is wrong, nor once it is revoked. Nor
+    do they count for a drone that flies by SLAM, whose frame drifts anyway, while the others' sightings keep that frame right: it
+    is where it takes itself to be in the mission frame, and nothing that it measures contradicts that. One with satellites has to
+    be named then, too: its fixes contradict the sightings. That a frame is not known yet, as to any agent that has just been
+    started, is no suspicion.
     """
 
     name = "named"
@@ -82,6 +82,10 @@ class Named(Invariant[Moment]):
             for fault in setting.scenario.fault
             if seen and (span := _misplaced_s(fault)) is not None
             for name in setting.strikes(fault)
+        ]
+        misplacing = [fault for fault in setting.scenario.fault if _misplaces(fault)]
+        self._lied_s = [
+            min((one.at_s for one in misplacing if name in setting.strikes(one)), default=inf) for name in setting.names
         ]
         self._by_slam = [drone.localization == "slam" for drone in setting.mission.drones]
         self._unnamed_s = [0.0] * len(self._spans)
@@ -100,7 +104,8 @@ class Named(Invariant[Moment]):
         for place, (drone, begin_s, end_s) in enumerate(self._spans):
             if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone) or self._is_kept_right(moment, drone):
                 continue
-            if self._agents[place] is not (pilot := moment.pilots[drone]):  # a new one whose frame nobody can doubt yet
+            pilot = moment.pilots[drone]
+            if self._agents[place] is not pilot:  # a new one whose frame nobody can doubt yet
                 self._agents[place], self._unnamed_s[place] = pilot, min(0.0, self._unnamed_s[place])
             if self._is_named(moment, drone):
                 self._unnamed_s[place] = -inf
@@ -142,7 +147,7 @@ class Named(Invariant[Moment]):
         x, y, _ = moment.position_m[drone].tolist()
         others = [k for k in range(len(moment.pilots)) if k != drone and self._tells(moment, k) and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
-        honest = [k for k in near if not self.setting.struck(_LIAR, k, moment.time_s, inf)]
+        honest = [k for k in near if moment.time_s < self._lied_s[k]]
         right = [k for k in honest if not self.setting.struck_unannounced(k, moment.time_s, _MISPLACING)]
         linked = [k for k in right if self._are_linked(moment, drone, k)]
         return len(linked) >= 2 and moment.airborne(drone) and self._tells(moment, drone)
@@ -167,6 +172,11 @@ class Accused(Invariant[Moment]):
                 if not said or self.setting.struck(_ELSEWHERE, self.setting.names.index(name), moment.time_s, RECOVERY_S):
                     continue
                 yield Breach((drone, self.setting.names.index(name)), text)
+
+
+def _misplaces(fault: Fault) -> bool:
+    """Whether it has a drone tell others wrong places, its own or theirs, or nothing of what it tells of them counts any more."""
+    return isinstance(fault, Equivocating) or (isinstance(fault, Lie) and fault.what in ("pose", "sighting"))
 
 
 def _misplaced_s(fault: Fault) -> tuple[float, float] | None:

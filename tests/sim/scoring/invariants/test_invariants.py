@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
+from sim.scoring.invariants.base import Setting
 from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
@@ -222,11 +223,24 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d2",), by="d2") == [("d2",)]
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
     assert unsuspected(target=["d1", "d2", "d3"]) == unsuspected(target=["d2", "d3"]) == []  # no two are left that are right
-    lie = {"kind": "lie", "at_s": 5.0, "for_s": 2.0, "target": "d3", "what": "pose"}
-    assert unsuspected(lie) == []
     motor, spoofed = ({"kind": kind, "at_s": 5.0, "target": "d3"} for kind in ("motor", "spoofed"))
     assert unsuspected(motor) == [("d2",)]  # its neighbour still knows where it is
     assert unsuspected(spoofed) == []
+
+
+@pytest.mark.parametrize(
+    ("lie", "expected"),
+    [
+        ({"kind": "lie", "what": "pose"}, []),
+        ({"kind": "lie", "what": "sighting"}, []),
+        ({"kind": "lie", "what": "plan"}, [("d2",)]),
+        ({"kind": "lie", "what": "cone"}, [("d2",)]),
+        ({"kind": "equivocating"}, []),
+        ({"kind": "copied-key"}, [("d2",)]),
+    ],
+)
+def test_who_has_lied_about_places_tells_nothing_of_the_place_of_another(lie, expected) -> None:
+    assert unsuspected({"at_s": 5.0, "for_s": 2.0, "target": "d3"} | lie) == expected
 
 
 @pytest.mark.parametrize(
@@ -246,6 +260,34 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
 )
 def test_who_hears_nothing_of_a_drone_can_suspect_nothing(fault, expected) -> None:
     assert unsuspected(fault, for_s=20.0, seconds=13.5) == expected
+
+
+@pytest.mark.parametrize(("restarts", "expected"), [(0, [("d2",)]), (1, [])])
+def test_a_new_agent_is_to_be_suspected_anew(restarts, expected) -> None:
+    """8 s of each of two agents, or 16 s of one."""
+    jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False}
+    invariant, others = Named(moments.setting(jump, sightings=True)), moments.pilot()
+    first, second = moments.pilot(), moments.pilot()
+    found = []
+    for time_s in np.arange(10.0, 26.0, 0.05):
+        one = second if restarts and time_s >= 18.0 else first
+        found += told(invariant, moments.moment(float(time_s), pilots=[others, one, others]))
+    assert found == expected
+
+
+@pytest.mark.parametrize(("revoked_s", "expected"), [(5.0, [("d2",)]), (60.0, [])])
+def test_who_is_revoked_tells_nobody_whom_it_suspects(revoked_s, expected) -> None:
+    """The third of four drones alone suspects the second one."""
+    jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False}
+    three = moments.setting(jump, {"kind": "revoked", "at_s": revoked_s, "target": "d3"}, sightings=True)
+    mission = three.mission
+    fourth = replace(mission.drones[2], id="d4", origin_m=(26.0, 2.0, 0.0))
+    scenario = replace(three.scenario, mission=replace(mission, drones=(*mission.drones, fourth)))
+    invariant = Named(Setting(scenario, moments.HEAL_S, moments.END_S))
+    places = (*moments.PLACES, (20.0, 20.0, 3.0))
+    pilots = [moments.pilot(), moments.pilot(), moments.pilot(suspects=("d2",)), moments.pilot()]
+    times = np.arange(10.0, 22.0, 0.05)
+    assert told(invariant, *(moments.moment(float(time_s), places, pilots=pilots) for time_s in times)) == expected
 
 
 def test_nobody_suspects_one_whose_agent_is_gone() -> None:
@@ -475,23 +517,41 @@ def test_where_frames_are_estimated_a_faulted_position_that_is_not_announced_may
     assert not ends_elsewhere({"kind": "lie", "at_s": 5.0, "for_s": 2.0, "target": "d2", "what": "pose"})
 
 
-def test_a_drone_without_satellites_whose_agent_was_gone_may_have_been_set_down_elsewhere() -> None:
+FROZEN = {"kind": "freeze", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
+UNHEARD = {"kind": "mavlink-loss", "at_s": 40.0, "for_s": 9.0, "target": "d1", "probability": 0.9}
+IMPAIRED = {"kind": "mavlink-impaired", "at_s": 40.0, "for_s": 9.0, "target": "d1", "cut": True}
+TAKEN = {"kind": "takeover", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
+REFUSED = {"kind": "refusal", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
+
+
+@pytest.mark.parametrize(
+    ("agent_lost", "localization", "fault", "expected"),
+    [
+        ("return", "slam", FROZEN, []),
+        ("return", "rtk", FROZEN, ["d1"]),
+        ("return", "slam", FROZEN | {"target": "d2"}, ["d1"]),
+        ("land", "rtk", FROZEN, []),
+        ("land", "rtk", FROZEN | {"target": "d2"}, ["d1"]),
+        ("hold", "slam", FROZEN, ["d1"]),  # it holds, as any
+        ("land", "slam", FROZEN, []),
+        ("land", "rtk", UNHEARD, []),
+        ("land", "rtk", IMPAIRED, []),
+        ("land", "rtk", TAKEN, ["d1"]),
+        ("return", "slam", REFUSED, ["d1"]),
+    ],
+)
+def test_who_may_have_been_set_down_elsewhere_for_want_of_setpoints(agent_lost, localization, fault, expected) -> None:
+    setting = moments.setting(fault)
+    first, *rest = setting.mission.drones
+    safety = replace(setting.mission.safety, agent_lost=agent_lost)
+    setting.mission = replace(setting.mission, drones=(replace(first, localization=localization), *rest), safety=safety)
     (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
-    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
-    freeze = {"kind": "freeze", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
-    for localization, fault, expected in (
-        ("slam", freeze, []),
-        ("rtk", freeze, ["d1"]),
-        ("slam", freeze | {"target": "d2"}, ["d1"]),
-    ):
-        setting = moments.setting(fault)
-        first, *rest = setting.mission.drones
-        setting.mission = replace(setting.mission, drones=(replace(first, localization=localization), *rest))
-        invariant = Landed(setting)
-        for time_s in (0.0, moments.HEAL_S):
-            invariant.look(moments.moment(time_s))
-        end = moments.moment(moments.END_S, [(x + 9.9, y + 2.0, 0.0), *others], autopilots=stopped)
-        assert [violation.drones[0] for violation in invariant.finish(end)] == expected
+    down = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    away = moments.moment(60.0, [(x + 9.9, y + 2.0, 0.0), *others], autopilots=down)
+    found = Landed(setting)
+    found.look(moments.moment(0.0))
+    found.able.drones = 0, 1, 2
+    assert [violation.drones[0] for violation in found.finish(away)] == expected
 
 
 def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
