@@ -23,8 +23,6 @@ DISARM_AFTER_S = 2.0
 OFFBOARD_LOSS_S = 1.0
 ACTS_AFTER_S = 5.0  # COM_FAIL_ACT_T: time in hold before the failsafe of an empty battery acts
 
-_WITHOUT_AGENT = {"return": FlightMode.RETURN, "hold": FlightMode.HOLD, "land": FlightMode.LAND}
-
 
 class Autopilot:
     """The flight-mode logic of one vehicle, advanced in fixed steps.
@@ -103,8 +101,8 @@ class Autopilot:
         if self.hears_requests:
             self._ask(command, setpoint is not None)
         if self._intended is FlightMode.OFFBOARD and self.knows_position and setpoint is not None and not self._failed:
-            self.mode, self.failsafe, self._intended = FlightMode.OFFBOARD, False, None  # it goes back by itself
-            self._comes_down = False
+            self.failsafe, self._intended = False, None  # it goes back by itself
+            self._follow_setpoints()
         if self.mode is FlightMode.OFFBOARD and setpoint is not None:
             self._guidance.target = Target(
                 setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad, setpoint.acceleration_mps2, setpoint.yaw_rate_rps
@@ -218,9 +216,12 @@ class Autopilot:
         self._intended = self._acts = None
         self.failsafe = self.failsafe and not self.knows_position
         if mode is FlightMode.OFFBOARD:
-            self.mode, self._comes_down = mode, False
+            self._follow_setpoints()
         else:
             self._switch(mode)
+
+    def _follow_setpoints(self) -> None:
+        self.mode, self._comes_down = FlightMode.OFFBOARD, False
 
     def _switch(self, mode: FlightMode) -> None:
         """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
@@ -264,7 +265,7 @@ class Autopilot:
 def autopilots(mission: MissionConfig, homes: Iterable[Vector3], yaws: Array, step_s: float) -> list[Autopilot]:
     """Those of a mission's drones. ``homes``: in each one's local frame; ``yaws``: (N,) rad, of these frames in the mission's."""
     places = zip(homes, yaws.tolist(), mission.return_heights_m, mission.drones, strict=True)
-    mode = _WITHOUT_AGENT[mission.safety.agent_lost]
+    mode = FlightMode(mission.safety.agent_lost)
     return [
         Autopilot(home, -yaw, step_s, height_m, has_home=drone.localization != "slam", without_setpoints=mode)
         for home, yaw, height_m, drone in places

@@ -1,9 +1,12 @@
 from math import pi
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
-from sim.vehicle.autopilot import Autopilot
+from sim.scenario import load_scenario
+from sim.vehicle.autopilot import Autopilot, autopilots
 from sim.vehicle.guidance import Reframing
 
 STEP_S = 0.05
@@ -79,6 +82,17 @@ def test_a_mode_that_is_asked_for_while_a_failsafe_flies_it_ends_the_failsafe(mo
     assert (autopilot.mode, autopilot.failsafe) == (mode, True)
     run(autopilot, 0.5, VehicleCommand(Request[mode.name]))
     assert (autopilot.mode, autopilot.failsafe) == (mode, False)
+
+
+@pytest.mark.parametrize("agent_lost", ["return", "hold", "land"])
+def test_without_setpoints_a_vehicle_does_what_its_mission_says(agent_lost):
+    mission = load_scenario("demo").mission
+    mission = replace(mission, safety=replace(mission.safety, agent_lost=agent_lost))
+    for autopilot in autopilots(mission, [(0.0, 0.0, 0.0)] * 3, np.zeros(3), STEP_S):
+        run(autopilot, 6.0, VehicleCommand(Request.TAKEOFF, takeoff_height_m=3.0))
+        run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+        run(autopilot, 1.2)
+        assert autopilot.mode == agent_lost
 
 
 def test_a_return_is_one_until_it_is_down():
