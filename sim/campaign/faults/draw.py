@@ -6,7 +6,7 @@ al., "Swarm testing", ISSTA 2012).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
@@ -28,7 +28,7 @@ _NEVER_STAY = ("freeze", "late")  # a frozen process is killed by its watchdog: 
 _ONE_ONLY = ("kill", "late", "motor", "takeover", "equivocating", "revoked")  # else there would often be nobody left
 _WITHOUT_END = ("late", "motor", "revoked")
 _WITHOUT_TARGET = ("partition",)
-_RETURN, _HOLD = 0.7, 0.85  # cumulated shares of what autopilots do without setpoints; the others land
+_SHARE_RETURN, _SHARE_HOLD = 0.7, 0.15  # of the missions: what autopilots do without setpoints; in the others they land
 _FLOOD_S = 5.0  # each second of it costs as much as ten others
 
 
@@ -45,11 +45,11 @@ def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
     return document
 
 
-def _agent_lost(seed: int) -> str:
+def _agent_lost(seed: int) -> Literal["return", "hold", "land"]:
     """What autopilots do without their agents; mostly the default. By a stream of its own: faults stay those of the seed."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM, 1)))
-    share = float(rng.random())
-    return "return" if share < _RETURN else "hold" if share < _HOLD else "land"
+    drawn = float(rng.random())
+    return "return" if drawn < _SHARE_RETURN else "hold" if drawn < _SHARE_RETURN + _SHARE_HOLD else "land"
 
 
 def as_toml(document: dict[str, Any]) -> str:

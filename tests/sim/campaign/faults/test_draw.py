@@ -43,6 +43,12 @@ def test_all_kinds_come_and_seeds_differ_in_their_kinds() -> None:
     assert len(pairs) > 300  # of the 406 pairs of kinds
 
 
+def test_in_some_missions_autopilots_hold_or_land_without_their_agents() -> None:
+    drawn = Counter(draw(seed)["mission"]["safety"]["agent_lost"] for seed in range(400))
+    assert set(drawn) == {"return", "hold", "land"}
+    assert all(40 < drawn[mode] < 80 for mode in ("hold", "land"))  # 15 % of them, by three sigma
+
+
 def test_the_file_of_a_mission_is_a_scenario_like_any_other(tmp_path: Path) -> None:
     for seed in (0, 3, 5, 8):
         path = tmp_path / f"{seed}.toml"
