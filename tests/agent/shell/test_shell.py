@@ -199,13 +199,13 @@ def test_a_disk_that_fills_while_nothing_changes_is_told(tmp_path: Path, log: Lo
     async def run() -> None:
         store = StateStore(str(folder), "d1", log)
         store.save(STATE)
-        while not folder.exists():
+        while store._saving is None or not store._saving.done():
             await asyncio.sleep(0.005)
         assert store.problem is None
+        assert StateFile(str(folder), "d1").load() == STATE
+        shutil.rmtree(folder)  # nothing is being written now
+        folder.write_text("a file where the folder should be")
         while store.problem is None:
-            shutil.rmtree(folder, ignore_errors=True)
-            with suppress(FileExistsError):
-                folder.write_text("a file where the folder should be")
             store.save(STATE)
             await asyncio.sleep(0.005)
         folder.unlink()
