@@ -83,8 +83,8 @@ class Setting:
 
     def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
         """When the first fault of these families begins that puts wrong observations into every log; infinite without one."""
-        own = (fault for fault in self.scenario.fault if fault.family in families and self.strikes(fault))
-        return min((fault.at_s for fault in own if not _is_announced(fault)), default=inf)
+        striking = (fault for fault in self.scenario.fault if fault.family in families and self.strikes(fault))
+        return min((fault.at_s for fault in striking if not _is_announced(fault)), default=inf)
 
     def struck_unannounced(self, drone: int, time_s: float, families: Collection[Family] = OWN_FAULTS) -> bool:
         """Whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump

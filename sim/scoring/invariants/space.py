@@ -14,7 +14,7 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
-BESIDE_M = 1.5  # so far from one on the ground another may come down
+ONTO_M = 1.5  # who is nearer to one on the ground may touch it: less than in the air, as only one of the two moves
 _BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
@@ -54,7 +54,7 @@ class Separation(Invariant[Scene]):
 
 class Collision(Separation):
     """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors. None comes down
-    on another one that is on the ground: within 1.5 m of it.
+    on another one that is on the ground, nor takes off beside it: within 1.5 m of it, in space.
     """
 
     name = "collision"
@@ -63,7 +63,7 @@ class Collision(Separation):
         """Pairs that have collided."""
         for pair, distance_m in self._near(moment, COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
-        for pair, distance_m in self._near(moment, BESIDE_M, in_air=1):
+        for pair, distance_m in self._near(moment, ONTO_M, in_air=1):
             yield Breach(pair, f"{distance_m:.2f} m apart, one of them on the ground")
 
 

@@ -191,7 +191,7 @@ def test_a_drone_brakes_by_setpoints_before_it_holds_or_lands(action) -> None:
 
 
 @pytest.mark.parametrize(("height_m", "stage"), [(0.5, Stage.LANDING), (1.4, Stage.TAKEOFF), (3.0, Stage.TRACK)])
-def test_nor_one_of_which_nothing_was_heard_meanwhile(height_m, stage) -> None:
+def test_a_vehicle_that_sank_while_nothing_was_heard_of_it_does_not_search_near_the_ground(height_m, stage) -> None:
     """The first heartbeat after it still shows offboard."""
     mission, found = Mission(TrackConfig(), floor_m=1.5), {"has_hypothesis": True, "last_cone_ns": 20 * SECOND}
     mission.command(Action.START, SECOND, CALM)
