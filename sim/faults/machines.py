@@ -174,8 +174,9 @@ class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
 
 
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
-    """A pilot chooses a mode by remote control, and leaves the vehicle in hold when it is over. In ``manual`` the pilot hovers,
-    and the autopilot obeys the agent in nothing; after another mode it obeys new requests.
+    """A pilot chooses a mode by remote control, and leaves the vehicle in hold when it is over (in lockstep not while it comes
+    down, or a failsafe flies it). In ``manual`` the pilot hovers, and the autopilot obeys the agent in nothing, and acts on an
+    empty battery only afterwards; after another mode it obeys new requests.
     """
 
     family: ClassVar[Family] = "vehicle"
