@@ -69,7 +69,7 @@ class Named(Invariant[Moment]):
     do they count for a drone that flies by SLAM, whose frame drifts anyway, while the others' sightings keep that frame right: it
     is where it takes itself to be in the mission frame, and nothing that it measures contradicts that. One with satellites has to
     be named then, too: its fixes contradict the sightings. That a frame is not known yet, as to any agent that has just been
-    started, is no suspicion.
+    started, is no suspicion; the 10 s count anew for a new agent, and what the revoked suspect counts for nothing.
     """
 
     name = "named"
