@@ -250,7 +250,13 @@ class Executive:
         vehicle, home = self._own.vehicle, self._navigator.home
         is_low = vehicle is not None and vehicle.height_m < low_m(self._config)
         longest_s = REVOKED_NO_NEARER_S if self._revoked and is_low and not home.is_near else NO_NEARER_S
+        longest_s = STRANDED_S if self._never_knows_its_frame else longest_s
         return min(returning_s, home.no_nearer_s) >= longest_s
+
+    @property
+    def _never_knows_its_frame(self) -> bool:
+        """Whether it has no way home, and nothing to wait for; meanwhile others keep clear of wherever it may be."""
+        return self._own.is_lost or self._own.is_displaced
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
@@ -287,7 +293,7 @@ class Executive:
         if absence is not None and not self._navigator.has_room:
             return ROOMLESS_S
         is_alone = absence is not None and absence.alone and self._config.safety.alone == "return"
-        return STRANDED_S if is_alone or self._own.is_lost or self._own.doubt_m > LARGEST_DOUBT_M else inf
+        return STRANDED_S if is_alone or self._never_knows_its_frame or self._own.doubt_m > LARGEST_DOUBT_M else inf
 
     def _measured(self, now_ns: int) -> frozenset[str]:
         """The drones that have measured since the mission began, and no longer ago than one may fly.

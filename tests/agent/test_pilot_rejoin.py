@@ -118,20 +118,20 @@ def test_a_jump_that_was_announced_while_its_agent_was_down_leaves_it_without_it
     assert (one.whereabouts is None) == (NO_PLACE in one.problems) == (epoch == 1)
 
 
-def test_a_drone_whose_frame_is_not_known_waits_where_it_is():
+def test_a_drone_that_will_never_know_its_frame_waits_where_it_is_and_lands_soon():
+    """It has no way home, and others kept clear of all where it might be for two minutes, and landed beside their homes."""
     one, _ = back(epoch=1)
-    places = []
-    for tick in range(1, 401):
+    places, stages = [], []
+    for tick in range(1, 12 * 20):
         now_ns = BACK_NS + tick * TICK_NS
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=places[-1] if places else (0.0, 0.0, 3.0), epoch=1))
-        step = one.step(now_ns)
-        assert step.command.request is Request.OFFBOARD
-        places.append(step.command.setpoint.position_m)
+        command = one.step(now_ns).command
+        stages.append(one.stage)
+        places += [command.setpoint.position_m] if command.setpoint is not None else []
     assert places[:20] == pytest.approx(np.tile((0.0, 0.0, 3.0), (20, 1)), abs=0.01)
-    away = np.hypot(*np.array(places)[:, :2].T)
-    assert 3.0 < away.max() < 5.0  # later on a circle of 4 m across, on which ranges tell its heading
-    assert one.stage is Stage.SURVEY  # nobody has taken over
-    assert one.counters["waited_without_frame"] == 401
+    assert one.stage is Stage.LANDING
+    assert 4.5 * 20 < stages.index(Stage.RETURN) < 6 * 20
+    assert one.counters["waited_without_frame"] > 9 * 20
 
 
 def test_a_frame_whose_numbers_are_not_finite_is_not_stored_and_the_rest_is():
