@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from agent.navigation.peers.sources import Sources
 from protocol.entries import Sighting
-from protocol.messages import Plan, Pose, Stage, Status
+from protocol.messages import GROUND_STAGES, Plan, Pose, Stage, Status
 
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
@@ -19,6 +19,8 @@ STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is s
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _SURELY_DOWN_NS = 5_000_000_000  # an agent that is started again in flight tells for a moment that it is on the ground
+_AWAKE_NS = 1_000_000_000  # after its first pose an agent that was started anew knows whether its vehicle flies
+_DOWN_NS = 120_000_000_000  # by then a vehicle that goes home without its agent has landed
 _MOST_DELAYS = 8  # of a second: ten poses, and as many plans
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
@@ -35,6 +37,7 @@ class Peer:
 
     ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
     while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
+    ``waking_ns``: stamp of the first status of an agent that was started anew in flight, and does not know of that yet.
     ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
     the last messages that were kept, by both clocks as they are.
     """
@@ -45,6 +48,7 @@ class Peer:
     launch: Pose | None = None
     at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
+    waking_ns: int | None = None
     ahead_ns: int = 0
     delays_ns: deque[int] = field(default_factory=partial(deque, maxlen=_MOST_DELAYS))
     poses: deque[Pose] = field(default_factory=deque)
@@ -107,8 +111,23 @@ class Peer:
         self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
         if self.at_launch_since_ns is not None:
             self.at_launch_since_ns += by_ns
+        if self.waking_ns is not None:
+            self.waking_ns += by_ns
         self.sources.shift(by_ns)
         self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
+
+    def is_waking(self, status: Status) -> bool:
+        """Whether it flew when it was heard last, and this is of an agent that was started anew, has lost its state and does not
+        know yet of the flight: until it has telemetry, and a moment longer, it says that it is on the ground. Believed, its
+        vehicle, which flies home meanwhile, was reckoned with nowhere for 6 s.
+        """
+        known = self.status
+        if known is None or known.boot == status.boot or known.stage in GROUND_STAGES or status.stage is not Stage.PREFLIGHT:
+            self.waking_ns = None
+            return False
+        self.waking_ns = status.stamp_ns if self.waking_ns is None else self.waking_ns
+        first_ns = next((pose.stamp_ns for pose in self.poses if pose.stamp_ns > self.waking_ns), status.stamp_ns)
+        return status.stamp_ns - first_ns < _AWAKE_NS and status.stamp_ns - known.stamp_ns < _DOWN_NS
 
     def take_status(self, status: Status) -> None:
         """Note that it has left its launch place."""
@@ -190,6 +209,8 @@ class Peers:
             return None
         if known is not None and known.stamp_ns >= message.stamp_ns:
             return "older_than_known"
+        if isinstance(message, Status) and peer.is_waking(message):
+            return "of_an_agent_that_wakes"
         setattr(peer, kind, message)
         peer.delays_ns.append(delay_ns)
         if isinstance(message, Status):

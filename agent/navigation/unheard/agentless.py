@@ -179,6 +179,10 @@ class Agentless:
             return "hold"
         return "hold" if name in self._homeless else self._agent_lost
 
+    def has_home(self, name: str) -> bool:
+        """Whether its autopilot can return: not where its local frame may begin anywhere."""
+        return name not in self._homeless
+
     def launch(self, name: str) -> Vector3:
         """Its launch place by the mission's layout."""
         return self._launch[name]

@@ -248,14 +248,15 @@ class Silent:
     ) -> list[Course]:
         """What its vehicle does if its agent is gone, or as it is revoked and obeys: from where it was seen last, or else by its
         last pose; by each frame. It goes home by its localisation, as that is: where that is wrong, to beside its home. If its
-        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet; one that has
-        told its stage, but no pose for seconds, has had no telemetry, and has it hold.
+        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet, or it is
+        brought home; one that has told its stage, but no pose for seconds, has had no telemetry, and has it hold.
         """
         stages = [_stage(peer)]
         if not pose.steered and stages[0] in STEERED:
             stages.append(Stage.HOLD)
-        elif pose.steered and stages[0] in (Stage.HOLD, Stage.LANDING):  # it was braking by setpoints
+        elif pose.steered and stages[0] in (Stage.TAKEOFF, Stage.HOLD, Stage.LANDING):  # it was rising, or braking, by setpoints
             stages.append(Stage.SURVEY)
+        goes_home = name in me.excluded or self._is_brought_home(name, peer, pose)
         is_blind = stages[0] in STEERED and peer.status is not None and peer.status.stamp_ns - pose.stamp_ns > _BLIND_NS
         home = self._agentless.home(name, peer, frames[-1])
         found = []
@@ -264,10 +265,14 @@ class Silent:
             there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
             steered = pose.steered and last is None
             courses = [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
-            comes_home = name in me.excluded and all(course.way is None for course in courses)
+            comes_home = goes_home and all(course.way is None for course in courses)
             found += courses + ([self._agentless.return_of(name, moves, there)] if comes_home else [])
             found += [self._agentless.blind_hold(moves)] if is_blind else []
         return [course for number, course in enumerate(found) if course not in found[:number]]
+
+    def _is_brought_home(self, name: str, peer: Peer, pose: Pose) -> bool:
+        """Whether its autopilot, or a human pilot, had it return: then that goes on, whatever it would do without its agent."""
+        return _stage(peer) is Stage.RETURN and not pose.steered and self._agentless.has_home(name)
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""

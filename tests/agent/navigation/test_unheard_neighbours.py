@@ -139,8 +139,41 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
     assert after_silence(60.0, Stage.LANDING, steered=False)[0] == []
 
 
-@pytest.mark.parametrize("stage", [Stage.HOLD, Stage.LANDING])
-def test_one_that_brakes_by_setpoints_before_it_holds_or_lands_may_come_home_if_its_agent_is_gone(stage):
+@pytest.mark.parametrize("agent_lost", ["return", "hold", "land"])
+def test_one_that_its_autopilot_or_a_human_pilot_brings_home_is_expected_there_whatever_it_would_do_without_its_agent(agent_lost):
+    peers, mission = Peers(["b"]), replace(MISSION, safety=SafetyConfig(agent_lost=agent_lost))
+    for message in (replace(pose(), steered=False), status(Stage.RETURN)):
+        assert peers.receive(message, 0) is None
+    hood = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a")
+    found = hood.around(peers, Self(14 * SECOND, 0, 0.1, Transform()))
+    assert any(one.plan.positions[0][:2] == pytest.approx((10.0, 0.0), abs=0.3) for one in found)
+    assert hood.absence is None or hood.absence.coming_home == ("b",)
+
+
+def started_anew(shown_s=None):
+    """b tracked until 2 s. From 5 s on its agent, which has lost its state, says that it is on the ground; it has poses from
+    ``shown_s`` on.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    peers.receive(replace(status(Stage.TRACK), stamp_ns=2 * SECOND), 2 * SECOND)
+    peers.receive(pose(2 * SECOND), 2 * SECOND)
+    for tick in range(50, 101):
+        now_ns = tick * SECOND // 10
+        if shown_s is not None and tick >= 10 * shown_s:
+            peers.receive(replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0)), now_ns)
+        if tick % 10 == 0:
+            peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=now_ns, boot="2" * 16), now_ns)
+    return hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+
+
+def test_one_whose_agent_is_started_anew_in_flight_and_does_not_know_of_that_yet_may_be_where_it_would_be_without_it():
+    assert [one.plan.positions for one in started_anew()] == [one.plan.positions for one in after_silence(8.0)[0]]
+    assert started_anew(9.5) != []
+    assert started_anew(7.5) == []  # it has had telemetry for 2 s, and says that it is on the ground
+
+
+@pytest.mark.parametrize("stage", [Stage.TAKEOFF, Stage.HOLD, Stage.LANDING])
+def test_one_that_rises_or_brakes_by_setpoints_may_come_home_if_its_agent_is_gone(stage):
     """Its autopilot does what it would have done in the search."""
     comes_home = [one.plan.positions[0][:2] for one in after_silence(14.0, stage)[0]]
     assert any(place == pytest.approx((10.0, 0.0), abs=0.3) for place in comes_home)
