@@ -35,7 +35,7 @@ from agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sighti
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING
-from agent.navigation.unheard.contact import SILENT_NS, Circle
+from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
 from agent.navigation.unheard.heardagain import HeardAgain
 from agent.navigation.unheard.lastnews import LastNews
 from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, Silent
@@ -82,7 +82,10 @@ class Neighbourhood:
         found = {}
         for name in peers.names:
             told = peers[name].last_news(now_ns)
-            news = LastNews.of(*told, self._silent.wall(name), peers[name].launch) if told is not None else None
+            if told is None:
+                continue
+            pose, status = told
+            news = LastNews.of(pose, status, self._silent.wall(name, pose.stamp_ns), peers[name].launch)
             if news is not None:
                 found[name] = news
         return self._before | found
@@ -181,6 +184,9 @@ class Neighbourhood:
     def _unhearing(self, other: Other, me: Self) -> list[PeerPlan] | None:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
         name, pose, plan, status = other.name, other.pose, other.peer.plan, other.peer.status
+        known = self._silent.last_contact(name)
+        if known is not None and not _hears(other.peer, self._id, known.stamp_ns + SILENT_NS):
+            return self._apart(other, known, me)
         if plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
             if status is not None:
                 self._while_heard[name] = status.stage, me.circle
@@ -196,9 +202,14 @@ class Neighbourhood:
         stage, circle = self._while_heard.get(name, (status.stage, me.circle))
         mine = me.motion_at(last.stamp_ns)
         contact = self._silent.contact(name, other.peer, last, bare(other.mission_from_theirs), stage, circle, mine)
-        sigma_m = between_sigma_m(pose, other.mission_from_theirs, me)
+        return self._apart(other, contact, me)
+
+    def _apart(self, other: Other, contact: Contact, me: Self) -> list[PeerPlan]:
+        """The side that is left to a drone that does not hear this one since this contact."""
+        frame = other.mission_from_theirs
+        sigma_m = WORST_SIGMA_M if frame is None else between_sigma_m(other.pose, frame, me)
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
-        return self._silent.unhearing(name, contact, sigma_m, viewer)
+        return self._silent.unhearing(other.name, contact, sigma_m, viewer)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """It is revoked, and on its way home."""
@@ -274,6 +285,17 @@ class Neighbourhood:
         if me.now_ns - other.pose.stamp_ns >= QUIET_NS + other.peer.usual_delay_ns:
             frame, viewer = bare(other.mission_from_theirs), me.viewer(me.local_from_mission)
             yield self._silent.stop(other.name, other.peer, other.pose, frame, viewer)
+
+
+def _hears(peer: Peer, me: str, since_ns: int) -> bool:
+    """Whether a drone has told since then that it hears this one, ``me``: by its newest plan, or else by its status.
+
+    After a silence the first pose comes before a plan or status of after it. What it told before tells nothing: taken for word
+    that it hears this drone, the last contact was forgotten, and the line that follows from it, on this side only (0.61 m).
+    """
+    if peer.plan is not None and peer.plan.stamp_ns > since_ns:
+        return not isinstance(peer.plan.unheard, tuple) or me not in peer.plan.unheard
+    return peer.status is not None and peer.status.stamp_ns > since_ns and me in peer.status.delays_ns
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:

@@ -52,6 +52,7 @@ QUIET_NS = 400_000_000
 # Places on a shared circle are kept for this long after the last contact. Each side notices after a second, and moves to a circle
 # of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
+RELAYED_NS = 4_000_000_000  # who is gone for good is heard by nobody any more by then, by the statuses of the others
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
@@ -93,9 +94,12 @@ class Silent:
         if wall is not None:
             self._lines.recall(name, heard_ns, wall)
 
-    def wall(self, name: str) -> Wall | None:
-        """The line that follows from the last contact with one that is not heard, kept to at present or not any more."""
-        return self._lines.wall(name)
+    def wall(self, name: str, heard_ns: int) -> Wall | None:
+        """The line that follows from the last contact with one that is not heard, kept to at present or not any more; None where
+        it was heard since then, but did not hear this drone.
+        """
+        contact = self._lines.contact(name)
+        return self._lines.wall(name) if contact is None or contact.stamp_ns == heard_ns else None
 
     def forget(self, name: str) -> None:
         """Forget the line, courses and home of a drone: it is in contact with this one, on the ground, or was never heard."""
@@ -111,6 +115,10 @@ class Silent:
     def obeys(self, name: str, now_ns: int) -> None:
         """It is revoked, and on its way home."""
         self._obeys_ns.setdefault(name, now_ns)
+
+    def last_contact(self, name: str) -> Contact | None:
+        """The last contact with a drone that is not heard, or does not hear this one; None while both hear each other."""
+        return self._lines.contact(name)
 
     def is_unhearing(self, name: str) -> bool:
         """Whether it is heard, but was last known not to hear this drone."""
@@ -146,7 +154,10 @@ class Silent:
         """What follows from the silence of these drones, if any. ``partners``: those that take part and are heard."""
         unhearing = tuple(name for name in missing if name in self._unhearing)
         left = tuple(name for name in missing if self._has_left(name, now_ns))
+        relayed = self._relayed(missing, partners, peers)
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
+        if any(self._order.index(name) < self._order.index(self._id) for name in relayed):
+            ring = self._order.index(self._id)  # the other one is on the same side, too, and stays
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
         stops: list[Point2] = []
         coming_home = []
@@ -160,8 +171,8 @@ class Silent:
             coming_home += [name] if is_coming else []
         walls, alone, hover = self._lines.at(now_ns), bool(missing) and not partners, np.array(stops).reshape(-1, 2)
         unparted = [name for name in missing if name not in left and name not in walls]
-        cut_off = alone or (ring > 0 and len(unparted) > 1)
-        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, cut_off=cut_off))
+        cut_off = set(missing) if alone or (ring > 0 and len(missing) - len(left) > 1) else relayed
+        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, cut_off=name in cut_off))
         return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
 
     @property
@@ -175,12 +186,30 @@ class Silent:
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
+    def _relayed(self, missing: Sequence[str], partners: Sequence[str], peers: Peers) -> set[str]:
+        """Those of the missing that are heard by a drone which this one hears, too: they fly on, and on the same side, though
+        neither hears the other.
+        """
+        statuses = [status for partner in partners if (status := peers[partner].status) is not None]
+        return {
+            name
+            for name in missing
+            for status in statuses
+            if name in status.delays_ns and status.stamp_ns - (self._last_ns(name, peers[name]) or 0) > RELAYED_NS
+        }
+
+    def _last_ns(self, name: str, peer: Peer) -> int | None:
+        """Stamp of the last contact with a missing drone; None where it was never heard."""
+        contact = self._lines.contact(name)
+        return contact.stamp_ns if contact is not None else peer.pose.stamp_ns if peer.pose is not None else None
+
     def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, cut_off: bool) -> bool:
         """Whether one that no line parts from this drone at present took part, or may have, and may still do so.
 
         Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who hears
         nobody may be the one that is ``cut_off``: two that were, met a minute after the line between them had ended (1.8 m). So
-        may be all that are not on the side of the first one, where two or more are missing that may hear each other.
+        may be all that are not on the side of the first one, where two or more are missing that may hear each other; and whom a
+        third one hears (0.03 m).
         """
         if peer.status is None:  # it has measured, or may have taken off before this agent was restarted; or is revoked
             since_ns = self._excluded_ns.get(name, now_ns)
@@ -192,8 +221,7 @@ class Silent:
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
-        pose, contact = peers[name].pose, self._lines.contact(name)
-        last_ns = contact.stamp_ns if contact is not None else pose.stamp_ns if pose is not None else None
+        last_ns = self._last_ns(name, peers[name])
         if last_ns is not None and now_ns - last_ns < LEAVING_NS:
             return True
         statuses = (peers[partner].status for partner in partners)

@@ -44,6 +44,14 @@ def _partition(strike: Strike) -> Numbers:
             return {"groups": groups}
 
 
+def _cut(strike: Strike) -> Numbers:
+    """The links with all others, or with one of them, so that a third one hears both."""
+    direction, others = strike.one("both", "send", "receive"), [name for name in strike.drones if name not in strike.target]
+    if not others or strike.rng.random() < 0.5:
+        return {"direction": direction}
+    return {"direction": direction, "peers": strike.one(*others)}
+
+
 def _delay(strike: Strike) -> Numbers:
     return {"delay_s": strike.scale(0.02, 1.5), "jitter_s": strike.uniform(0.0, 0.5)}
 
@@ -99,7 +107,7 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "slow-cpu": lambda strike: {"late_s": strike.scale(0.03, 0.8)},
     "disk": lambda strike: {"how": strike.one("full", "slow", "state-torn", "state-flipped")},
     "partition": _partition,
-    "cut": lambda strike: {"direction": strike.one("both", "send", "receive")},
+    "cut": _cut,
     "loss": lambda strike: {"probability": strike.scale(0.05, 0.7)},
     "delay": _delay,
     "reorder": lambda strike: {"probability": strike.uniform(0.05, 0.7), "held_s": strike.scale(0.1, 2.0)},

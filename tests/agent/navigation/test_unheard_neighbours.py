@@ -139,6 +139,23 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
     assert after_silence(60.0, Stage.LANDING, steered=False)[0] == []
 
 
+@pytest.mark.parametrize("hears", [False, True])
+def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_its_plan_or_status_does(hears):
+    """The plan of before the silence was taken for that, and the last contact forgotten on one side only, with its line."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), plan(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(2 * SECOND, 0, 0.1, Transform()))
+    now_ns = 100 * SECOND
+    peers.receive(pose(now_ns), now_ns)
+    (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert (hood.absence.missing, hood.absence.unhearing, other.takes_part) == (("b",), ("b",), False)
+    told = replace(status(Stage.SURVEY), stamp_ns=now_ns, delays_ns={"a": 0} if hears else {})
+    peers.receive(told, now_ns)
+    (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert (hood.absence is None) == other.takes_part == hears
+
+
 @pytest.mark.parametrize("agent_lost", ["return", "hold", "land"])
 def test_one_that_its_autopilot_or_a_human_pilot_brings_home_is_expected_there_whatever_it_would_do_without_its_agent(agent_lost):
     peers, mission = Peers(["b"]), replace(MISSION, safety=SafetyConfig(agent_lost=agent_lost))

@@ -31,13 +31,16 @@ def least_m(scenario: Scenario, seed: int, faults: list[dict[str, object]], end_
     return least
 
 
-def empty_field(homes: tuple[tuple[float, float], ...]) -> Scenario:
-    """Drones search 50 x 50 m in which there is nothing."""
+def empty_field(homes: tuple[tuple[float, float], ...], size_m: float = 50.0) -> Scenario:
+    """Drones search a square in which there is nothing, and go on for long."""
     scenario, demo = load_scenario("empty"), load_scenario("demo").mission
-    outline = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
+    outline = ((0.0, 0.0), (size_m, 0.0), (size_m, size_m), (0.0, size_m))
     area = replace(scenario.mission.area, polygon_m=outline, fence_margin_m=30.0)
     drones = tuple(replace(demo.drones[0], id=f"d{i}", origin_m=(*home, 0.0)) for i, home in enumerate(homes, 1))
-    return replace(scenario, mission=replace(scenario.mission, area=area, drones=drones))
+    survey = (
+        replace(scenario.mission.survey, least_activity_bq=None, duration_s=400.0) if size_m > 50.0 else scenario.mission.survey
+    )
+    return replace(scenario, mission=replace(scenario.mission, area=area, drones=drones, survey=survey))
 
 
 @pytest.mark.slow
@@ -119,3 +122,38 @@ def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_e
     faults = [{"kind": "partition", "at_s": 21.0, "groups": ALONE_3}]
     faults += [{"kind": "freeze", "at_s": 20.0, "for_s": 2.9}] if frozen else []
     assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 130.0) > 2.5
+
+
+@pytest.mark.slow
+def test_two_on_the_circle_that_do_not_hear_each_other_but_whom_a_third_one_hears_leave_the_circle_to_the_first() -> None:
+    """Both stayed on it, each among those that it heard: 0.67 m."""
+    demo, cut = load_scenario("demo"), {"kind": "cut", "target": "d2", "peers": "d3", "at_s": 40.0}
+    drones = tuple(replace(demo.mission.drones[0], id=f"d{i}", origin_m=(13.0 + 6.0 * i, 2.0, 0.0)) for i in range(1, 5))
+    mission = replace(demo.mission, drones=drones, track=replace(demo.mission.track, duration_s=150.0))
+    assert least_m(replace(demo, mission=mission), 5, [cut], 75.0) > 2.5
+
+
+@pytest.mark.slow
+def test_two_that_search_and_do_not_hear_each_other_but_whom_a_third_one_hears_do_so_in_their_layers_after_the_lines() -> None:
+    """Each took the other to have landed: 0.36, 0.29 and 0.03 m."""
+    field = empty_field(((34.0, 2.0), (40.0, 2.0), (46.0, 2.0)), 80.0)
+    assert least_m(field, 4, [{"kind": "cut", "target": "d1", "peers": "d3", "at_s": 21.0}], 170.0) > 2.5
+
+
+@pytest.mark.slow
+def test_sides_that_regroup_before_the_lines_have_ended_are_still_above_each_other() -> None:
+    """Of two missing drones one was parted by a line, so that the side counted as the one that is low: 0.60 m."""
+    first = {"kind": "partition", "groups": [["d1", "d2"], ["d3", "d4"]], "at_s": 21.0, "for_s": 29.0}
+    second = {"kind": "partition", "groups": [["d1", "d4"], ["d2", "d3"]], "at_s": 50.0}
+    field = empty_field(((21.0, 2.0), (27.0, 2.0), (33.0, 2.0), (39.0, 2.0)), 60.0)
+    assert least_m(field, 3, [first, second], 113.0) > 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("heard_s", "end_s"), [(105.0, 130.0), (70.0, 100.0)])
+def test_who_hears_others_for_a_moment_keeps_to_what_both_know(heard_s, end_s) -> None:
+    """It left its layer, or turned the line to which the others kept as it was: 0.61 and 0.69 m."""
+    cut = {"kind": "cut", "target": "d3"}
+    faults = [cut | {"direction": "send", "at_s": 21.0}, cut | {"direction": "receive", "at_s": 21.0, "for_s": heard_s - 21.0}]
+    faults += [cut | {"direction": "receive", "at_s": heard_s + 0.7}]
+    assert least_m(empty_field(((34.0, 2.0), (40.0, 2.0), (46.0, 2.0)), 60.0), 3, faults, end_s) > 2.5
