@@ -173,7 +173,7 @@ class Px4Vehicle:
         now_s = self._clock_s()
         streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
         seen = self._telemetry.seen
-        if seen is None:
+        if seen is None or self._telemetry.awaits_mode(now_s):  # a human pilot may have taken over meanwhile
             return
         altitude_set = self.parameters.value(TAKEOFF_ALTITUDE) == float32(command.takeoff_height_m)
         act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)

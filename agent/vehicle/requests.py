@@ -12,7 +12,9 @@ old may still show the hold before that takeoff. After a landing it goes back to
 offboard: hold is commanded then.
 
 A human pilot who took over from one request keeps the vehicle also from the next one, until the pilot program has noticed and
-released the vehicle: only later requests take into account that a human flies.
+released the vehicle: only later requests take into account that a human flies. So does one who took over while nothing was heard:
+whatever the newest heartbeat said when the request came, a manual mode that it did not say is a takeover. Nothing is commanded
+for long to a vehicle that is not heard: its failsafe flies it by then, or a human pilot who would lose it again and again.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says oth
 # A command that ends offboard is sent again so soon until it is acknowledged, or for so long: no setpoints come any more, and
 # after a second without them PX4 returns.
 UNACKED_S, _LOST_S = 0.2, 1.0
+# With neither a heartbeat nor a new request for so long, nothing is commanded: PX4 notices after a second that no setpoints come.
+BLIND_S = 3.0
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
@@ -77,7 +81,7 @@ class Requests:
         self._is_acked = False
         self._last: Act | None = None
         self._was_armed = self._yielded = False
-        self._begin(Request.STAY, taken_over=False)
+        self._begin(Request.STAY, float("-inf"), by_hand=False, taken_over=False)
 
     def step(self, now_s: float, request: Request, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
         """The command to send now, if any.
@@ -90,15 +94,17 @@ class Requests:
             altitude_set: the autopilot knows the height to take off to.
         """
         if request is not self._request:
-            self._begin(request, self._is_taken_over(seen))
+            by_hand = seen.mode is FlightMode.MANUAL
+            self._begin(request, now_s, by_hand=by_hand, taken_over=self._is_taken_over(seen))
+        is_blind = now_s - max(seen.heartbeat_s, self._begun_s) > BLIND_S
         if request is Request.STAY:
-            return self._asked(now_s, Act.HOLD if _must_hold(seen) else None, REPEAT_S)
+            return self._asked(now_s, Act.HOLD if _must_hold(seen) and not is_blind else None, REPEAT_S)
         if request not in _TARGETS:
             return None
         self._was_armed = self._was_armed or seen.armed  # however soon after the command a heartbeat shows it
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
             self._judge(seen)
-        act = None if self._yielded else self._wanted(seen, streaming, altitude_set)
+        act = None if self._yielded or is_blind else self._wanted(seen, streaming, altitude_set)
         leaves = seen.mode is FlightMode.OFFBOARD and act in (Act.HOLD, Act.LAND)
         is_lost = leaves and not self._is_acked and now_s - self._first_s < _LOST_S
         return self._asked(now_s, act, UNACKED_S if is_lost else URGENT_S if seen.failsafe else REPEAT_S)
@@ -116,18 +122,19 @@ class Requests:
         self._last, self._asked_s = act, now_s
         return act
 
-    def _begin(self, request: Request, taken_over: bool) -> None:
-        self._request = request
+    def _begin(self, request: Request, now_s: float, *, by_hand: bool, taken_over: bool) -> None:
+        self._request, self._begun_s = request, now_s
         self._last = None
         self._mode_before: FlightMode | None = None
+        self._by_hand = by_hand  # a human pilot flew when the request came, and has ever since
         self._was_armed = self._reached = False
         self._disarmed_s = float("inf")  # arrival of the first heartbeat that told so, of those in a row
         self._yielded = taken_over and request in _TARGETS  # not once it is released
 
     def _is_taken_over(self, seen: Seen) -> bool:
         """Whether a human pilot has taken the vehicle from the present request."""
-        had_it = self._reached or self._yielded or self._mode_before not in (None, FlightMode.MANUAL)
-        return seen.armed and seen.mode is FlightMode.MANUAL and had_it
+        had_it = self._reached or self._yielded or not self._by_hand
+        return self._request in _TARGETS and seen.armed and seen.mode is FlightMode.MANUAL and had_it
 
     def _judge(self, seen: Seen) -> None:
         """Whether the request has been reached, or somebody else has chosen otherwise."""
@@ -137,13 +144,15 @@ class Requests:
                 self._yielded = True
             return
         self._disarmed_s = float("inf")
-        if seen.failsafe and seen.mode is not FlightMode.MANUAL:
+        takes_over = seen.mode is FlightMode.MANUAL and not self._by_hand
+        self._by_hand = seen.mode is FlightMode.MANUAL
+        if seen.failsafe and not self._by_hand:
             return  # offboard loss: the autopilot resumes by itself once setpoints are streamed again
         before = self._mode_before
         by_itself = not self._reached and seen.mode in _OWN and before in _OWN
         if seen.mode is _TARGETS[self._request]:
             self._reached = True
-        elif self._reached or (before not in (None, seen.mode) and not by_itself):
+        elif self._reached or takes_over or (before not in (None, seen.mode) and not by_itself):
             self._yielded = True
         self._mode_before = seen.mode
 

@@ -45,6 +45,7 @@ from agent.vehicle.trust import PositionTrust
 FRESH_S = 0.5  # older attitudes and ranges are not used with a position
 MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported
 LANDED_S = 3.0  # one of 5 Hz
+BACK_S = 1.2  # after a gap in all messages a heartbeat, at 1 Hz, is waited for this long
 LOST_S = 2.5  # without a heartbeat: two at 1 Hz have been lost
 NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
@@ -72,7 +73,8 @@ class Telemetry:
         self._config = config
         self._clock = BootClock()
         self._heartbeat: Heartbeat | None = None
-        self._heartbeat_s = self._position_s = float("-inf")
+        self._heartbeat_s = self._position_s = self._heard_s = float("-inf")
+        self._back_s = float("-inf")  # when the newest gap in all messages ended
         self._range_m = (0.0, float("-inf"))  # along the sensor's axis; when it arrived
         self._intended: FlightMode | None = None
         self._extended: ExtendedState | None = None
@@ -91,6 +93,9 @@ class Telemetry:
 
     def receive(self, message: Message, arrival_ns: int, arrival_s: float) -> VehicleState | None:
         """Take a message; a position yields a new state once everything else is known."""
+        if arrival_s - self._heard_s > MISSING_S:
+            self._back_s = arrival_s
+        self._heard_s = arrival_s
         match message:
             case LocalPosition():
                 return self._state(message, arrival_ns, arrival_s)
@@ -166,6 +171,10 @@ class Telemetry:
     def is_lost(self, now_s: float) -> bool:
         """Whether the link is lost: no heartbeat for ``LOST_S``."""
         return now_s - self._heartbeat_s > LOST_S
+
+    def awaits_mode(self, now_s: float) -> bool:
+        """Whether the mode is one from before a gap in all messages, and a heartbeat is about to tell the present one."""
+        return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:
         """What prevents flying, by the autopilot's reports."""

@@ -1,10 +1,12 @@
 """Fulfilment of requests: by the heartbeat, not by acknowledgements, and never against a human pilot."""
 
+from math import inf
+
 import pytest
 from msgspec.structs import replace
 
 from agent.vehicle.interface import FlightMode, Request
-from agent.vehicle.requests import REPEAT_S, Act, Requests, Seen
+from agent.vehicle.requests import BLIND_S, REPEAT_S, Act, Requests, Seen
 
 ON_GROUND = Seen(FlightMode.HOLD, armed=False, in_air=False, failsafe=False, heartbeat_s=0.0)
 FLYING = Seen(FlightMode.HOLD, armed=True, in_air=True, failsafe=False, heartbeat_s=0.0)
@@ -17,13 +19,13 @@ class Desk:
         self.requests = Requests()
         self.seen = self._shown = seen
         self.now_s = 100.0
-        self._beat_s, self._beaten_s = beat_s, 99.0
+        self.beat_s, self._beaten_s = beat_s, 99.0  # inf: no heartbeat arrives any more
 
     def run(self, request: Request, seconds: float, streaming: bool = True, altitude_set: bool = True) -> list[Act]:
         acts = []
         for _ in range(round(seconds * 20)):
             self.now_s += 0.05
-            if self.now_s - self._beaten_s >= self._beat_s:
+            if self.now_s - self._beaten_s >= self.beat_s:
                 self._beaten_s = self.now_s
                 self._shown = replace(self.seen, heartbeat_s=self.now_s)
             act = self.requests.step(self.now_s, request, self._shown, streaming, altitude_set)
@@ -135,6 +137,44 @@ def test_a_human_pilot_keeps_the_vehicle_until_the_takeover_has_been_seen() -> N
     assert desk.run(Request.OFFBOARD, 10.0) == []
     assert desk.run(Request.RELEASE, 1.0) == []
     assert desk.run(Request.LAND, 0.05) == [Act.LAND]  # an operator wants it who can see that a human flies
+
+
+@pytest.mark.parametrize("gap_s", [1.2, 10.0])
+def test_a_human_pilot_who_took_over_in_or_after_a_gap_in_telemetry_keeps_the_vehicle(gap_s: float) -> None:
+    """The hold that is asked for meanwhile begins anew what the requests know of the mode."""
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    desk.beat_s = inf
+    assert Act.HOLD in desk.run(Request.HOLD, gap_s)
+    assert desk.run(Request.OFFBOARD, 0.3) == []
+    desk.seen, desk.beat_s = replace(FLYING, mode=FlightMode.MANUAL), 1.0
+    assert desk.run(Request.OFFBOARD, 10.0) == []
+    assert desk.run(Request.RELEASE, 1.0) == []
+    assert Act.OFFBOARD in desk.run(Request.OFFBOARD, 2.0)  # an operator's command
+
+
+def test_a_human_pilot_keeps_the_vehicle_although_the_first_heartbeat_comes_with_a_command() -> None:
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    desk.beat_s = inf
+    assert desk.run(Request.HOLD, 0.05) == [Act.HOLD]
+    desk.seen, desk.beat_s = replace(FLYING, mode=FlightMode.MANUAL), 0.0
+    desk.run(Request.HOLD, 0.05)
+    desk.beat_s = 1.0
+    assert desk.run(Request.LAND, 10.0) == []
+
+
+@pytest.mark.parametrize(("request_", "act"), [(Request.HOLD, Act.HOLD), (Request.LAND, Act.LAND)])
+def test_a_vehicle_that_is_not_heard_is_commanded_for_a_moment_only(request_, act) -> None:
+    """A human pilot who had taken over lost it again every 1.5 s. Once it is heard again, it is asked again."""
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    desk.beat_s = inf
+    desk.run(Request.OFFBOARD, 1.0)
+    assert len(desk.run(request_, BLIND_S)) >= 6  # lost packets: until PX4 must have noticed that no setpoints come
+    assert desk.run(request_, 30.0) == []
+    desk.seen, desk.beat_s = replace(FLYING, mode=FlightMode.RETURN, failsafe=True, intended=FlightMode.OFFBOARD), 1.0
+    assert act in desk.run(request_, 1.0)
 
 
 def test_a_human_pilot_keeps_the_vehicle_in_a_failsafe_too() -> None:
