@@ -5,7 +5,10 @@ commanded again. A mode that was reached, or was active when the request came, a
 somebody else, a human pilot or a failsafe: it is not commanded again until there is a new request.
 
 In a failsafe the heartbeat shows the mode of the failsafe, and CURRENT_MODE the one the autopilot goes back to when its cause is
-over. A mode that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it.
+over. A mode that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it. But offboard is
+not: setpoints alone end the failsafe for want of them, and others are to be obeyed. After a release it is commanded for a moment,
+until acknowledged: an operator wants it, who can see that a failsafe flies. One for want of a ground station or battery, or at
+the fence, ends only by a mode that is chosen.
 
 Transitions by the autopilot itself count for nobody: after its takeoff it changes to hold, and a heartbeat that is up to a second
 old may still show the hold before that takeoff. After a landing it goes back to the previous mode, and cannot be armed in
@@ -33,6 +36,7 @@ DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says oth
 UNACKED_S, _LOST_S = 0.2, 1.0
 # With neither a heartbeat nor a new request for so long, nothing is commanded: PX4 notices after a second that no setpoints come.
 BLIND_S = 3.0
+OVERRULE_S = 1.5  # after an operator's command offboard is asked for in a failsafe for so long, until it is acknowledged
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
@@ -104,7 +108,9 @@ class Requests:
         self._was_armed = self._was_armed or seen.armed  # however soon after the command a heartbeat shows it
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
             self._judge(seen)
-        act = None if self._yielded or is_blind else self._wanted(seen, streaming, altitude_set)
+        overrules = self._is_ordered and not self._is_acked and now_s - self._begun_s < OVERRULE_S
+        can_steer = seen.in_air and streaming and (overrules or not seen.failsafe)
+        act = None if self._yielded or is_blind else self._wanted(seen, can_steer, altitude_set)
         leaves = seen.mode is FlightMode.OFFBOARD and act in (Act.HOLD, Act.LAND)
         is_lost = leaves and not self._is_acked and now_s - self._first_s < _LOST_S
         return self._asked(now_s, act, UNACKED_S if is_lost else URGENT_S if seen.failsafe else REPEAT_S)
@@ -123,8 +129,9 @@ class Requests:
         return act
 
     def _begin(self, request: Request, now_s: float, *, by_hand: bool, taken_over: bool) -> None:
+        self._is_ordered = self._request is Request.RELEASE  # only an operator ends that in the air
         self._request, self._begun_s = request, now_s
-        self._last = None
+        self._last, self._is_acked = None, False
         self._mode_before: FlightMode | None = None
         self._by_hand = by_hand  # a human pilot flew when the request came, and has ever since
         self._was_armed = self._reached = False
@@ -156,7 +163,7 @@ class Requests:
             self._yielded = True
         self._mode_before = seen.mode
 
-    def _wanted(self, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
+    def _wanted(self, seen: Seen, can_steer: bool, altitude_set: bool) -> Act | None:
         request = self._request
         if self._was_armed and not seen.armed:
             return None  # never arm twice for one request
@@ -164,7 +171,7 @@ class Requests:
             return self._takeoff(seen, altitude_set)
         if not seen.armed or self._is_there(seen):
             return None
-        if request is Request.OFFBOARD and not (seen.in_air and streaming and not seen.failsafe):
+        if request is Request.OFFBOARD and not can_steer:
             return None
         return _ACTS[request]
 

@@ -104,6 +104,36 @@ def test_an_offboard_loss_failsafe_is_left_to_end_by_itself() -> None:
     assert desk.run(Request.OFFBOARD, 1.0) == []
 
 
+@pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.RETURN])
+def test_an_operator_ends_a_failsafe_that_lasts_but_only_once(mode: FlightMode) -> None:
+    """For want of a ground station or battery, or at the fence: it ends only by a mode that is chosen."""
+    failsafe = replace(FLYING, mode=mode, failsafe=True, intended=FlightMode.OFFBOARD)
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    desk.seen = failsafe
+    assert desk.run(Request.OFFBOARD, 4.0) == []
+    assert desk.run(Request.RELEASE, 2.0) == []
+    assert desk.run(Request.OFFBOARD, 0.3, streaming=False) == []
+    assert desk.run(Request.OFFBOARD, 0.5) == [Act.OFFBOARD] * 2  # nothing acknowledges it
+    desk.requests.acked()
+    assert desk.run(Request.OFFBOARD, 10.0) == []  # refused
+    desk.run(Request.RELEASE, 1.0)
+    assert 2 <= len(desk.run(Request.OFFBOARD, 10.0)) <= 4  # nobody hears it
+    desk.run(Request.RELEASE, 1.0)
+    desk.seen = replace(FLYING, mode=FlightMode.OFFBOARD)
+    desk.run(Request.OFFBOARD, 3.0)
+    desk.seen = failsafe
+    assert desk.run(Request.OFFBOARD, 10.0) == []  # the next one is not the operator's any more
+
+
+def test_an_operators_landing_does_not_end_a_failsafe_for_what_follows() -> None:
+    failsafe = replace(FLYING, mode=FlightMode.RETURN, failsafe=True, intended=FlightMode.OFFBOARD)
+    desk = Desk(failsafe)
+    desk.run(Request.RELEASE, 1.0)
+    assert Act.LAND in desk.run(Request.LAND, 1.0)
+    assert desk.run(Request.OFFBOARD, 5.0) == []
+
+
 def test_a_mode_that_somebody_else_chose_stays() -> None:
     for beat_s in (0.2, 1.0):
         desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s)
