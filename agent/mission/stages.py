@@ -11,7 +11,7 @@ from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import refusal
 from agent.mission.situation import Situation
-from agent.mission.takeover import FLYING, MODES, SEARCHING, STEERED, ForeignStage, Takeover, is_failsafe
+from agent.mission.takeover import FLYING, MODES, REQUESTS, SEARCHING, STEERED, ForeignStage, Takeover, is_elsewhere, is_failsafe
 from agent.mission.unsteered import Unsteered
 from agent.navigation.home import KeptHome
 from agent.navigation.unheard.lines import TAKING_PART
@@ -27,18 +27,6 @@ BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came 
 SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 
-_REQUESTS = {
-    Stage.PREFLIGHT: Request.STAY,
-    Stage.LANDED: Request.STAY,
-    Stage.TAKEOFF: Request.TAKEOFF,
-    Stage.SURVEY: Request.OFFBOARD,
-    Stage.TRACK: Request.OFFBOARD,
-    Stage.REACQUIRE: Request.OFFBOARD,
-    Stage.HOLD: Request.HOLD,
-    Stage.RETURN: Request.OFFBOARD,
-    Stage.LANDING: Request.LAND,
-    Stage.ABORT: Request.LAND,
-}
 _STAGE_AFTER = {
     Action.START: Stage.TAKEOFF,
     Action.RETURN: Stage.RETURN,
@@ -68,6 +56,7 @@ class Mission:
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
+        self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
@@ -81,13 +70,13 @@ class Mission:
     @property
     def request(self) -> Request:
         """The request of this stage to the autopilot; hold while the position cannot be trusted."""
-        if self.released:
+        if self.released or self._lets_go:
             return Request.RELEASE
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
         if self._is_rising or (self.stage in (Stage.HOLD, Stage.LANDING) and self._braking.lasts):
             return Request.OFFBOARD
-        return _REQUESTS[self.stage]
+        return REQUESTS[self.stage]
 
     @property
     def _is_rising(self) -> bool:
@@ -102,8 +91,16 @@ class Mission:
         refused = refusal(action, self.stage, situation, self._position_loss.lands)
         if refused is not None:
             return refused
+        before = self.request
         self.released = False
         self._unsteered.begin()
+        self._obey(action, stamp_ns, situation, started_ns)
+        if self.request is before and is_elsewhere(situation.vehicle, self.request):
+            self._asks_again = True
+            self._takeover.changed()
+        return None
+
+    def _obey(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None) -> None:
         if action is Action.START:
             self._begin_anew()
             self.started_ns = stamp_ns if started_ns is None else started_ns
@@ -111,13 +108,12 @@ class Mission:
             self._brake(situation)
         if action is Action.HOLD:
             self._hold(situation.now_ns)
-            return None
+            return
         if action is Action.RETURN:
             self._insists = self._insists or self.landed_because == SPENT
             self.landed_because = ""  # of a landing that it ends
         stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
-        return None
 
     def _begin_anew(self) -> None:
         """Forget the flight before this one."""
@@ -208,6 +204,7 @@ class Mission:
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
         vehicle, now_ns = situation.vehicle, situation.now_ns
+        self._lets_go, self._asks_again = self._asks_again, False
         self.took_part_ns = min(self.took_part_ns, now_ns)  # a later time is from before the clock was set back
         if vehicle is None or self.stage not in FLYING:
             return
@@ -327,7 +324,7 @@ class Mission:
             self._enter(Stage.RETURN, now_ns)
         elif mode is FlightMode.LAND:
             self._enter(Stage.LANDING, now_ns)
-        elif self.stage not in (Stage.HOLD, Stage.LANDING, Stage.ABORT):
+        elif self.stage not in (Stage.HOLD, Stage.ABORT) and (self.stage is not Stage.LANDING or mode is FlightMode.HOLD):
             self._hold(now_ns)
         self.released, self._foreign = True, ForeignStage()
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from agent.vehicle.interface import FlightMode, VehicleState
+from agent.vehicle.grounded import STILL_NS
+from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Stage
 
 SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 STEERED = (*SEARCHING, Stage.RETURN)  # the stages flown by setpoints, with separation
+COMING_DOWN = (Stage.LANDING, Stage.ABORT)
 FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
+# The same for a hold in a landing: after touchdown the autopilot shows one until it is believed that the vehicle is down.
+TOUCHDOWN_NS = STILL_NS + TAKEOVER_NS
 REJOIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown within this time
@@ -22,6 +26,17 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong t
     **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
 }
 
+REQUESTS: dict[Stage, Request] = {  # what a stage asks of the autopilot
+    Stage.PREFLIGHT: Request.STAY,
+    Stage.LANDED: Request.STAY,
+    Stage.TAKEOFF: Request.TAKEOFF,
+    Stage.HOLD: Request.HOLD,
+    Stage.LANDING: Request.LAND,
+    Stage.ABORT: Request.LAND,
+    **dict.fromkeys(STEERED, Request.OFFBOARD),
+}
+
+_SHOWN_AS = {Request.OFFBOARD: FlightMode.OFFBOARD, Request.HOLD: FlightMode.HOLD, Request.LAND: FlightMode.LAND}
 _BY_MODE = {  # of a vehicle that somebody else flies
     FlightMode.RETURN: Stage.RETURN,
     FlightMode.LAND: Stage.LANDING,
@@ -35,6 +50,13 @@ def is_failsafe(vehicle: VehicleState) -> bool:
     return vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and not vehicle.healthy
 
 
+def is_elsewhere(vehicle: VehicleState | None, request: Request) -> bool:
+    """Whether somebody has the autopilot in another mode than requested; a human pilot at the sticks keeps the vehicle."""
+    if vehicle is None or not vehicle.healthy or vehicle.mode is FlightMode.MANUAL:
+        return False
+    return vehicle.mode is not _SHOWN_AS.get(request, vehicle.mode)
+
+
 class Takeover:
     """Notices a mode that this agent has not asked for and that stays.
 
@@ -43,7 +65,7 @@ class Takeover:
 
     def __init__(self) -> None:
         self._foreign_since_ns: int | None = None
-        self._was_offboard = False
+        self._was_reached = False  # the mode of the stage: only then is a hold somebody's
         self._rejoining_until_ns = 0
         self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
         self._holds = False  # the autopilot has been in that hold ever since: on a bad link it takes long to leave it
@@ -53,18 +75,18 @@ class Takeover:
         self._held_ns = now_ns
 
     def changed(self) -> None:
-        """The request to the autopilot has changed to or from offboard."""
-        self._was_offboard, self._foreign_since_ns, self._holds = False, None, False
+        """The request to the autopilot has changed to or from offboard, or is made again."""
+        self._was_reached, self._foreign_since_ns, self._holds = False, None, False
 
     def left_hold(self, now_ns: int) -> None:
         """The position can be trusted again: the vehicle is on its way back from hold to offboard."""
-        self._was_offboard, self._rejoining_until_ns = False, now_ns + REJOIN_NS
+        self._was_reached, self._rejoining_until_ns = False, now_ns + REJOIN_NS
 
     def holds(self, now_ns: int) -> bool:
         """Whether a hold that the autopilot shows is this agent's own: it has asked for one, or offboard has not been reached
         since.
         """
-        return not self._was_offboard or self._asked_to_hold(now_ns)
+        return not self._was_reached or self._asked_to_hold(now_ns)
 
     def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int, *, holds: bool) -> bool:
         """Continue a flight in which this agent was restarted; returns whether somebody else flies.
@@ -72,7 +94,7 @@ class Takeover:
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
         when they resume. In a hold it stays. ``holds``: as it was when the agent was ended.
         """
-        self._was_offboard = not (holds and vehicle.mode is FlightMode.HOLD)
+        self._was_reached = not (holds and vehicle.mode is FlightMode.HOLD)
         if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
             return True
         if stage in STEERED or (stage is Stage.TAKEOFF and is_failsafe(vehicle)):
@@ -86,7 +108,8 @@ class Takeover:
         ``stays``: the vehicle holds because its position cannot be trusted.
         """
         settled = not 0 <= now_ns - since_ns <= STALE_NS and not stays
-        self._was_offboard = self._was_offboard or (settled and vehicle.mode is FlightMode.OFFBOARD)
+        own = FlightMode.LAND if stage in COMING_DOWN else FlightMode.OFFBOARD
+        self._was_reached = self._was_reached or (settled and vehicle.mode is own)
         if vehicle.mode in MODES[stage]:
             self._rejoining_until_ns = 0
         if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage):
@@ -95,6 +118,8 @@ class Takeover:
         if self._foreign_since_ns is None or self._foreign_since_ns > now_ns:
             self._foreign_since_ns = now_ns
         patience_ns = TAKEOVER_NS if vehicle.healthy or vehicle.mode is FlightMode.MANUAL else FAILSAFE_NS
+        if vehicle.mode is FlightMode.HOLD and stage in COMING_DOWN:
+            patience_ns = TOUCHDOWN_NS
         return now_ns - self._foreign_since_ns > patience_ns
 
     def _is_own(self, vehicle: VehicleState, now_ns: int, stays: bool) -> bool:
@@ -116,7 +141,9 @@ class Takeover:
             return False
         if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
             return True
-        return mode is FlightMode.HOLD and stage in STEERED and self._was_offboard  # else: not yet in offboard
+        if mode is not FlightMode.HOLD or not self._was_reached:  # else: not yet in the mode of the stage
+            return False
+        return stage in STEERED or (stage in COMING_DOWN and vehicle.healthy)  # a failsafe holds for a while
 
 
 class ForeignStage:

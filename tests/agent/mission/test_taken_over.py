@@ -1,0 +1,97 @@
+"""What a mission and its autopilot's commands come to when a human pilot intervenes, and what an operator can do afterwards."""
+
+from msgspec.structs import replace
+from situations import SECOND, VEHICLE, at, tracking
+
+from agent.mission.stages import Mission
+from agent.mission.takeover import TOUCHDOWN_NS
+from agent.vehicle.grounded import STILL_NS
+from agent.vehicle.interface import FlightMode, Request
+from agent.vehicle.requests import Act, Requests, Seen
+from protocol.messages import Action, Stage
+
+
+class Flight:
+    """A mission and the commands to its autopilot, at 20 Hz, with a heartbeat a second."""
+
+    def __init__(self, mission: Mission, since_s: float = 11.0) -> None:
+        self.mission, self.now_s = mission, since_s
+        self._requests = Requests()
+        self.vehicle = VEHICLE
+
+    def run(self, until_s: float, mode: FlightMode, *, believed_armed: bool | None = None, **vehicle: object) -> list[Act]:
+        """What is commanded meanwhile, while the autopilot is in that mode. ``believed_armed``: other than it reports."""
+        acts = []
+        while self.now_s < until_s - 1e-9:
+            self.vehicle = shown = replace(VEHICLE, stamp_ns=int(self.now_s * SECOND), mode=mode, **vehicle)
+            if believed_armed is not None:
+                shown = replace(shown, armed=believed_armed, in_air=believed_armed)
+            self.mission.step(at(self.now_s, shown, has_hypothesis=True, last_cone_ns=int(self.now_s * SECOND)))
+            failsafe, beaten_s = not shown.healthy, float(int(self.now_s))
+            seen = Seen(
+                mode, self.vehicle.armed, self.vehicle.in_air, failsafe, beaten_s, FlightMode.OFFBOARD if failsafe else None
+            )
+            act = self._requests.step(self.now_s, self.mission.request, seen, True, True)
+            acts += [act] if act is not None else []
+            self.now_s = round(self.now_s + 0.05, 2)
+        return acts
+
+    def command(self, action: Action) -> str | None:
+        """Why it is refused; None where it is not."""
+        return self.mission.command(action, int(self.now_s * SECOND), at(self.now_s, self.vehicle, has_hypothesis=True))
+
+
+def tracked() -> Flight:
+    flight = Flight(tracking())
+    flight.run(15.0, FlightMode.OFFBOARD)
+    return flight
+
+
+def landing() -> Flight:
+    """Told to land at 15 s, and seen to do so from 16 to 20 s."""
+    flight = tracked()
+    assert flight.command(Action.LAND) is None
+    flight.run(16.0, FlightMode.OFFBOARD)
+    flight.run(20.0, FlightMode.LAND)
+    return flight
+
+
+def test_a_pilots_hold_during_a_landing_is_a_takeover() -> None:
+    """It was told as a landing for good, and neither hold nor resume nor land had an effect."""
+    flight = landing()
+    assert flight.run(30.0, FlightMode.HOLD) == []
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    told = flight.mission.unsteered(30 * SECOND)
+    assert told is not None
+    assert "under the control of a human pilot" in told
+    assert flight.command(Action.LAND) is None
+    assert flight.run(31.0, FlightMode.HOLD) == [Act.LAND]
+
+
+def test_a_hold_that_the_autopilot_shows_after_touchdown_is_nobodys_takeover() -> None:
+    """A PX4 does, disarmed; that is believed 2.2 s later, and 5 s later on a roof."""
+    flight = landing()
+    flight.run(20.0 + STILL_NS / SECOND + 1.0, FlightMode.HOLD, believed_armed=True, armed=False, in_air=False)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.LANDING, False)
+    flight.run(flight.now_s + 0.1, FlightMode.HOLD, armed=False, in_air=False)
+    assert flight.mission.stage is Stage.LANDED
+
+
+def test_what_an_operator_commands_once_more_is_sent_once_more() -> None:
+    """A pilot's hold has not been taken for a takeover yet: the request to the autopilot is the same."""
+    flight = landing()
+    assert flight.run(22.0, FlightMode.HOLD) == []
+    assert flight.command(Action.LAND) is None
+    assert flight.run(22.5, FlightMode.HOLD) == [Act.LAND]
+    assert flight.run(25.0, FlightMode.LAND) == []
+    assert (flight.mission.stage, flight.mission.request) == (Stage.LANDING, Request.LAND)
+    flight.run(25.1 + TOUCHDOWN_NS / SECOND, FlightMode.HOLD)  # and once more by the pilot
+    assert flight.mission.released
+
+
+def test_but_not_against_a_pilot_at_the_sticks() -> None:
+    flight = landing()
+    assert flight.run(21.0, FlightMode.MANUAL) == []
+    assert flight.command(Action.LAND) is None
+    assert flight.run(25.0, FlightMode.MANUAL) == []
+    assert flight.mission.released
