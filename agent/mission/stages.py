@@ -210,7 +210,8 @@ class Mission:
             return
         self._was_armed = self._was_armed or vehicle.armed
         self._braking.step(vehicle, now_ns)
-        if self._was_armed and not vehicle.armed and not vehicle.in_air:
+        is_to_arm = self.stage is Stage.TAKEOFF and not self._rises and not self._was_armed
+        if not (is_to_arm or vehicle.armed or vehicle.in_air):
             self._enter(Stage.LANDED, now_ns)
             self.released = False  # whoever flew it has disarmed it: from here the agent makes it ready to be armed again
             return

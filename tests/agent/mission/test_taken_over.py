@@ -1,8 +1,10 @@
 """What a mission and its autopilot's commands come to when a human pilot intervenes, and what an operator can do afterwards."""
 
+import pytest
 from msgspec.structs import replace
 from situations import SECOND, VEHICLE, at, tracking
 
+from agent.config.mission import TrackConfig
 from agent.mission.stages import Mission
 from agent.mission.takeover import TOUCHDOWN_NS
 from agent.vehicle.grounded import STILL_NS
@@ -95,3 +97,18 @@ def test_but_not_against_a_pilot_at_the_sticks() -> None:
     assert flight.command(Action.LAND) is None
     assert flight.run(25.0, FlightMode.MANUAL) == []
     assert flight.mission.released
+
+
+@pytest.mark.parametrize("action", [Action.LAND, Action.HOLD, Action.RETURN, Action.ABORT])
+def test_one_that_was_not_armed_has_landed_once_it_is_to_do_something_else(action: Action) -> None:
+    """It was told as flying on the ground, and refused to start, until its agent was restarted."""
+    flight, ground = Flight(Mission(TrackConfig(), floor_m=1.5), 1.0), {"armed": False, "in_air": False, "height_m": 0.0}
+    flight.vehicle = replace(VEHICLE, armed=False, in_air=False, height_m=0.0)
+    assert flight.command(Action.START) is None
+    assert flight.run(5.0, FlightMode.HOLD, **ground) == [Act.ARM] * 3
+    assert flight.mission.stage is Stage.TAKEOFF
+    assert flight.command(action) is None
+    assert flight.run(6.0, FlightMode.HOLD, **ground) == []
+    assert flight.mission.stage is Stage.LANDED
+    assert flight.command(Action.START) is None
+    assert flight.run(7.0, FlightMode.HOLD, **ground) == [Act.ARM]
