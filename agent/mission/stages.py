@@ -111,6 +111,7 @@ class Mission:
             return
         if action is Action.RETURN:
             self._insists = self._insists or self.landed_because == SPENT
+        if action in (Action.RETURN, Action.RESUME):
             self.landed_because = ""  # of a landing that it ends
         stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
@@ -218,6 +219,7 @@ class Mission:
         is_steered = self.stage in STEERED and not self._position_loss.stays
         self._unsteered.step(vehicle.mode, now_ns, steered=is_steered, released=self.released)
         if self.released:
+            self._position_loss.step(vehicle, now_ns, battery_low=situation.battery_low)  # for the next command
             self._follow_release(vehicle.mode, now_ns)
             return
         self._watch_position(vehicle, now_ns, situation.battery_low)

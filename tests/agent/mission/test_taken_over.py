@@ -112,3 +112,29 @@ def test_one_that_was_not_armed_has_landed_once_it_is_to_do_something_else(actio
     assert flight.mission.stage is Stage.LANDED
     assert flight.command(Action.START) is None
     assert flight.run(7.0, FlightMode.HOLD, **ground) == [Act.ARM]
+
+
+@pytest.mark.parametrize("action", [Action.RETURN, Action.RESUME])
+def test_a_reason_to_land_does_not_outlive_a_takeover(action: Action) -> None:
+    """Minutes after the satellites were back, with the vehicle held by its pilot, it refused: "it lands"."""
+    flight = tracked()
+    flight.run(46.5, FlightMode.HOLD, position_trusted=False)
+    assert flight.mission.stage is Stage.LANDING
+    flight.run(50.0, FlightMode.LAND, position_trusted=False)
+    flight.run(56.0, FlightMode.MANUAL, position_trusted=False)
+    assert flight.mission.released
+    assert str(flight.command(action)).startswith(f"{action}: it lands: its position could not be trusted")
+    flight.run(60.0, FlightMode.HOLD)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    assert flight.command(action) is None
+    assert (flight.mission.request, flight.mission.landed_because) == (Request.OFFBOARD, "")
+
+
+@pytest.mark.parametrize("action", [Action.RETURN, Action.RESUME])
+def test_a_position_that_is_lost_during_a_takeover_counts_after_it(action: Action) -> None:
+    flight = tracked()
+    flight.run(20.0, FlightMode.MANUAL)
+    flight.run(30.0, FlightMode.MANUAL, position_trusted=False)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    assert flight.command(action) is None
+    assert flight.mission.request is Request.HOLD
