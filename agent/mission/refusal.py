@@ -1,4 +1,4 @@
-"""Which commands of an operator a drone refuses, by its stage."""
+"""Which commands of an operator a drone refuses, by its stage, and to which stages the others lead."""
 
 from __future__ import annotations
 
@@ -6,16 +6,27 @@ from agent.mission.situation import Situation
 from agent.mission.takeover import FLYING, STEERED
 from protocol.messages import GROUND_STAGES, Action, Stage
 
+STAGE_AFTER = {
+    Action.START: Stage.TAKEOFF,
+    Action.RETURN: Stage.RETURN,
+    Action.LAND: Stage.LANDING,
+    Action.ABORT: Stage.ABORT,
+}
 
-def refusal(action: Action, stage: Stage, situation: Situation, lands: str | None) -> str | None:
-    """Why a command is refused at that stage; None where it is obeyed. ``lands``: why it has to land; None where it has not."""
+
+def refusal(
+    action: Action, stage: Stage, situation: Situation, lands: str | None, *, aborted: bool, released: bool
+) -> str | None:
+    """Why a command is refused at that stage; None where it is obeyed. ``lands``: why it has to land; None where it has not.
+    ``aborted``: an operator has ended the flight; ``released``: somebody else flies the vehicle.
+    """
     if action is Action.START:
         if stage not in GROUND_STAGES:
             return "start: already started"
         return f"start refused: {situation.problems[0]}" if situation.problems else None
     if stage not in FLYING:
         return f"{action}: not flying"
-    if stage is Stage.ABORT:
+    if aborted and not (released and action in (Action.LAND, Action.ABORT)):
         return f"{action}: aborted"
     if action is Action.RESUME and stage is not Stage.HOLD:
         return "resume: not holding"

@@ -9,16 +9,26 @@ from agent.mission.braking import Braking
 from agent.mission.floor import is_low
 from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
-from agent.mission.refusal import refusal
+from agent.mission.refusal import STAGE_AFTER, refusal
 from agent.mission.situation import Situation
-from agent.mission.takeover import FLYING, MODES, REQUESTS, SEARCHING, STEERED, ForeignStage, Takeover, is_elsewhere, is_failsafe
+from agent.mission.takeover import (
+    COMING_DOWN,
+    FLYING,
+    MODES,
+    REQUESTS,
+    SEARCHING,
+    STEERED,
+    ForeignStage,
+    Takeover,
+    is_elsewhere,
+    is_failsafe,
+)
 from agent.mission.unsteered import Unsteered
 from agent.navigation.home import KeptHome
 from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
-_FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 # Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
 # agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).
@@ -26,13 +36,6 @@ ROOMLESS_S = 2.0
 BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
 SPENT = "its battery did not last for the way home"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
-
-_STAGE_AFTER = {
-    Action.START: Stage.TAKEOFF,
-    Action.RETURN: Stage.RETURN,
-    Action.LAND: Stage.LANDING,
-    Action.ABORT: Stage.ABORT,
-}
 
 
 class Mission:
@@ -56,6 +59,7 @@ class Mission:
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
+        self._aborted = False  # an operator has: until the next start nothing is commanded but to land
         self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
@@ -88,7 +92,8 @@ class Mission:
 
         ``started_ns``: stamp of the start with which the swarm's mission began; None: this one.
         """
-        refused = refusal(action, self.stage, situation, self._position_loss.lands)
+        lands, aborted = self._position_loss.lands, self._aborted
+        refused = refusal(action, self.stage, situation, lands, aborted=aborted, released=self.released)
         if refused is not None:
             return refused
         before = self.request
@@ -101,6 +106,7 @@ class Mission:
         return None
 
     def _obey(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None) -> None:
+        self._aborted = self._aborted or action is Action.ABORT
         if action is Action.START:
             self._begin_anew()
             self.started_ns = stamp_ns if started_ns is None else started_ns
@@ -113,14 +119,14 @@ class Mission:
             self._insists = self._insists or self.landed_because == SPENT
         if action in (Action.RETURN, Action.RESUME):
             self.landed_because = ""  # of a landing that it ends
-        stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
+        stage = self.resume if action is Action.RESUME else STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
 
     def _begin_anew(self) -> None:
         """Forget the flight before this one."""
         self.tracking_since_ns = self._search_since_ns = None
         self.resume, self.landed_because = Stage.SURVEY, ""
-        self._was_armed = self._rises = self._insists = False
+        self._was_armed = self._rises = self._insists = self._aborted = False
         self._position_loss = PositionLoss()
 
     def unsteered(self, now_ns: int) -> str | None:
@@ -142,6 +148,7 @@ class Mission:
             stage=self.stage,
             resume=self.resume,
             released=self.released,
+            aborted=self._aborted,
             stays=self._position_loss.stays,
             holds=self.stage in STEERED and self._takeover.holds(now_ns),
             tracking_since_ns=self.tracking_since_ns,
@@ -164,7 +171,7 @@ class Mission:
         """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
         self.started_ns = memory.started_ns
         self.tracking_since_ns, self._search_since_ns = memory.tracking_since_ns, memory.searching_since_ns
-        self.resume = memory.resume
+        self.resume, self._aborted = memory.resume, memory.aborted or memory.stage is Stage.ABORT
         self._enter(memory.stage, now_ns)
         self._was_armed = True
         if memory.stays:
@@ -277,7 +284,8 @@ class Mission:
         if situation.searches_on:
             self._enter(Stage.SURVEY, now_ns)
             return
-        stage = Stage.REACQUIRE if self._is_lost(situation) else Stage.TRACK
+        is_lost = self._can_lose and situation.is_lost(self._track, self.tracking_since_ns, lost=self.stage is Stage.REACQUIRE)
+        stage = Stage.REACQUIRE if is_lost else Stage.TRACK
         if stage is not self.stage:
             self._enter(stage, now_ns)
 
@@ -285,18 +293,6 @@ class Mission:
         """Whether the time for what has been found is over."""
         since_ns, duration_s = self.tracking_since_ns, self._track.duration_s
         return since_ns is not None and duration_s is not None and now_ns - since_ns > duration_s * 1e9
-
-    def _is_lost(self, situation: Situation) -> bool:
-        """By the posterior's RMS where there is one, otherwise by the time without a cone."""
-        if not self._can_lose:
-            return False
-        if situation.rms_m is not None:
-            share = _FOUND_AGAIN if self.stage is Stage.REACQUIRE else 1.0
-            return situation.rms_m > share * self._track.lost_rms_m
-        timeout_s = self._track.no_cone_timeout_s
-        if timeout_s is None or self.tracking_since_ns is None:
-            return False
-        return situation.now_ns - max(situation.last_cone_ns, self.tracking_since_ns) > timeout_s * 1e9
 
     def _watch_battery(self, situation: Situation) -> None:
         """Land where it is rather than run empty on the way: the autopilot would hold, climb and land from high up."""
@@ -327,7 +323,7 @@ class Mission:
             self._enter(Stage.RETURN, now_ns)
         elif mode is FlightMode.LAND:
             self._enter(Stage.LANDING, now_ns)
-        elif self.stage not in (Stage.HOLD, Stage.ABORT) and (self.stage is not Stage.LANDING or mode is FlightMode.HOLD):
+        elif self.stage is not Stage.HOLD and (mode is FlightMode.HOLD or self.stage not in COMING_DOWN):
             self._hold(now_ns)
         self.released, self._foreign = True, ForeignStage()
 

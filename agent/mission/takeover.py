@@ -159,6 +159,6 @@ class ForeignStage:
         """The stage that follows on ``stage``."""
         if mode is not self._mode or self._since_ns > now_ns:  # or the clock was set back
             self._mode, self._since_ns = mode, now_ns
-        if stage not in _BY_MODE.values() or now_ns - self._since_ns < FAILSAFE_NS:
+        if now_ns - self._since_ns < FAILSAFE_NS:
             return stage
         return _BY_MODE.get(mode, stage)

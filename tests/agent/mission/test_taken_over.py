@@ -7,6 +7,7 @@ from situations import SECOND, VEHICLE, at, tracking
 from agent.config.mission import TrackConfig
 from agent.mission.stages import Mission
 from agent.mission.takeover import TOUCHDOWN_NS
+from agent.navigation.home import KeptHome
 from agent.vehicle.grounded import STILL_NS
 from agent.vehicle.interface import FlightMode, Request
 from agent.vehicle.requests import Act, Requests, Seen
@@ -138,3 +139,30 @@ def test_a_position_that_is_lost_during_a_takeover_counts_after_it(action: Actio
     assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
     assert flight.command(action) is None
     assert flight.mission.request is Request.HOLD
+
+
+@pytest.mark.parametrize("action", [Action.LAND, Action.ABORT])
+def test_an_abort_that_a_pilot_takes_over_is_told_as_what_the_pilot_does_and_may_be_commanded_again(action: Action) -> None:
+    """It was told as such for good; and left in hold afterwards, it refused even to land."""
+    flight = tracked()
+    assert flight.command(Action.ABORT) is None
+    flight.run(17.0, FlightMode.LAND)
+    assert flight.command(Action.LAND) == "land: aborted"
+    flight.run(22.0, FlightMode.MANUAL)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    flight.run(30.0, FlightMode.HOLD)
+    others = (Action.HOLD, Action.RETURN, Action.RESUME)
+    assert [flight.command(other) for other in others] == [f"{other}: aborted" for other in others]
+    kept = flight.mission.memory("m", KeptHome(None), 30 * SECOND)
+    assert kept is not None
+    restarted = Mission(TrackConfig())
+    restarted.rejoin(kept, flight.vehicle, 30 * SECOND)
+    assert restarted.command(Action.RETURN, 31 * SECOND, at(31.0)) == "return: aborted"
+    assert flight.command(action) is None
+    assert flight.run(31.0, FlightMode.HOLD) == [Act.LAND]
+    flight.run(40.0, FlightMode.LAND)
+    assert [flight.command(other) for other in others] == [f"{other}: aborted" for other in others]
+    flight.run(40.1, FlightMode.HOLD, armed=False, in_air=False)
+    assert flight.command(Action.START) is None
+    assert flight.run(40.2, FlightMode.HOLD, armed=False, in_air=False) == [Act.ARM]
+    assert flight.command(Action.LAND) is None
