@@ -6,10 +6,7 @@ from math import inf
 
 from msgspec import Struct
 
-from agent.config.mission import TrackConfig
 from agent.vehicle.interface import VehicleState
-
-_FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 
 
 class Situation(Struct, frozen=True):
@@ -50,14 +47,3 @@ class Situation(Struct, frozen=True):
     def is_found(self) -> bool:
         """Whether what has been found is to be tracked now."""
         return self.has_hypothesis and not self.searches_on
-
-    def is_lost(self, track: TrackConfig, tracking_since_ns: int | None, *, lost: bool) -> bool:
-        """Whether the source is: by the posterior's RMS where there is one, otherwise by the time without a cone. ``lost``: it
-        has been so far.
-        """
-        if self.rms_m is not None:
-            return self.rms_m > (_FOUND_AGAIN if lost else 1.0) * track.lost_rms_m
-        timeout_s = track.no_cone_timeout_s
-        if timeout_s is None or tracking_since_ns is None:
-            return False
-        return self.now_ns - max(self.last_cone_ns, tracking_since_ns) > timeout_s * 1e9

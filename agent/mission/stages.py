@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from math import inf
-
 from agent.config.mission import SurveyConfig, TrackConfig
 from agent.mission.braking import Braking
 from agent.mission.floor import is_low
 from agent.mission.memory import REFRESH_NS, Memory
 from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import STAGE_AFTER, refusal
+from agent.mission.searching import Searching
 from agent.mission.situation import Situation
 from agent.mission.takeover import (
     COMING_DOWN,
@@ -52,9 +51,8 @@ class Mission:
         self.took_part_ns = 0  # since when it takes part without a break; of no meaning while it does not
         self.started_ns = 0  # stamp of the start command with which the swarm's mission began; 0: not known
         self.tracking_since_ns: int | None = None
-        self._track = track
-        self._gives_up = survey is not None and survey.then == "return"
-        self._can_lose = can_lose
+        gives_up = survey is not None and survey.then == "return"
+        self._searching = Searching(track, gives_up=gives_up, can_lose=can_lose)
         self._floor_m = floor_m
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
@@ -68,7 +66,6 @@ class Mission:
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
-        self._stranded_since_ns: int | None = None
         self._was_armed = False
 
     @property
@@ -258,41 +255,9 @@ class Mission:
             self.tracking_since_ns = situation.now_ns if self.tracking_since_ns is None else self.tracking_since_ns
 
     def _search(self, situation: Situation) -> None:
-        now_ns = situation.now_ns
-        if situation.goes_home:
-            self._enter(Stage.RETURN, now_ns)
-            return
-        if situation.stranded_s == inf:
-            self._stranded_since_ns = None
-        elif self._stranded_since_ns is None or self._stranded_since_ns > now_ns:
-            self._stranded_since_ns = now_ns
-        elif (now_ns - self._stranded_since_ns) * 1e-9 > situation.stranded_s:
-            self._enter(Stage.RETURN, now_ns)
-            return
-        if self.stage is Stage.SURVEY:
-            if situation.is_found:
-                self._enter(Stage.TRACK, now_ns)
-            elif (situation.nothing_found and self._gives_up) or (situation.has_hypothesis and self._is_over(now_ns)):
-                self._enter(Stage.RETURN, now_ns)
-            return
-        if not situation.has_hypothesis:  # a late entry can remove the hypothesis
-            self._enter(Stage.SURVEY, now_ns)
-            return
-        if self._is_over(now_ns):
-            self._enter(Stage.RETURN, now_ns)
-            return
-        if situation.searches_on:
-            self._enter(Stage.SURVEY, now_ns)
-            return
-        is_lost = self._can_lose and situation.is_lost(self._track, self.tracking_since_ns, lost=self.stage is Stage.REACQUIRE)
-        stage = Stage.REACQUIRE if is_lost else Stage.TRACK
+        stage = self._searching.next(self.stage, situation, self.tracking_since_ns)
         if stage is not self.stage:
-            self._enter(stage, now_ns)
-
-    def _is_over(self, now_ns: int) -> bool:
-        """Whether the time for what has been found is over."""
-        since_ns, duration_s = self.tracking_since_ns, self._track.duration_s
-        return since_ns is not None and duration_s is not None and now_ns - since_ns > duration_s * 1e9
+            self._enter(stage, situation.now_ns)
 
     def _watch_battery(self, situation: Situation) -> None:
         """Land where it is rather than run empty on the way: the autopilot would hold, climb and land from high up."""
