@@ -84,6 +84,11 @@ class Mission:
         """Whether it flies the last metres of its takeoff, or those after a failsafe, by setpoints."""
         return self.stage is Stage.TAKEOFF and self._rises
 
+    @property
+    def _is_steered(self) -> bool:
+        """Whether it flies by setpoints, unless its position cannot be trusted, or a human pilot flies it."""
+        return self.stage in STEERED or self._is_rising
+
     def command(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None = None) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
@@ -198,8 +203,7 @@ class Mission:
             self.landed_because = BROUGHT_DOWN
             self._enter(Stage.LANDING, now_ns)
         elif low:
-            self._enter(Stage.TAKEOFF, now_ns)
-            self._rises = True
+            self._enter(Stage.TAKEOFF, now_ns, rises=True)
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
@@ -220,7 +224,7 @@ class Mission:
             self._enter(Stage.LANDED, now_ns)
             self.released = False  # whoever flew it has disarmed it: from here the agent makes it ready to be armed again
             return
-        is_steered = self.stage in STEERED and not self._position_loss.stays
+        is_steered = self._is_steered and not self._position_loss.stays
         self._unsteered.step(vehicle.mode, now_ns, steered=is_steered, released=self.released)
         if self.released:
             self._position_loss.step(vehicle, now_ns, battery_low=situation.battery_low)  # for the next command
@@ -228,16 +232,15 @@ class Mission:
             return
         self._watch_position(vehicle, now_ns, situation.battery_low)
         self._watch_battery(situation)
-        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, stays=self._position_loss.stays):
+        steered, stays = self._is_steered, self._position_loss.stays
+        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, steered=steered, stays=stays):
             self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
             return
         self._leave_failsafe(vehicle, now_ns)
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
-                self._rises = is_low(vehicle, self._floor_m)  # the autopilot goes by its own height, and that drifts
-                if not self._rises:
-                    self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, now_ns)
+                self._end_takeoff(vehicle, situation)
         elif self.stage is Stage.RETURN:
             if situation.at_home or situation.no_nearer:
                 self.landed_because = self.landed_because if situation.at_home else NO_NEARER
@@ -247,6 +250,12 @@ class Mission:
         elif self.stage is Stage.HOLD and situation.goes_home:
             self._enter(Stage.RETURN, now_ns)
         self._time_tracking(situation)
+
+    def _end_takeoff(self, vehicle: VehicleState, situation: Situation) -> None:
+        if is_low(vehicle, self._floor_m):
+            self._rises = True  # the autopilot goes by its own height, and that drifts
+            return
+        self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, situation.now_ns)
 
     def _time_tracking(self, situation: Situation) -> None:
         """A look at what may move neither ends the search nor begins the tracking."""
@@ -301,11 +310,12 @@ class Mission:
         self.resume = self.stage if self.stage in STEERED else Stage.SURVEY
         self._enter(Stage.HOLD, now_ns)
 
-    def _enter(self, stage: Stage, now_ns: int) -> None:
-        if stage not in STEERED or self.stage not in STEERED:
-            self._takeover.changed()
+    def _enter(self, stage: Stage, now_ns: int, *, rises: bool = False) -> None:
         if self.stage not in TAKING_PART:
             self.took_part_ns = now_ns
-        self.stage, self.since_ns = stage, now_ns
+        was_steered = self._is_steered
+        self.stage, self.since_ns, self._rises = stage, now_ns, rises
+        if not (was_steered and self._is_steered):
+            self._takeover.changed()
         if stage is Stage.SURVEY and self._search_since_ns is None:
             self._search_since_ns = now_ns

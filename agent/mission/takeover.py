@@ -94,25 +94,26 @@ class Takeover:
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
         when they resume. In a hold it stays. ``holds``: as it was when the agent was ended.
         """
-        self._was_reached = not (holds and vehicle.mode is FlightMode.HOLD)
-        if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
+        self._was_reached = stage is not Stage.TAKEOFF and not (holds and vehicle.mode is FlightMode.HOLD)
+        foreign = self._is_foreign(vehicle, stage, stage in STEERED)
+        if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and foreign):  # no failsafe led to it
             return True
         if stage in STEERED or (stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._rejoining_until_ns = now_ns + REJOIN_NS
         return False
 
-    def step(self, vehicle: VehicleState, stage: Stage, since_ns: int, now_ns: int, *, stays: bool) -> bool:
+    def step(self, vehicle: VehicleState, stage: Stage, since_ns: int, now_ns: int, *, steered: bool, stays: bool) -> bool:
         """Whether the autopilot has stayed in a mode that was not requested in this stage, which began at ``since_ns``.
 
         A failsafe is given time to pass: after a gap in the setpoints the autopilot goes back to offboard by itself.
-        ``stays``: the vehicle holds because its position cannot be trusted.
+        ``steered``: it is flown by setpoints; ``stays``: it holds because its position cannot be trusted.
         """
         settled = not 0 <= now_ns - since_ns <= STALE_NS and not stays
         own = FlightMode.LAND if stage in COMING_DOWN else FlightMode.OFFBOARD
         self._was_reached = self._was_reached or (settled and vehicle.mode is own)
-        if vehicle.mode in MODES[stage]:
+        if vehicle.mode in ((FlightMode.OFFBOARD,) if steered else MODES[stage]):
             self._rejoining_until_ns = 0
-        if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage):
+        if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage, steered):
             self._foreign_since_ns = None
             return False
         if self._foreign_since_ns is None or self._foreign_since_ns > now_ns:
@@ -134,16 +135,16 @@ class Takeover:
     def _asked_to_hold(self, now_ns: int) -> bool:
         return self._holds or (self._held_ns is not None and 0 <= now_ns - self._held_ns < OWN_HOLD_NS)
 
-    def _is_foreign(self, vehicle: VehicleState, stage: Stage) -> bool:
+    def _is_foreign(self, vehicle: VehicleState, stage: Stage, steered: bool) -> bool:
         """Whether somebody other than this agent has chosen the mode. Before arming, any mode is fine."""
         mode = vehicle.mode
-        if not vehicle.armed or mode in MODES[stage]:
+        if not vehicle.armed:
             return False
-        if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
-            return True
-        if mode is not FlightMode.HOLD or not self._was_reached:  # else: not yet in the mode of the stage
-            return False
-        return stage in STEERED or (stage in COMING_DOWN and vehicle.healthy)  # a failsafe holds for a while
+        if mode is not FlightMode.HOLD:
+            return mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND) and mode not in MODES[stage]
+        if not self._was_reached:
+            return False  # not yet in the mode of the stage
+        return steered or (stage in COMING_DOWN and vehicle.healthy)  # a failsafe holds for a while
 
 
 class ForeignStage:

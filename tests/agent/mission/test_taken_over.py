@@ -153,7 +153,7 @@ def test_an_abort_that_a_pilot_takes_over_is_told_as_what_the_pilot_does_and_may
     flight.run(30.0, FlightMode.HOLD)
     others = (Action.HOLD, Action.RETURN, Action.RESUME)
     assert [flight.command(other) for other in others] == [f"{other}: aborted" for other in others]
-    kept = flight.mission.memory("m", KeptHome(None), 30 * SECOND)
+    kept = flight.mission.memory("m", KeptHome(), 30 * SECOND)
     assert kept is not None
     restarted = Mission(TrackConfig())
     restarted.rejoin(kept, flight.vehicle, 30 * SECOND)
@@ -166,3 +166,50 @@ def test_an_abort_that_a_pilot_takes_over_is_told_as_what_the_pilot_does_and_may
     assert flight.command(Action.START) is None
     assert flight.run(40.2, FlightMode.HOLD, armed=False, in_air=False) == [Act.ARM]
     assert flight.command(Action.LAND) is None
+
+
+def rising() -> Flight:
+    """Brought to 1.3 m by a failsafe, it rises by setpoints from 21 to 22 s."""
+    mission = Mission(TrackConfig(), floor_m=1.5)
+    mission.command(Action.START, SECOND, at(1.0))
+    flight = Flight(mission, 2.0)
+    flight.run(3.0, FlightMode.HOLD)
+    flight.run(20.0, FlightMode.OFFBOARD)
+    flight.run(21.0, FlightMode.RETURN, healthy=False, height_m=1.3)
+    flight.run(22.0, FlightMode.OFFBOARD, height_m=1.3)
+    assert (mission.stage, mission.request) == (Stage.TAKEOFF, Request.OFFBOARD)
+    return flight
+
+
+def test_a_pilots_hold_while_it_rises_by_setpoints_is_a_takeover() -> None:
+    """Nobody was told of it, and a return that an operator commanded had no effect."""
+    flight = rising()
+    flight.run(23.0, FlightMode.HOLD, height_m=1.4)
+    assert not flight.mission.released
+    flight.run(26.0, FlightMode.HOLD, height_m=1.4)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    assert flight.mission.unsteered(26 * SECOND) is not None
+    assert flight.command(Action.RETURN) is None
+    assert flight.run(26.1, FlightMode.HOLD, height_m=1.4) == [Act.OFFBOARD]
+
+
+def test_nor_does_a_pilots_hold_get_lost_when_it_has_risen() -> None:
+    flight = rising()
+    flight.run(22.1, FlightMode.OFFBOARD, height_m=1.8)
+    assert flight.mission.stage is Stage.TRACK
+    assert flight.run(23.9, FlightMode.HOLD) == []
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+
+
+def test_a_hold_after_the_autopilots_takeoff_is_its_own_also_after_a_restart() -> None:
+    mission = Mission(TrackConfig(), floor_m=1.5)
+    mission.command(Action.START, SECOND, at(1.0))
+    kept, climbing = mission.memory("m", KeptHome(), 2 * SECOND), replace(VEHICLE, mode=FlightMode.TAKEOFF, height_m=1.0)
+    assert kept is not None
+    restarted = Mission(TrackConfig(), floor_m=1.5)
+    restarted.rejoin(kept, climbing, 3 * SECOND)
+    flight = Flight(restarted, 3.0)
+    flight.run(4.0, FlightMode.TAKEOFF, height_m=1.0)
+    flight.run(8.0, FlightMode.HOLD, height_m=1.4)
+    assert (restarted.stage, restarted.released) == (Stage.TAKEOFF, False)
+    assert restarted.unsteered(8 * SECOND) is not None
