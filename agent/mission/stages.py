@@ -55,7 +55,7 @@ class Mission:
         self._searching = Searching(track, gives_up=gives_up, can_lose=can_lose)
         self._floor_m = floor_m
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
-        self.resume = Stage.SURVEY  # the stage after a hold
+        self.resume = Stage.SURVEY  # the stage after a hold: the last one that this agent has flown by setpoints
         self.released = False  # somebody else has taken over
         self._aborted = False  # an operator has: until the next start nothing is commanded but to land
         self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
@@ -115,7 +115,7 @@ class Mission:
         if action in (Action.HOLD, Action.LAND):
             self._brake(situation)
         if action is Action.HOLD:
-            self._hold(situation.now_ns)
+            self._enter(Stage.HOLD, situation.now_ns)
             return
         if action is Action.RETURN:
             self._insists = self._insists or self.landed_because == SPENT
@@ -173,6 +173,7 @@ class Mission:
         """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
         self.started_ns = memory.started_ns
         self.tracking_since_ns, self._search_since_ns = memory.tracking_since_ns, memory.searching_since_ns
+        self.released = memory.released
         self.resume, self._aborted = memory.resume, memory.aborted or memory.stage is Stage.ABORT
         self._enter(memory.stage, now_ns)
         self._was_armed = True
@@ -293,22 +294,18 @@ class Mission:
                 self._get_clear(vehicle, now_ns)
 
     def _release(self, mode: FlightMode, now_ns: int) -> None:
+        self.released, self._foreign = True, ForeignStage()
         if mode is FlightMode.RETURN:
             self._enter(Stage.RETURN, now_ns)
         elif mode is FlightMode.LAND:
             self._enter(Stage.LANDING, now_ns)
         elif self.stage is not Stage.HOLD and (mode is FlightMode.HOLD or self.stage not in COMING_DOWN):
-            self._hold(now_ns)
-        self.released, self._foreign = True, ForeignStage()
+            self._enter(Stage.HOLD, now_ns)
 
     def _follow_release(self, mode: FlightMode, now_ns: int) -> None:
         flown = self._foreign.stage(self.stage, mode, now_ns)
         if flown is not self.stage:
             self._enter(flown, now_ns)
-
-    def _hold(self, now_ns: int) -> None:
-        self.resume = self.stage if self.stage in STEERED else Stage.SURVEY
-        self._enter(Stage.HOLD, now_ns)
 
     def _enter(self, stage: Stage, now_ns: int, *, rises: bool = False) -> None:
         if self.stage not in TAKING_PART:
@@ -317,5 +314,7 @@ class Mission:
         self.stage, self.since_ns, self._rises = stage, now_ns, rises
         if not (was_steered and self._is_steered):
             self._takeover.changed()
+        if stage in STEERED and not self.released:
+            self.resume = stage
         if stage is Stage.SURVEY and self._search_since_ns is None:
             self._search_since_ns = now_ns

@@ -213,3 +213,35 @@ def test_a_hold_after_the_autopilots_takeoff_is_its_own_also_after_a_restart() -
     flight.run(8.0, FlightMode.HOLD, height_m=1.4)
     assert (restarted.stage, restarted.released) == (Stage.TAKEOFF, False)
     assert restarted.unsteered(8 * SECOND) is not None
+
+
+@pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND])
+@pytest.mark.parametrize("action", [Action.RETURN, None])
+def test_resume_leads_to_what_a_pilot_has_interrupted_in_whatever_mode(action: Action | None, mode: FlightMode) -> None:
+    """After a return that a human pilot's own one, and then a hold, had interrupted, it searched again."""
+    flight = tracked()
+    if action is not None:
+        assert flight.command(action) is None
+        flight.run(18.0, FlightMode.OFFBOARD)
+    interrupted = flight.mission.stage
+    flight.run(25.0, mode)
+    flight.run(30.0, FlightMode.HOLD)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    kept = flight.mission.memory("m", KeptHome(), 30 * SECOND)
+    assert kept is not None
+    restarted = Mission(TrackConfig())
+    restarted.rejoin(kept, flight.vehicle, 30 * SECOND)
+    for mission in (flight.mission, restarted):
+        assert mission.command(Action.RESUME, 30 * SECOND, at(30.0, flight.vehicle)) is None
+        assert mission.stage is interrupted
+
+
+def test_a_pilots_own_return_is_not_what_resume_leads_to_after_a_restart() -> None:
+    flight = tracked()
+    flight.run(25.0, FlightMode.RETURN)
+    kept = flight.mission.memory("m", KeptHome(), 25 * SECOND)
+    assert kept is not None
+    assert (kept.stage, kept.resume) == (Stage.RETURN, Stage.TRACK)
+    restarted = Mission(TrackConfig())
+    restarted.rejoin(kept, flight.vehicle, 25 * SECOND)
+    assert (restarted.stage, restarted.resume) == (Stage.RETURN, Stage.TRACK)
