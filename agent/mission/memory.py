@@ -23,8 +23,8 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known;
     ``home_sigma_m``, ``launch``: as in ``KeptHome``.
-    ``searching_since_ns``: when the present search began; None: there is none. ``resume``: the stage after a hold.
-    ``released``: somebody else has taken over the vehicle. ``aborted``: an operator has ended the flight.
+    ``searching_since_ns``: when the present search began; None: there is none. ``resume``: the stage after a hold, or once it has
+    risen. ``released``: somebody else has taken over the vehicle. ``aborted``: an operator has ended the flight.
     ``stays``: this agent has it hold, because its position cannot be trusted. ``holds``: a hold that the autopilot shows is this
     agent's own in any case: it has had no telemetry for a while, or offboard has not been reached since the drone was to be
     steered, or to be steered again. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the present

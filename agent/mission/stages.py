@@ -55,7 +55,8 @@ class Mission:
         self._searching = Searching(track, gives_up=gives_up, can_lose=can_lose)
         self._floor_m = floor_m
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
-        self.resume = Stage.SURVEY  # the stage after a hold: the last one that this agent has flown by setpoints
+        # The stage after a hold, or after it has risen: the last one flown by setpoints, or commanded below the floor.
+        self.resume = Stage.SURVEY
         self.released = False  # somebody else has taken over
         self._aborted = False  # an operator has: until the next start nothing is commanded but to land
         self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
@@ -122,6 +123,9 @@ class Mission:
         if action in (Action.RETURN, Action.RESUME):
             self.landed_because = ""  # of a landing that it ends
         stage = self.resume if action is Action.RESUME else STAGE_AFTER[action]
+        if stage in STEERED and situation.vehicle is not None and is_low(situation.vehicle, self._floor_m):
+            self._rise(stage, situation.now_ns)
+            return
         self._enter(stage, situation.now_ns)
 
     def _begin_anew(self) -> None:
@@ -204,7 +208,12 @@ class Mission:
             self.landed_because = BROUGHT_DOWN
             self._enter(Stage.LANDING, now_ns)
         elif low:
-            self._enter(Stage.TAKEOFF, now_ns, rises=True)
+            self._rise(self.stage, now_ns)
+
+    def _rise(self, stage: Stage, now_ns: int) -> None:
+        """Where it is, by setpoints, to the floor; that stage follows."""
+        self._enter(Stage.TAKEOFF, now_ns, rises=True)
+        self.resume = stage
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
@@ -256,7 +265,8 @@ class Mission:
         if is_low(vehicle, self._floor_m):
             self._rises = True  # the autopilot goes by its own height, and that drifts
             return
-        self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, situation.now_ns)
+        search = Stage.TRACK if situation.is_found else Stage.SURVEY
+        self._enter(Stage.RETURN if self.resume is Stage.RETURN else search, situation.now_ns)
 
     def _time_tracking(self, situation: Situation) -> None:
         """A look at what may move neither ends the search nor begins the tracking."""

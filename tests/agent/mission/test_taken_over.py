@@ -245,3 +245,21 @@ def test_a_pilots_own_return_is_not_what_resume_leads_to_after_a_restart() -> No
     restarted = Mission(TrackConfig())
     restarted.rejoin(kept, flight.vehicle, 25 * SECOND)
     assert (restarted.stage, restarted.resume) == (Stage.RETURN, Stage.TRACK)
+
+
+@pytest.mark.parametrize(("action", "follows"), [(Action.RETURN, Stage.RETURN), (Action.RESUME, Stage.TRACK)])
+def test_below_the_floor_it_rises_before_it_does_what_is_commanded(action: Action, follows: Stage) -> None:
+    flight = rising()
+    flight.run(30.0, FlightMode.MANUAL, height_m=0.6)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
+    assert flight.command(action) is None
+    assert flight.run(31.0, FlightMode.MANUAL, height_m=0.6) == [Act.OFFBOARD]
+    flight.run(33.0, FlightMode.OFFBOARD, height_m=1.2)
+    assert (flight.mission.stage, flight.mission.request) == (Stage.TAKEOFF, Request.OFFBOARD)
+    kept = flight.mission.memory("m", KeptHome(), 33 * SECOND)
+    assert kept is not None
+    restarted = Mission(TrackConfig(), floor_m=1.5)
+    restarted.rejoin(kept, flight.vehicle, 33 * SECOND)
+    for mission in (flight.mission, restarted):
+        mission.step(at(33.1, replace(flight.vehicle, height_m=1.8), has_hypothesis=True, last_cone_ns=33 * SECOND))
+        assert (mission.stage, mission.request) == (follows, Request.OFFBOARD)
