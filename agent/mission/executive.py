@@ -84,12 +84,14 @@ class Executive:
         """The present stage."""
         return self._mission.stage
 
-    @property
-    def goes_home(self) -> bool:
-        """Whether this agent flies its vehicle home, or has; not while a human pilot or a failsafe flies it."""
+    def goes_home(self, now_ns: int) -> bool:
+        """Whether this agent flies its vehicle home, or has; not while a human pilot or a failsafe flies it, nor without recent
+        telemetry, as it holds then.
+        """
         vehicle, stage = self._own.vehicle, self.stage
-        flies = vehicle is not None and not self._mission.released and vehicle.mode in MODES.get(stage, ())
-        return stage is Stage.LANDED or (stage in (Stage.RETURN, Stage.LANDING) and flies)
+        if stage not in (Stage.RETURN, Stage.LANDING) or vehicle is None or self._mission.released:
+            return stage is Stage.LANDED
+        return abs(now_ns - vehicle.stamp_ns) <= TELEMETRY_AGE_NS and vehicle.mode in MODES[stage]
 
     @property
     def reckoning(self) -> Reckoning | None:

@@ -9,7 +9,7 @@ from one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 from agent.fusion.revocations import MOST_REFUSED
 from agent.mission.memory import Memory
 from agent.navigation.home import REVOKED_NO_NEARER_S
-from agent.vehicle.interface import FlightMode
+from agent.vehicle.interface import FlightMode, Request
 from protocol.codec import decode
 from protocol.identity import Role
 from protocol.messages import Action, Pose, Stage
@@ -41,6 +41,22 @@ def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode,
     one.receive(*revocation(member="d1"), START_NS + SECOND)
     assert obeying(one, START_NS + SECOND) == tells
     assert one.stage is Stage.RETURN
+
+
+def test_a_revoked_drone_that_has_no_telemetry_any_more_does_not_tell_that_it_obeys():
+    """It hovers, on the circle it may be, which the others took to be free."""
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    one.step(START_NS)
+    one.observe_vehicle(state(START_NS + SECOND, mode=FlightMode.OFFBOARD))
+    one.receive(*revocation(member="d1"), START_NS + SECOND)
+    assert obeying(one, START_NS + SECOND) == ("d1",)
+    assert obeying(one, START_NS + 5 * SECOND // 2) == ()
+    assert one.stage is Stage.RETURN
+    assert one.step(START_NS + 4 * SECOND).command.request is Request.HOLD
+    one.observe_vehicle(state(START_NS + 5 * SECOND, mode=FlightMode.OFFBOARD))
+    assert obeying(one, START_NS + 5 * SECOND) == ("d1",)
 
 
 @pytest.mark.parametrize(("revoked", "stage"), [(True, Stage.LANDING), (False, Stage.RETURN)])
