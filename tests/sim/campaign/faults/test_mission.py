@@ -102,7 +102,7 @@ def test_an_agent_that_starts_late_is_recorded_from_then_on(tmp_path: Path) -> N
 def test_a_pilot_that_is_not_the_same_again_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = Recording("d1", tmp_path)
     fly_until(1.5, recording.make)
-    monkeypatch.setattr("agent.mission.stages._REQUESTS", {})
+    monkeypatch.setattr("agent.mission.stages.REQUESTS", {})
     (difference,) = recording.differences()
     assert "flown" in difference
 
