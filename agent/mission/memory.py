@@ -27,11 +27,10 @@ class Memory(Struct, frozen=True, kw_only=True):
     risen. ``released``: somebody else has taken over the vehicle. ``aborted``: an operator has ended the flight.
     ``stays``: this agent has it hold, because its position cannot be trusted. ``holds``: a hold that the autopilot shows is this
     agent's own in any case: it has had no telemetry for a while, or offboard has not been reached since the drone was to be
-    steered, or to be steered again. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the present
-    one, these included, so that the frame of a new one is stored at
-    once. ``response``: the identified response of the vehicle. ``frames``: those of all drones that the mission does not tell, by
-    id. ``copied``: the revoked drones whose keys have shown to be copied. ``others``: the last news of those that fly, by
-    id.
+    steered, or to land, or to be steered again. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the
+    present one, these included, so that the frame of a new one is stored at once. ``response``: the identified response of the
+    vehicle. ``frames``: those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have
+    shown to be copied. ``others``: the last news of those that fly, by id.
     """
 
     mission: str

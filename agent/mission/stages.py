@@ -156,7 +156,7 @@ class Mission:
             released=self.released,
             aborted=self._aborted,
             stays=self._position_loss.stays,
-            holds=self.stage in STEERED and self._takeover.holds(now_ns),
+            holds=self.stage in (*STEERED, *COMING_DOWN) and self._takeover.holds(now_ns),
             tracking_since_ns=self.tracking_since_ns,
             searching_since_ns=self._search_since_ns,
             home_m=home.place_m,
@@ -178,7 +178,8 @@ class Mission:
         self.started_ns = memory.started_ns
         self.tracking_since_ns, self._search_since_ns = memory.tracking_since_ns, memory.searching_since_ns
         self.released = memory.released
-        self.resume, self._aborted = memory.resume, memory.aborted or memory.stage is Stage.ABORT
+        self.resume = memory.resume
+        self._aborted = memory.aborted or memory.stage is Stage.ABORT  # a state file of an older release tells the stage only
         self._enter(memory.stage, now_ns)
         self._was_armed = True
         if memory.stays:
@@ -208,7 +209,7 @@ class Mission:
             self.landed_because = BROUGHT_DOWN
             self._enter(Stage.LANDING, now_ns)
         elif low:
-            self._rise(self.stage, now_ns)
+            self._rise(self.resume if self.stage is Stage.TAKEOFF else self.stage, now_ns)  # restarted as it rose
 
     def _rise(self, stage: Stage, now_ns: int) -> None:
         """Where it is, by setpoints, to the floor; that stage follows."""

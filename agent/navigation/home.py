@@ -19,6 +19,7 @@ _GAP_NS = 1_000_000_000  # after a longer gap in the approach, all times start a
 NO_NEARER_S = 60.0  # a return that has not come a metre nearer for this long ends where the drone is
 REVOKED_NO_NEARER_S = 20.0  # that of one that is revoked
 _NEARER_M = 1.0
+_ARRIVED_M = 3.0  # from here on it has that time to come down, whether it gets nearer or is driven away again by others
 
 
 class Launch(Struct, frozen=True):
@@ -120,7 +121,7 @@ class Home:
         if place is None or not vehicle.position_trusted:
             return
         away_m = hypot(vehicle.position_m[0] - place[0], vehicle.position_m[1] - place[1])
-        if away_m < self._nearest_m - _NEARER_M:
+        if away_m < self._nearest_m - _NEARER_M and self._nearest_m > _ARRIVED_M:
             self._nearest_m, self._nearest_ns = away_m, now_ns
         there = away_m < AT_HOME_M and hypot(*vehicle.velocity_mps[:2]) < AT_HOME_MPS
         self._near_since_ns = _since(self._near_since_ns, now_ns, away_m < NEAR_M)

@@ -26,6 +26,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.localization.clocks import HEARD_NS
 from agent.motion.separation import PeerPlan
 from agent.navigation.heard import Heard, Other, between_sigma_m, sigma_of_either_m
 from agent.navigation.myself import Self
@@ -185,9 +186,9 @@ class Neighbourhood:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
         name, pose, plan, status = other.name, other.pose, other.peer.plan, other.peer.status
         known = self._silent.last_contact(name)
-        if known is not None and not _hears(other.peer, self._id, known.stamp_ns + SILENT_NS):
+        if known is not None and not _hears(other.peer, self._id, known.stamp_ns):
             return self._apart(other, known, me)
-        if plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
+        if known is not None or plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
             if status is not None:
                 self._while_heard[name] = status.stage, me.circle
             return None
@@ -287,15 +288,21 @@ class Neighbourhood:
             yield self._silent.stop(other.name, other.peer, other.pose, frame, viewer)
 
 
-def _hears(peer: Peer, me: str, since_ns: int) -> bool:
-    """Whether a drone has told since then that it hears this one, ``me``: by its newest plan, or else by its status.
+def _hears(peer: Peer, me: str, contact_ns: int) -> bool:
+    """Whether a drone has told since the last contact that it hears this one, ``me``: by its newest plan, or where it publishes
+    none any more, by its status.
 
     After a silence the first pose comes before a plan or status of after it. What it told before tells nothing: taken for word
-    that it hears this drone, the last contact was forgotten, and the line that follows from it, on this side only (0.61 m).
+    that it hears this drone, the last contact was forgotten, and the line that follows from it, on this side only (0.61 m). A
+    plan lists whom it has not heard for a second, a status whom it has heard in the last three.
     """
-    if peer.plan is not None and peer.plan.stamp_ns > since_ns:
-        return not isinstance(peer.plan.unheard, tuple) or me not in peer.plan.unheard
-    return peer.status is not None and peer.status.stamp_ns > since_ns and me in peer.status.delays_ns
+    plan, status = peer.plan, peer.status
+    newest_ns = contact_ns if plan is None else max(contact_ns, plan.stamp_ns)
+    if status is not None and status.stamp_ns > newest_ns + HEARD_NS:
+        return me in status.delays_ns
+    if plan is None or plan.stamp_ns <= contact_ns + SILENT_NS:
+        return False
+    return not isinstance(plan.unheard, tuple) or me not in plan.unheard
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:

@@ -27,7 +27,9 @@ _COUNTS = 256
 
 
 class Resets:
-    """Detector for one autopilot; all times by its clock. ``count``: the newest count of resets; None: not reported."""
+    """Detector for one autopilot; all times by its clock. ``count``: the newest count of resets; None: not reported. ``moved``:
+    whether the position itself jumped at the last change of the frame.
+    """
 
     def __init__(self, count: int | None = None) -> None:
         """``count``: before a restart of the agent; if it has changed since, the frame counts as another one."""
@@ -36,6 +38,7 @@ class Resets:
         self._waited_from_s: float | None = None  # for the first count
         self._reset_s = self._jump_s = _NEVER_S
         self._held = False
+        self.moved = self._moves = False
         self._last: tuple[float, Vector3, Vector3, float, float] | None = None  # as the arguments of ``judge``
         self._satellites: bool | None = None
         self._satellites_of_frame: bool | None = None
@@ -74,8 +77,9 @@ class Resets:
             self._held = True
             return None
         # After a reset, a filter's position moves faster than its velocity for a moment: that is no second jump.
-        if self._jumps(stamp_s, position, velocity, yaw, turning) and stamp_s - self._jump_s >= LATE_S:
-            self._jump_s = stamp_s
+        moves, turns = self._jumps(stamp_s, position, velocity, yaw, turning)
+        if (moves or turns) and stamp_s - self._jump_s >= LATE_S:
+            self._jump_s, self._moves = stamp_s, moves
         self._last = (stamp_s, position, velocity, yaw, turning)
         jumped, reset = stamp_s - self._jump_s < LATE_S, stamp_s - self._reset_s < LATE_S
         settled = stamp_s - self._jump_s >= SETTLE_S
@@ -85,7 +89,9 @@ class Resets:
         switched = self._satellites is not self._satellites_of_frame and stamp_s - self._reset_s < SWITCH_S
         unseen, self._unseen = self._unseen, False
         if not (jumped and reset) and not switched:
+            self.moved = self.moved and not unseen
             return unseen
+        self.moved = jumped and reset and self._moves
         self._satellites_of_frame = self._satellites
         self._jump_s = self._reset_s = _NEVER_S
         return True
@@ -97,14 +103,14 @@ class Resets:
         self._waited_from_s = stamp_s if self._waited_from_s is None else self._waited_from_s
         return abs(stamp_s - self._waited_from_s) < COUNTED_S
 
-    def _jumps(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool:
-        """Whether the step from the last position to this one is more than motion explains."""
+    def _jumps(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> tuple[bool, bool]:
+        """Whether the step from the last position, and from the last heading, to this one is more than motion explains."""
         if self._last is None or stamp_s <= self._last[0]:
-            return False
+            return False, False
         last_s, last_position, last_velocity, last_yaw, last_turning = self._last
         elapsed_s = stamp_s - last_s
         moved = [0.5 * elapsed_s * (before + now) for before, now in zip(last_velocity, velocity, strict=True)]
         expected = [before + way for before, way in zip(last_position, moved, strict=True)]
         turned = abs(remainder(yaw - last_yaw - 0.5 * elapsed_s * (turning + last_turning), tau))
         gap = 0.5 * elapsed_s**2
-        return dist(position, expected) > JUMP_M + HARDEST_MPS2 * gap or turned > JUMP_RAD + HARDEST_RPS2 * gap
+        return dist(position, expected) > JUMP_M + HARDEST_MPS2 * gap, turned > JUMP_RAD + HARDEST_RPS2 * gap

@@ -93,7 +93,7 @@ class Telemetry:
 
     def receive(self, message: Message, arrival_ns: int, arrival_s: float) -> VehicleState | None:
         """Take a message; a position yields a new state once everything else is known."""
-        if arrival_s - self._heard_s > MISSING_S:
+        if arrival_s - self._heard_s > MISSING_S and not self.awaits_mode(arrival_s):
             self._back_s = arrival_s
         self._heard_s = arrival_s
         match message:
@@ -231,7 +231,7 @@ class Telemetry:
             return None
         if jumped:
             self.launch.jumped()
-            self._trust.jumped(arrival_s)
+            self._trust.jumped(arrival_s, moved=self._resets.moved)
         booted_ns, resets = self._clock.booted_ns, self._resets.count
         self.launch.observe(arrival_s, place_m, seen.armed, seen.in_air, booted_ns, resets)
         launch = self.launch.place

@@ -48,11 +48,13 @@ class PositionTrust:
         self._estimates = agrees and bool(status.flags & _POSITION_KNOWN) and not status.flags & _GLITCH
         self._judge(now_s)
 
-    def jumped(self, now_s: float) -> None:
-        """The position or heading has jumped: it has to be confirmed again. With satellites the drift ends with that."""
+    def jumped(self, now_s: float, *, moved: bool) -> None:
+        """The frame is another one: the position has to be confirmed again. With satellites the drift ends if that has moved the
+        position, and not the heading, or the source that it is taken from, alone.
+        """
         if not self._by_satellites:
             return
-        if self.hears_satellites(now_s):
+        if moved and self.hears_satellites(now_s):
             self._blind_s = None
         if self._well_s is not None:
             self._well_s = now_s

@@ -32,6 +32,7 @@ KEPT = Memory(
     home_m=HOME,
 )
 NEW_BOOT = "f" * 16
+LOW = (10.0, 10.0, 1.2)  # below the floor, and not near the ground
 
 
 def back(memory=KEPT, mission=MISSION, **vehicle):
@@ -468,3 +469,23 @@ def test_what_it_covered_before_is_not_searched_again():
         plans += messages(one.step(now_ns), Plan)
     (x, y, _), (to_x, to_y, _) = plans[-1].positions_m[0], plans[-1].positions_m[-1]
     assert to_x - x > max(8.0, abs(to_y - y))
+
+
+def test_a_landing_goes_on_whose_agent_was_restarted_before_the_autopilot_showed_it():
+    """The hold of before was taken for a human pilot's: it hovered with a spent battery."""
+    kept = replace(KEPT, stage=Stage.LANDING, holds=True)
+    one, step = back(kept, mode=FlightMode.HOLD, healthy=True)
+    assert (one.stage, step.command.request) == (Stage.LANDING, Request.LAND)
+    fly(one, BACK_NS, 3.0, FlightMode.HOLD)
+    assert one.stage is Stage.LANDING
+
+
+@pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND, FlightMode.OFFBOARD])
+def test_a_return_that_was_to_follow_on_a_rise_outlives_a_restart(mode):
+    """It rose to the floor, and went on to search."""
+    one, _ = back(
+        replace(KEPT, stage=Stage.TAKEOFF, resume=Stage.RETURN), mode=mode, healthy=mode is FlightMode.OFFBOARD, position=LOW
+    )
+    assert one.stage is Stage.TAKEOFF
+    fly(one, BACK_NS, 3.0, FlightMode.OFFBOARD, position=(10.0, 10.0, 3.0))
+    assert one.stage is Stage.RETURN

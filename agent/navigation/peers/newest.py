@@ -37,7 +37,7 @@ class Peer:
 
     ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
     while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
-    ``waking_ns``: stamp of the first status of an agent that was started anew in flight, and does not know of that yet.
+    ``waking``: boot and stamp of the first status of an agent that was started anew in flight, and does not know of that yet.
     ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
     the last messages that were kept, by both clocks as they are.
     """
@@ -48,7 +48,7 @@ class Peer:
     launch: Pose | None = None
     at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
-    waking_ns: int | None = None
+    waking: tuple[str, int] | None = None
     ahead_ns: int = 0
     delays_ns: deque[int] = field(default_factory=partial(deque, maxlen=_MOST_DELAYS))
     poses: deque[Pose] = field(default_factory=deque)
@@ -111,22 +111,29 @@ class Peer:
         self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
         if self.at_launch_since_ns is not None:
             self.at_launch_since_ns += by_ns
-        if self.waking_ns is not None:
-            self.waking_ns += by_ns
+        if self.waking is not None:
+            self.waking = self.waking[0], self.waking[1] + by_ns
         self.sources.shift(by_ns)
         self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
 
-    def is_waking(self, status: Status) -> bool:
+    def note_waking(self, status: Status) -> bool:
         """Whether it flew when it was heard last, and this is of an agent that was started anew, has lost its state and does not
         know yet of the flight: until it has telemetry, and a moment longer, it says that it is on the ground. Believed, its
-        vehicle, which flies home meanwhile, was reckoned with nowhere for 6 s.
+        vehicle, which flies home meanwhile, was reckoned with nowhere for 6 s. Where the agent of before still speaks, there are
+        two.
         """
         known = self.status
-        if known is None or known.boot == status.boot or known.stage in GROUND_STAGES or status.stage is not Stage.PREFLIGHT:
-            self.waking_ns = None
+        if known is None or known.boot == status.boot:
             return False
-        self.waking_ns = status.stamp_ns if self.waking_ns is None else self.waking_ns
-        first_ns = next((pose.stamp_ns for pose in self.poses if pose.stamp_ns > self.waking_ns), status.stamp_ns)
+        if known.stage in GROUND_STAGES or status.stage is not Stage.PREFLIGHT:
+            self.waking = None
+            return False
+        if self.waking is None or self.waking[0] != status.boot:
+            self.waking = status.boot, status.stamp_ns
+        since_ns = self.waking[1]
+        if known.stamp_ns > since_ns:
+            return False
+        first_ns = next((pose.stamp_ns for pose in self.poses if pose.stamp_ns > since_ns), status.stamp_ns)
         return status.stamp_ns - first_ns < _AWAKE_NS and status.stamp_ns - known.stamp_ns < _DOWN_NS
 
     def take_status(self, status: Status) -> None:
@@ -209,7 +216,7 @@ class Peers:
             return None
         if known is not None and known.stamp_ns >= message.stamp_ns:
             return "older_than_known"
-        if isinstance(message, Status) and peer.is_waking(message):
+        if isinstance(message, Status) and peer.note_waking(message):
             return "of_an_agent_that_wakes"
         setattr(peer, kind, message)
         peer.delays_ns.append(delay_ns)

@@ -87,6 +87,18 @@ def test_a_return_that_is_kept_from_home_is_given_up() -> None:
     assert 10.0 + NO_NEARER_S - 0.5 < given_up[0] < 10.0 + NO_NEARER_S + 0.5
 
 
+def test_who_has_arrived_and_is_driven_away_again_and_again_is_given_up_in_time() -> None:
+    """Each time that it came past its home a new minute began, as it was a metre nearer than before (1420033)."""
+    home = home_at(state(SECOND))
+    given_up: list[float] = []
+    for tick in range(1600):
+        now_s = 1.0 + 0.05 * tick
+        away_m = max(2.5, 35.0 - 3.0 * now_s) if now_s < 50.0 else 0.8
+        home.watch(state(round(now_s * SECOND), position=(away_m, 0.0, 3.0), velocity_mps=(3.0, 0.0, 0.0)))
+        given_up += [now_s] if home.no_nearer_s >= NO_NEARER_S else []
+    assert 10.0 + NO_NEARER_S < given_up[0] < 12.0 + NO_NEARER_S
+
+
 def test_the_home_of_an_agent_that_is_restarted_soon_after_its_launch_gets_as_sure_as_without_the_restart() -> None:
     """It kept the place by the launch layout, 5 m off, although others were seen a moment later. While its log fills again it is
     told less surely than it was known.

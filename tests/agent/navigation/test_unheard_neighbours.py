@@ -150,10 +150,29 @@ def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_it
     peers.receive(pose(now_ns), now_ns)
     (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert (hood.absence.missing, hood.absence.unhearing, other.takes_part) == (("b",), ("b",), False)
+    stale = replace(status(Stage.SURVEY), stamp_ns=3 * SECOND, delays_ns={"a": 0})  # of those heard in the three seconds before
+    peers.receive(stale, 3 * SECOND)
+    hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert hood.absence.unhearing == ("b",)
     told = replace(status(Stage.SURVEY), stamp_ns=now_ns, delays_ns={"a": 0} if hears else {})
     peers.receive(told, now_ns)
     (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert (hood.absence is None) == other.takes_part == hears
+
+
+def test_one_that_plans_nothing_any_more_is_in_contact_again_when_its_status_tells_so():
+    """A human pilot held it, and the last plan, of before the link was well again, counted for good: this drone went home."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for now_ns in range(0, 3 * SECOND, SECOND // 5):
+        for message in (pose(now_ns), replace(plan(now_ns), unheard=("a",)), replace(status(Stage.SURVEY), stamp_ns=now_ns)):
+            peers.receive(message, now_ns)
+        hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert hood.absence.unhearing == ("b",)
+    for now_ns in range(3 * SECOND, 8 * SECOND, SECOND // 5):
+        for message in (pose(now_ns), replace(status(Stage.HOLD), stamp_ns=now_ns, delays_ns={"a": 0})):
+            peers.receive(message, now_ns)
+        hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert hood.absence is None
 
 
 @pytest.mark.parametrize("agent_lost", ["return", "hold", "land"])
@@ -187,6 +206,19 @@ def test_one_whose_agent_is_started_anew_in_flight_and_does_not_know_of_that_yet
     assert [one.plan.positions for one in started_anew()] == [one.plan.positions for one in after_silence(8.0)[0]]
     assert started_anew(9.5) != []
     assert started_anew(7.5) == []  # it has had telemetry for 2 s, and says that it is on the ground
+
+
+def test_one_whose_agent_is_started_anew_twice_is_not_on_the_ground_by_the_poses_of_the_first_time():
+    peers = Peers(["b"])
+    peers.receive(replace(status(Stage.TRACK), stamp_ns=2 * SECOND), 2 * SECOND)
+    for tick in range(80, 96):
+        now_ns = tick * SECOND // 10
+        if tick in (80, 90):
+            peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=now_ns, boot="2" * 16), now_ns)
+        if tick > 90:
+            peers.receive(pose(now_ns), now_ns)
+    peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=11 * SECOND, boot="3" * 16), 11 * SECOND)
+    assert not peers["b"].is_on_ground(11 * SECOND)
 
 
 @pytest.mark.parametrize("stage", [Stage.TAKEOFF, Stage.HOLD, Stage.LANDING])

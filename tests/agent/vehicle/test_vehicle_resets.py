@@ -44,6 +44,7 @@ def test_a_jump_with_a_reset_is_another_frame_once(count_first: bool, metres: fl
     assert first[0] is None  # nothing is done by a position of which nobody knows whose it is
     rest = [*first, *rig.fly(1.0)]
     assert rest.count(True) == 1
+    assert rig.resets.moved == (metres > 0.0)
     assert 0 < rest.index(True) * STEP_S <= SETTLE_S + 3 * STEP_S
     assert set(rest[rest.index(True) + 1 :]) == {False}
 

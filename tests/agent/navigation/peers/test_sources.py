@@ -132,6 +132,16 @@ def test_two_boots_at_the_same_time_are_told_and_a_restart_is_not():
     assert late.problems(now_ns) == ()
 
 
+def test_a_second_agent_that_says_that_it_is_on_the_ground_is_told():
+    """It was taken for one that had been started anew in flight, and does not know of that yet, though the first one went on."""
+    told = [
+        status(START_NS + tick * SECOND, "3" if tick % 2 else "2", Stage.PREFLIGHT if tick % 2 else Stage.TRACK)
+        for tick in range(6)
+    ]
+    two, now_ns = heard(*told)
+    assert two.problems(now_ns) == (TWO,)
+
+
 @pytest.mark.parametrize("stage", [Stage.LANDED, Stage.PREFLIGHT])
 def test_a_second_agents_status_does_not_take_a_flying_drone_out_of_the_air(stage):
     flying = (pose(START_NS), status(START_NS))
