@@ -14,7 +14,7 @@ from agent.vehicle.interface import VehicleState
 SAME_M, SAME_RAD = 1.0, 0.1
 LARGEST_DOUBT_M = 7.0  # of its place, above which a drone leaves the mission
 NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
-_PART = 0.25  # of a doubt: as near to the other place leads a jump back that nobody watched, if the motion explains the rest
+_PART = 0.25  # a jump back over a gap may miss the other place by this share of the doubt, if the motion explains it
 _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
 # measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.

@@ -187,11 +187,10 @@ class OwnPose:
         """The present frame, without a doubt, and as it is otherwise, for an agent that is restarted in flight; None where it is
         not known, or the mission tells it.
         """
-        vehicle, frame = self.vehicle, self.frame
-        if vehicle is None or frame is None:
+        vehicle = self.vehicle
+        if vehicle is None:
             return None
-        transform = frame.mission_from_local if self.is_estimated else self._undoubted(vehicle.epoch)
-        return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, transform, self.otherwise)
+        return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, self._undoubted(vehicle.epoch), self.otherwise)
 
     def remember(self, kept: KeptFrame) -> None:
         """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log tells that frame,
@@ -325,19 +324,22 @@ class OwnPose:
 
     def _continue(self, epoch: int, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says. ``last``: of ``epoch``, as stated."""
-        old = self._mission_from_local(epoch) if self.is_estimated else self._undoubted(epoch)
+        old, turning_rps = self._undoubted(epoch), self.history.turning_rps
         if old is None:
             return
-        turning_rps = self.history.turning_rps
-        frame: Transform | None = carried_on(old, last, vehicle, turning_rps)
-        if not self.is_estimated:
+        frame: Transform | None
+        if self.is_estimated:
+            frame = carried_on(old, last, vehicle, turning_rps)
+        else:
             frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
         self._continued = None if frame is None else Untold(vehicle.epoch, frame, vehicle.stamp_ns)
 
     def _undoubted(self, epoch: int) -> Transform | None:
-        """The frame of an epoch as it has been carried on; as it is told, its covariance has the doubt already."""
+        """The frame of an epoch without the doubt, which a frame that was carried on has in its covariance as it is told."""
         continued = self._continued
-        return continued.transform if continued is not None and continued.epoch == epoch else self._mission_from_local(epoch)
+        if not self.is_estimated and continued is not None and continued.epoch == epoch:
+            return continued.transform
+        return self._mission_from_local(epoch)
 
     def _tell_carried(self, vehicle: VehicleState) -> None:
         """Note how a frame that the mission does not tell is told from now on, with the doubt in its covariance."""

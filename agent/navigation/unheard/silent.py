@@ -52,7 +52,7 @@ QUIET_NS = 400_000_000
 # Places on a shared circle are kept for this long after the last contact. Each side notices after a second, and moves to a circle
 # of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
-RELAYED_NS = 4_000_000_000  # who is gone for good is heard by nobody any more by then, by the statuses of the others
+RELAYED_NS = 4_000_000_000  # a status names whom its drone has heard in the last 3 s: who is gone for good is in none by then
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
