@@ -7,15 +7,16 @@ not repeat a request that was fulfilled before somebody else chose another mode.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import dist
 
 from agent.config.mission import MissionConfig
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target
+from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, descent_mps, return_height_m
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
-LANDING_SPEED_MPS = 0.7
+DESCENT_SPEED_MPS, LANDING_SPEED_MPS = 1.5, 0.7  # far above the ground, and near it (MPC_Z_V_AUTO_DN, MPC_LAND_SPEED)
 RETURN_SPEED_MPS = 5.0
 RETURN_CLIMB_MPS = 1.8  # mean over 10 m of a PX4's, which climbs at up to 3 m/s (MPC_Z_V_AUTO_UP) and slows down near the height
 RETURN_HEIGHT_M = 10.0
@@ -41,11 +42,12 @@ class Autopilot:
         has_home: bool = True,
         without_setpoints: FlightMode = FlightMode.RETURN,
     ) -> None:
-        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT). ``has_home``: a PX4 without satellites has none,
-        and lands where it would return; preflight refuses a return for want of setpoints there. ``without_setpoints``: the mode
-        that it flies then (COM_OBL_RC_ACT).
+        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT); lower near home. ``has_home``: a PX4 without
+        satellites has none, and lands where it would return; preflight refuses a return for want of setpoints there.
+        ``without_setpoints``: the mode that it flies then (COM_OBL_RC_ACT).
         """
-        self._return_height_m, self._has_home = return_height_m, has_home
+        self._highest_return_m, self._has_home = return_height_m, has_home
+        self._return_height_m = return_height_m  # of this return
         self.mode = FlightMode.HOLD
         self.armed = False
         self.in_air = False
@@ -228,6 +230,8 @@ class Autopilot:
         if mode is FlightMode.RETURN and not self._has_home:
             mode = FlightMode.LAND
         self.mode, self._comes_down = mode, False
+        far_m = dist(self._position[:2], self._guidance.home[:2])
+        self._return_height_m = return_height_m(self._highest_return_m, far_m)
         self._guidance.brake(self._position, self._velocity, back=mode is FlightMode.RETURN)
 
     def _take_off(self, height: float) -> None:
@@ -252,7 +256,9 @@ class Autopilot:
         if self._failed:
             self._guidance.stay(position)
         else:
-            self._guidance.descend(LANDING_SPEED_MPS, self._ground_m - self._guidance.home[2] - BELOW_GROUND_M)
+            fastest_mps = DESCENT_SPEED_MPS if self.knows_position else LANDING_SPEED_MPS
+            speed_mps = descent_mps(position[2] - self._ground_m, fastest_mps, LANDING_SPEED_MPS)
+            self._guidance.descend(speed_mps, self._ground_m - self._guidance.home[2] - BELOW_GROUND_M)
         if position[2] < self._ground_m + ARRIVED_M:
             self._landed_for += self._step_s
             if self._landed_for > DISARM_AFTER_S:

@@ -6,7 +6,7 @@ The target moves and the vehicle follows it. Positions are the vehicle's own est
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, radians, sin, sqrt, tan
 from typing import NamedTuple
 
 from sim.geometry import Vector3
@@ -19,6 +19,8 @@ BELOW_GROUND_M = 0.5  # end of a descent's target, so that the vehicle is sure t
 ACCELERATION_MPS2, JERK_MPS3, LATE_S = 3.0, 4.0, 0.6
 BACK_PS = 0.4
 APPROACH_S = 0.3  # time constant to the speed that is wanted
+SLOWING_M = (7.0, 3.5)  # heights between which a landing slows down, as recorded
+CONE_M, CONE_DEG, LOWEST_RETURN_M = 10.0, 45.0, 2.0  # a return that begins near home (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
 class Reframing(NamedTuple):
@@ -60,6 +62,22 @@ def fastest_mps(distance_m: float) -> float:
     """Speed at which a PX4's setpoint approaches a place that is so far away (``computeMaxSpeedFromDistance``)."""
     ramp_mps = 2.0 * ACCELERATION_MPS2**2 / JERK_MPS3
     return sqrt(ramp_mps**2 + 2.0 * ACCELERATION_MPS2 * distance_m) - ramp_mps
+
+
+def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CONE_M, angle_deg: float = CONE_DEG) -> float:
+    """Height above home at which a PX4 returns from so far away: nearer than ``within_m`` (RTL_MIN_DIST) no higher than a cone
+    about home (RTL_CONE_ANG, deg: its half-angle).
+    """
+    if distance_m >= within_m:
+        return highest_m
+    return min(highest_m, max(LOWEST_RETURN_M, distance_m / tan(radians(angle_deg))))
+
+
+def descent_mps(height_m: float, fastest_mps: float, landing_mps: float) -> float:
+    """Speed at which a PX4 comes down to land, at a height: from MPC_Z_V_AUTO_DN it slows down to MPC_LAND_SPEED."""
+    high_m, low_m = SLOWING_M
+    share = max(0.0, min((height_m - low_m) / (high_m - low_m), 1.0))
+    return landing_mps + share * (fastest_mps - landing_mps)
 
 
 class Guidance:

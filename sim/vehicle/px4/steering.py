@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from math import dist, isfinite, nan, radians, tan
+from math import dist, isfinite, nan
 
 from sim.geometry import Vector3
-from sim.vehicle.guidance import Guidance, Target
+from sim.vehicle.guidance import Guidance, Target, descent_mps, return_height_m
 from sim.vehicle.px4.landing import RAMP_S
 from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
 from sim.vehicle.px4.modes import Mode
@@ -14,12 +14,10 @@ from sim.vehicle.px4.parameters import Parameters
 CLIMB_MPS2 = 0.6  # acceleration of a takeoff after lift-off
 AGAINST_DRAG = 0.87  # share of MPC_TKO_SPEED and MPC_XY_CRUISE that is reached
 LIFTS_M = 0.1  # a target this far above makes a standing vehicle lift off
-LOWEST_RETURN_M = 2.0
 # A return slows down well before its end: speed by distance, in 1/s, the least speed, and the distance that is close enough.
 UP_PS, UP_MPS, UP_NEAR_M = 0.62, 0.1, 0.45
 UP_DELAY_S, UP_MPS2 = 1.2, 2.0
 ACROSS_PS, ACROSS_MPS, ACROSS_NEAR_M = 0.55, 0.55, 2.0
-SLOWING_M = (7.0, 3.5)  # heights between which a descent slows down to MPC_LAND_SPEED
 CRAWL_BELOW_M, CRAWL_MPS = 0.8, 0.28
 DEEP_M = -1000.0  # a descent ends at the ground, wherever that is
 FALL_MPS2 = 100.0  # beyond free fall at zero thrust
@@ -141,10 +139,9 @@ class Steering:
     def _return_height(self, position: Vector3) -> float:
         """Height of a return: lower near home, within a cone about it."""
         value, home = self._parameters, self.guidance.home
-        far, highest_m = dist(position[:2], home[:2]), value["RTL_RETURN_ALT"]
-        if far < value["RTL_MIN_DIST"]:
-            highest_m = min(highest_m, max(LOWEST_RETURN_M, far * tan(radians(value["RTL_CONE_ANG"]))))
-        return max(highest_m, position[2] - home[2])
+        far, within_m, angle_deg = dist(position[:2], home[:2]), value["RTL_MIN_DIST"], value["RTL_CONE_ANG"]
+        height_m = return_height_m(value["RTL_RETURN_ALT"], far, within_m=within_m, angle_deg=angle_deg)
+        return max(height_m, position[2] - home[2])
 
     def _descend(self, velocity: Vector3) -> None:
         """Descend. Without a position it only keeps level, and keeps its horizontal speed."""
@@ -155,10 +152,7 @@ class Steering:
 
     def _land(self, position: Vector3) -> None:
         value, height_m = self._parameters, position[2] - self.guidance.home[2]
-        slow = value["MPC_LAND_SPEED"]
-        high_m, low_m = SLOWING_M
-        share = max(0.0, min((height_m - low_m) / (high_m - low_m), 1.0))
-        speed = slow + share * (value["MPC_Z_V_AUTO_DN"] - slow)
+        speed = descent_mps(height_m, value["MPC_Z_V_AUTO_DN"], value["MPC_LAND_SPEED"])
         self.guidance.descend(CRAWL_MPS if height_m < CRAWL_BELOW_M else speed, DEEP_M)
 
     def _obey(self, asked: OffboardTarget) -> None:

@@ -1,3 +1,4 @@
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -11,6 +12,7 @@ from sim.vehicle.guidance import Reframing
 
 STEP_S = 0.05
 SETPOINT = Setpoint((3.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)
+FAR = replace(SETPOINT, position_m=(12.0, 0.0, 3.0))
 
 
 def run(autopilot, seconds, command=None):
@@ -97,7 +99,7 @@ def test_without_setpoints_a_vehicle_does_what_its_mission_says(agent_lost):
 
 def test_a_return_is_one_until_it_is_down():
     autopilot, heights = airborne(), []
-    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, FAR))
     for _ in range(200):
         run(autopilot, 0.5)
         if not autopilot.armed:
@@ -111,7 +113,7 @@ def test_a_return_is_one_until_it_is_down():
 
 def test_setpoints_end_a_return_that_comes_down_over_home():
     autopilot = airborne()
-    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, FAR))
     run(autopilot, 12.0)
     while autopilot.target.position[2] > 1.0:
         run(autopilot, 0.5)
@@ -137,6 +139,19 @@ def test_return_lands_at_home_and_disarms():
     assert not autopilot.armed
     assert (abs(x), abs(y)) < (0.4, 0.4)
     assert z < 0.3
+
+
+@pytest.mark.parametrize(
+    ("far_m", "height_m", "expected_m"), [(12.0, 3.0, 10.0), (8.0, 3.0, 8.0), (8.0, 9.0, 9.0), (1.0, 1.5, 2.0)]
+)
+def test_a_return_is_lower_near_home(far_m, height_m, expected_m):
+    """PX4's is: nearer than RTL_MIN_DIST no higher than a cone about home (RTL_CONE_ANG), and never lower than it is."""
+    autopilot, heights = airborne(), []
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, replace(SETPOINT, position_m=(far_m, 0.0, height_m))))
+    for _ in range(40):
+        run(autopilot, 0.5, VehicleCommand(Request.RETURN))
+        heights.append(autopilot.target.position[2])
+    assert max(heights) == pytest.approx(expected_m)
 
 
 def test_land_here():
@@ -181,7 +196,7 @@ def test_a_human_pilot_who_gives_a_vehicle_back_that_comes_down_lets_it_land():
 
 def test_a_human_pilot_who_gives_a_vehicle_back_that_is_on_its_way_home_leaves_it_in_hold():
     autopilot = airborne()
-    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, FAR))
     autopilot.take_over(FlightMode.RETURN)
     run(autopilot, 1.0)
     autopilot.give_back()
@@ -189,9 +204,9 @@ def test_a_human_pilot_who_gives_a_vehicle_back_that_is_on_its_way_home_leaves_i
 
 
 def braked(mode):
-    """From 5 m/s at (3, 1); the way north of a vehicle that is exactly where its target is."""
+    """From 5 m/s at (12, 1); the way north of a vehicle that is exactly where its target is."""
     autopilot = airborne()
-    autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
+    autopilot.step((12.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
     autopilot.take_over(mode)
     way = [autopilot.target]
     for _ in range(round(8.0 / STEP_S)):
@@ -206,7 +221,7 @@ def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mod
     way = braked(mode)
     north = [target.position[1] for target in way]
     assert north == sorted(north)
-    assert way[-1].position[:2] == pytest.approx((3.0, 8.17), abs=0.1)
+    assert way[-1].position[:2] == pytest.approx((12.0, 8.17), abs=0.1)
     assert way[1].velocity[1] == pytest.approx(5.0, abs=0.1)  # without a jerk
     assert way[-1].velocity[:2] == pytest.approx((0.0, 0.0), abs=0.1)
 
@@ -226,3 +241,23 @@ def test_a_vehicle_that_brakes_while_its_frame_jumps_comes_to_rest_at_the_same_p
     autopilot.reframe(Reframing(0.5 * pi, (10.0, 0.0, 0.0)))
     run(autopilot, 8.0)
     assert autopilot.target.position[:2] == pytest.approx((10.0 - 8.17, 3.0), abs=0.1)
+
+
+def test_a_landing_from_high_up_slows_down_near_the_ground():
+    autopilot, heights = airborne(), []
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, replace(SETPOINT, position_m=(3.0, 0.0, 20.0))))
+    for _ in range(60):
+        run(autopilot, 0.5, VehicleCommand(Request.LAND))
+        heights.append(autopilot.target.position[2])
+    fell = {height: height - after for height, after in pairwise(heights)}
+    assert [fall for height, fall in fell.items() if height > 8.0] == pytest.approx([0.75] * 16, abs=0.01)
+    assert [fall for height, fall in fell.items() if 0.5 < height < 3.5] == pytest.approx([0.35] * 9, abs=0.01)
+
+
+def test_one_that_does_not_know_its_position_comes_down_slowly_all_the_way():
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, replace(SETPOINT, position_m=(3.0, 0.0, 20.0))))
+    autopilot.knows_position = False
+    run(autopilot, 10.0)
+    assert autopilot.mode is FlightMode.LAND
+    assert autopilot.target.position[2] == pytest.approx(20.0 - 10.0 * 0.7, abs=0.1)
