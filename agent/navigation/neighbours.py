@@ -39,7 +39,8 @@ from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
 from agent.navigation.unheard.heardagain import HeardAgain
 from agent.navigation.unheard.lastnews import LastNews
-from agent.navigation.unheard.silent import LEAVING_NS, QUIET_NS, Silent
+from agent.navigation.unheard.relayed import LEAVING_NS
+from agent.navigation.unheard.silent import QUIET_NS, Silent
 from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Stage
 

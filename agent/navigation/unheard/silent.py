@@ -30,17 +30,19 @@ from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
-from agent.geometry import Array, Point2
+from agent.geometry import Array
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import STEERED, Agentless, Course, Stretch
+from agent.navigation.unheard.agentless import Agentless, Course, Stretch
 from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
+from agent.navigation.unheard.lastcourses import last_course, last_stage, possible_courses
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
 from agent.navigation.unheard.lines import APART_NS, MAY_TAKE_PART, Lines
+from agent.navigation.unheard.relayed import is_kept, relayed
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
@@ -49,16 +51,11 @@ from protocol.messages import Pose, Stage
 # Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
 # ahead of another one, that one could not stop any more when it noticed after a second.
 QUIET_NS = 400_000_000
-# Places on a shared circle are kept for this long after the last contact. Each side notices after a second, and moves to a circle
-# of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
-LEAVING_NS = 5_000_000_000
-RELAYED_NS = 4_000_000_000  # a status names whom its drone has heard in the last 3 s: who is gone for good is in none by then
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
 _ABOVE = 2.0
 _SIGMA_M = 0.3  # of its way to the side
-_BLIND_NS = 1_500_000_000  # statuses go on, and its last pose is older: its agent hears nothing of its vehicle
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
 
 
@@ -154,26 +151,39 @@ class Silent:
         """What follows from the silence of these drones, if any. ``partners``: those that take part and are heard."""
         unhearing = tuple(name for name in missing if name in self._unhearing)
         left = tuple(name for name in missing if self._has_left(name, now_ns))
-        relayed = self._relayed(missing, partners, peers)
+        last_ns = {name: self._last_ns(name, peers[name]) for name in missing}
+        heard_by_others = relayed(last_ns, partners, peers)
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
-        if any(self._order.index(name) < self._order.index(self._id) for name in relayed):
+        if any(self._order.index(name) < self._order.index(self._id) for name in heard_by_others):
             ring = self._order.index(self._id)  # the other one is on the same side, too, and stays
-        kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
-        stops: list[Point2] = []
-        coming_home = []
+        kept = tuple(name for name in missing if is_kept(name, last_ns[name], partners, peers, now_ns))
+        walls, alone = self._lines.at(now_ns), bool(missing) and not partners
+        unparted = [name for name in missing if name not in left and name not in walls]
+        cut_off = set(missing) if alone or (ring > 0 and len(missing) - len(left) > 1) else heard_by_others
+        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, cut_off=name in cut_off))
+        stops, coming = self._stops(now_ns), self._coming_home(now_ns)
+        return Absence(tuple(missing), unhearing, ring, kept, walls, alone, stops, coming, self.homes, left, anywhere)
+
+    def _stops(self, now_ns: int) -> Array:
+        """Both ends of each stretch on which a vehicle may hover before it flies home without its agent; (M, 2)."""
         contacts = [(name, self._lines.contact(name)) for name in sorted(self._unhearing)]
         last = {name: (one.stamp_ns, [one.course]) for name, one in contacts if one is not None}
-        for name, (stamp_ns, courses) in sorted({**self._courses, **last}.items()):
-            silent_s = (now_ns - stamp_ns) * 1e-9
-            for course in courses:
-                stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
-            is_coming = name in self._courses and any(silent_s < course.down_s for course in courses)
-            coming_home += [name] if is_coming else []
-        walls, alone, hover = self._lines.at(now_ns), bool(missing) and not partners, np.array(stops).reshape(-1, 2)
-        unparted = [name for name in missing if name not in left and name not in walls]
-        cut_off = set(missing) if alone or (ring > 0 and len(missing) - len(left) > 1) else relayed
-        anywhere = tuple(name for name in unparted if self._may_be_anywhere(name, peers[name], now_ns, cut_off=name in cut_off))
-        return Absence(tuple(missing), unhearing, ring, kept, walls, alone, hover, tuple(coming_home), self.homes, left, anywhere)
+        ends = [
+            end
+            for _, (stamp_ns, courses) in sorted({**self._courses, **last}.items())
+            for course in courses
+            if (now_ns - stamp_ns) * 1e-9 < min(LEFT_S, course.leaves_s)
+            for end in (course.stop.start, course.stop.end)
+        ]
+        return np.array(ends).reshape(-1, 2)
+
+    def _coming_home(self, now_ns: int) -> tuple[str, ...]:
+        """Those whose vehicles may be on their way home without their agents, and not down yet."""
+        return tuple(
+            name
+            for name, (stamp_ns, courses) in sorted(self._courses.items())
+            if any((now_ns - stamp_ns) * 1e-9 < course.down_s for course in courses)
+        )
 
     @property
     def homes(self) -> tuple[KeptPlace, ...]:
@@ -185,18 +195,6 @@ class Silent:
         """Whether one that is revoked, and obeys, has climbed from the circle."""
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
-
-    def _relayed(self, missing: Sequence[str], partners: Sequence[str], peers: Peers) -> set[str]:
-        """Those of the missing that are heard by a drone which this one hears, too: they fly on, and on the same side, though
-        neither hears the other.
-        """
-        statuses = [status for partner in partners if (status := peers[partner].status) is not None]
-        return {
-            name
-            for name in missing
-            for status in statuses
-            if name in status.delays_ns and status.stamp_ns - (self._last_ns(name, peers[name]) or 0) > RELAYED_NS
-        }
 
     def _last_ns(self, name: str, peer: Peer) -> int | None:
         """Stamp of the last contact with a missing drone; None where it was never heard."""
@@ -219,14 +217,6 @@ class Silent:
         silent_s = (now_ns - self._courses[name][0]) * 1e-9
         return cut_off or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))
 
-    def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
-        """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
-        last_ns = self._last_ns(name, peers[name])
-        if last_ns is not None and now_ns - last_ns < LEAVING_NS:
-            return True
-        statuses = (peers[partner].status for partner in partners)
-        return any(status is not None and name in status.delays_ns for status in statuses)
-
     def plans(self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer) -> list[PeerPlan]:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan.
 
@@ -239,7 +229,8 @@ class Silent:
         found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
         found += self._homes.coming_down(name, self._agentless.home(name, peer, frames[-1]), me)
         last = self._sights.of(name, pose.stamp_ns, me.epoch)
-        courses = self._flown(name, peer, pose, frames, last, me)
+        moves = None if last is None else me.in_mission(last.moves)
+        courses = possible_courses(self._agentless, name, peer, pose, frames, moves, excluded=name in me.excluded)
         return found + self._along(name, courses, pose.stamp_ns, last, sigma_m, me)
 
     def _along(
@@ -271,43 +262,12 @@ class Silent:
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
 
-    def _flown(
-        self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], last: LastSeen | None, me: Viewer
-    ) -> list[Course]:
-        """What its vehicle does if its agent is gone, or as it is revoked and obeys: from where it was seen last, or else by its
-        last pose; by each frame. It goes home by its localisation, as that is: where that is wrong, to beside its home. If its
-        agent did not steer it any more by that pose, a human pilot may have it hold, and no status has told it yet, or it is
-        brought home; one that has told its stage, but no pose for seconds, has had no telemetry, and has it hold.
-        """
-        stages = [_stage(peer)]
-        if not pose.steered and stages[0] in STEERED:
-            stages.append(Stage.HOLD)
-        elif pose.steered and stages[0] in (Stage.TAKEOFF, Stage.HOLD, Stage.LANDING):  # it was rising, or braking, by setpoints
-            stages.append(Stage.SURVEY)
-        goes_home = name in me.excluded or self._is_brought_home(name, peer, pose)
-        is_blind = stages[0] in STEERED and peer.status is not None and peer.status.stamp_ns - pose.stamp_ns > _BLIND_NS
-        home = self._agentless.home(name, peer, frames[-1])
-        found = []
-        for frame in frames:
-            moves = motion_of(pose, frame) if last is None else me.in_mission(last.moves)
-            there = home if frame is frames[-1] else frame.apply_point(frames[-1].inverse().apply_point(home))
-            steered = pose.steered and last is None
-            courses = [self._agentless.course(name, moves, stage, there, steered=steered) for stage in stages]
-            comes_home = goes_home and all(course.way is None for course in courses)
-            found += courses + ([self._agentless.return_of(name, moves, there)] if comes_home else [])
-            found += [self._agentless.blind_hold(moves)] if is_blind else []
-        return [course for number, course in enumerate(found) if course not in found[:number]]
-
-    def _is_brought_home(self, name: str, peer: Peer, pose: Pose) -> bool:
-        """Whether its autopilot, or a human pilot, had it return: then that goes on, whatever it would do without its agent."""
-        return _stage(peer) is Stage.RETURN and not pose.steered and self._agentless.has_home(name)
-
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
         ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
-        places = self._course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
-        return me.expects(name, places, _SIGMA_M)
+        course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
+        return me.expects(name, course.stops(times).nearest(ahead), _SIGMA_M)
 
     def contact(
         self,
@@ -320,14 +280,10 @@ class Silent:
         mine: PeerState | None,
     ) -> Contact:
         """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
-        course, theirs = self._course(name, peer, pose, mission_from_theirs), motion_of(pose, mission_from_theirs)
+        course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
+        theirs = motion_of(pose, mission_from_theirs)
         circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
         return Contact(pose.stamp_ns, course, stage, theirs, circled)
-
-    def _course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
-        """What its vehicle does from this pose on if its agent is gone."""
-        home = self._agentless.home(name, peer, mission_from_theirs)
-        return self._agentless.course(name, motion_of(pose, mission_from_theirs), _stage(peer), home, steered=pose.steered)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -371,13 +327,11 @@ class Silent:
         contact = self._lines.contact(name)
         if contact is None:
             mine = me.motion_at(pose.stamp_ns)
-            contact = self._lines.noted(name, self.contact(name, peer, pose, mission_from_theirs, _stage(peer), me.circle, mine))
+            contact = self._lines.noted(
+                name, self.contact(name, peer, pose, mission_from_theirs, last_stage(peer), me.circle, mine)
+            )
         if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
             self._lines.drop(name)
             return None
         contact = replace(contact, circled=contact.circled and me.circle is not None)
         return self._lines.of(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
-
-
-def _stage(peer: Peer) -> Stage:
-    return peer.status.stage if peer.status is not None else Stage.SURVEY
