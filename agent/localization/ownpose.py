@@ -13,19 +13,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import DroneInMission
-from agent.frames.carried import told
 from agent.frames.drift import Drift
-from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from agent.frames.graph import FrameGraph
 from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.geometry import Vector3, yaw_of
 from agent.localization.clocks import Clocks
-from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
-from agent.localization.knownframe import KnownFrame
+from agent.localization.ownframes import OwnFrames
 from agent.localization.resting import Resting
-from agent.localization.untold import Untold
 from agent.motion.reference import PeerState
 from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
@@ -34,7 +31,6 @@ from protocol.entries import CarriedFrame, Entry, Sighting
 SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
 _NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
-_EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
 
 
@@ -61,13 +57,8 @@ class OwnPose:
 
     ``history``: telemetry of the last seconds, with the epoch that each belongs to; only this class adds to it.
     ``is_estimated``: the local frame is estimated from the log, and may jump. ``is_unplaced``: nothing relates the heading of the
-    local frame to the mission frame yet: this drone has neither seen another one nor been seen.
-
-    After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
-    the one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent, or where none
-    of its entries counts any more, the one known before; all drift. A frame that the mission knows exactly is known so for its
-    first epoch only (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them
-    (``carried``), so that everybody places that alike.
+    local frame to the mission frame yet: this drone has neither seen another one nor been seen. How its frames
+    follow each other is ``agent.localization.ownframes``.
     """
 
     def __init__(
@@ -92,18 +83,14 @@ class OwnPose:
             epoch_offset: epochs that the agent before a restart had added to the vehicle's.
         """
         self._drone = member.id
-        self._frames, self._clocks, self._counters, self._drift = frames, clocks, counters, drift
+        self._clocks, self._counters = clocks, counters
         self.history = PoseHistory()
         self.is_estimated = not member.is_exact
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
         self._stated: VehicleState | None = None  # the newest telemetry, as the localisation states it
-        self._continued: Untold | None = None  # the frame by continuity
-        self._kept: Untold | None = None  # the one from before a restart, or from before this drone was left out
-        self._is_left_out = False
-        self._exact = KnownFrame()
-        self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
+        self._frames = OwnFrames(member, frames, drift)
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
@@ -126,22 +113,11 @@ class OwnPose:
         vehicle = self._grounded.take(self._jumps.take(state))
         vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
         if last is not None and before is not None and last.epoch != vehicle.epoch:
-            self._continue(last.epoch, before, vehicle, announced=self._jumps.jumps == jumps)
-        if self._continued is not None and not self._is_told(self._continued.epoch):
-            self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
-        self._kept = self._kept_at(vehicle)
-        self._tell_carried(vehicle)
-        vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
+            announced = self._jumps.jumps == jumps
+            self._frames.jump(last.epoch, before, vehicle, self.history.turning_rps, announced=announced)
+        vehicle = self._frames.take(vehicle)
         self.history.add(vehicle)
         return vehicle
-
-    def _kept_at(self, vehicle: VehicleState) -> Untold | None:
-        told = self._frames.mission_from_local(self._drone, vehicle.epoch) if self._is_left_out else None
-        if told is not None:
-            return Untold(vehicle.epoch, told, vehicle.stamp_ns)
-        if self._kept is None or self._is_told(self._kept.epoch):
-            return None
-        return self._kept.drifted(self._drone, vehicle, self._drift)
 
     def _set_back(self, stamp_ns: int) -> bool:
         """Whether telemetry older than known shows that the clock was set back: then what is known from before is void."""
@@ -160,9 +136,7 @@ class OwnPose:
 
     def left_out(self) -> None:
         """What this drone measures counts no more, so that the log will not tell its frame: it goes on by the last one."""
-        self._is_left_out = True
-        if self.vehicle is not None:
-            self._kept = self._kept_at(self.vehicle)
+        self._frames.left_out(self.vehicle)
 
     @property
     def tells_frame(self) -> bool:
@@ -170,12 +144,14 @@ class OwnPose:
         soon as its position can be trusted.
         """
         vehicle = self.vehicle
-        return self.is_estimated or (vehicle is not None and vehicle.position_trusted and vehicle.epoch in self._carried)
+        return self.is_estimated or (
+            vehicle is not None and vehicle.position_trusted and self._frames.carried(vehicle.epoch) is not None
+        )
 
     @property
     def is_lost(self) -> bool:
         """Whether this drone does not know its frame, and never will."""
-        return self._is_left_out and self.frame is None
+        return self._frames.is_left_out and self.frame is None
 
     @property
     def is_displaced(self) -> bool:
@@ -190,23 +166,14 @@ class OwnPose:
         vehicle = self.vehicle
         if vehicle is None:
             return None
-        return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, self._undoubted(vehicle.epoch), self.otherwise)
+        return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, self._frames.undoubted(vehicle.epoch), self.otherwise)
 
     def remember(self, kept: KeptFrame) -> None:
         """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log tells that frame,
         and drifts. A frame that the mission knew is told on, and doubted, as before.
         """
-        transform = kept.mission_from_local
-        assert transform is not None  # it is plausible
-        untold = Untold(kept.epoch, transform, kept.stamp_ns)
-        if self.vehicle is not None:
-            untold = untold.drifted(self._drone, self.vehicle, self._drift)
         self.is_unplaced = False
-        if self.is_estimated:
-            self._kept = untold
-        elif kept.epoch != LAUNCH_EPOCH and (self.vehicle is None or self.vehicle.epoch == kept.epoch):
-            self._continued = untold
-            self._exact.otherwise = None if kept.otherwise is None else kept.otherwise.mission_from_local
+        self._frames.remember(kept, self.vehicle)
 
     @property
     def vehicle(self) -> VehicleState | None:
@@ -222,7 +189,7 @@ class OwnPose:
     def frame(self) -> LocalFrame | None:
         """The local frame of the present epoch in the mission frame; None while it is not known."""
         vehicle = self.vehicle
-        newest = self._mission_from_local(vehicle.epoch) if vehicle is not None else None
+        newest = self._frames.at(vehicle.epoch) if vehicle is not None else None
         if newest is None:
             return None
         if self._known is None or newest is not self._known.mission_from_local:
@@ -261,38 +228,38 @@ class OwnPose:
     @property
     def otherwise(self) -> Transform | None:
         """The local frame in the mission frame if the localisation that has jumped is right; None without such a doubt."""
-        return self._exact.otherwise
+        return self._frames.known.otherwise
 
     @property
     def doubt_m(self) -> float:
         """Distance between the two places where this drone may be after a jump that was not announced; 0 without that doubt."""
         vehicle = self.vehicle
-        return 0.0 if vehicle is None else self._exact.doubt_m(self._mission_from_local(vehicle.epoch), vehicle)
+        return 0.0 if vehicle is None else self._frames.known.doubt_m(self._frames.at(vehicle.epoch), vehicle)
 
     def elsewhere(self) -> tuple[int, int] | None:
         """Stamps between which this drone may have been elsewhere than its localisation said, as that has then jumped without
         announcing it: told once for each such jump; None without any.
         """
-        told_once, self._exact.elsewhere = self._exact.elsewhere, None
+        told_once, self._frames.known.elsewhere = self._frames.known.elsewhere, None
         return told_once
 
     def carried(self, epoch: int) -> CarriedFrame | None:
         """How the frame of a recent epoch lies in that of the launch, for a drone whose frame the mission knows exactly; None
         where the frame is that of the launch, or estimated.
         """
-        return self._carried.get(epoch)
+        return self._frames.carried(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
         """A place of the local frame where this drone was at a stamp, in the mission frame, as surely as that can be told; None
         while it is not known.
         """
         known = self.surest(epoch, stamp_ns, position_m)
-        transform = self._mission_from_local(epoch, stamp_ns) if known is None else None
+        transform = self._frames.at(epoch, stamp_ns) if known is None else None
         return known[0] if known is not None else transform.apply_point(position_m) if transform is not None else None
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Vector3, float] | None:
         """Such a place, and its 1 sigma (m), by the log alone; None while that does not tell it."""
-        known = self._frames.surest(self._drone, epoch, stamp_ns, position_m)
+        known = self._frames.surest(epoch, stamp_ns, position_m)
         return (known[0].apply_point(position_m), known[1]) if known is not None else None
 
     def motion_at(self, stamp_ns: int) -> PeerState | None:
@@ -300,7 +267,7 @@ class OwnPose:
         span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
         if state is None or span_ns is None or stamp_ns < span_ns[0]:
             return None
-        frame = self._mission_from_local(state.epoch, state.stamp_ns)
+        frame = self._frames.at(state.epoch, state.stamp_ns)
         if frame is None:
             return None
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
@@ -311,50 +278,6 @@ class OwnPose:
         doubted = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped" if doubt_m else None
         told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns), self._resting.problem())
         return tuple(text for text in told if text is not None)
-
-    def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
-        if known is not None:
-            return known
-        untold = next((one for one in (self._continued, self._kept) if one is not None and one.epoch == epoch), None)
-        return None if untold is None else untold.transform
-
-    def _is_told(self, epoch: int) -> bool:
-        return self._frames.mission_from_local(self._drone, epoch) is not None
-
-    def _continue(self, epoch: int, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
-        """A new epoch: the vehicle has flown on, whatever its localisation says. ``last``: of ``epoch``, as stated."""
-        old, turning_rps = self._undoubted(epoch), self.history.turning_rps
-        if old is None:
-            return
-        frame: Transform | None
-        if self.is_estimated:
-            frame = carried_on(old, last, vehicle, turning_rps)
-        else:
-            frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
-        self._continued = None if frame is None else Untold(vehicle.epoch, frame, vehicle.stamp_ns)
-
-    def _undoubted(self, epoch: int) -> Transform | None:
-        """The frame of an epoch without the doubt, which a frame that was carried on has in its covariance as it is told."""
-        continued = self._continued
-        if not self.is_estimated and continued is not None and continued.epoch == epoch:
-            return continued.transform
-        return self._mission_from_local(epoch)
-
-    def _tell_carried(self, vehicle: VehicleState) -> None:
-        """Note how a frame that the mission does not tell is told from now on, with the doubt in its covariance."""
-        continued = self._continued
-        if self.is_estimated or continued is None or continued.epoch != vehicle.epoch or vehicle.epoch in self._carried:
-            return
-        self._carried[vehicle.epoch] = told(self._launch.inverse() @ self._exact.doubted(continued.transform, vehicle))
-        while len(self._carried) > _EPOCHS_KEPT:
-            del self._carried[next(iter(self._carried))]
-
-    @property
-    def _launch(self) -> Transform:
-        launch = self._frames.mission_from_local(self._drone, LAUNCH_EPOCH)
-        assert launch is not None  # the mission knows it
-        return launch
 
     def _with_clock_error(self, state: VehicleState) -> VehicleState:
         clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))
