@@ -78,8 +78,8 @@ class ObservationLog:
     an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
     again. Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30
     MB per hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry; an estimator that computes
-    elsewhere (``sources``) holds a kilobyte more. A single entry is
-    bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory`` warns the operator before memory runs out.
+    elsewhere (``sources``) holds a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
+    ``agent.shell.memory`` warns the operator before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str]) -> None:

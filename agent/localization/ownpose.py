@@ -57,8 +57,8 @@ class OwnPose:
 
     ``history``: telemetry of the last seconds, with the epoch that each belongs to; only this class adds to it.
     ``is_estimated``: the local frame is estimated from the log, and may jump. ``is_unplaced``: nothing relates the heading of the
-    local frame to the mission frame yet: this drone has neither seen another one nor been seen. How its frames
-    follow each other is ``agent.localization.ownframes``.
+    local frame to the mission frame yet: this drone has neither seen another one nor been seen. How its
+    frames follow each other is ``agent.localization.ownframes``.
     """
 
     def __init__(

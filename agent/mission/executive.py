@@ -84,7 +84,7 @@ class Executive:
         """The present stage."""
         return self._mission.stage
 
-    def goes_home(self, now_ns: int) -> bool:
+    def flies_home(self, now_ns: int) -> bool:
         """Whether this agent flies its vehicle home, or has; not while a human pilot or a failsafe flies it, nor without recent
         telemetry, as it holds then.
         """

@@ -106,7 +106,7 @@ class Revoking:
         if not self.held or now_ns < self._due_ns:
             return ()
         self._due_ns = now_ns + PERIOD_NS
-        own = (self._word(),) if self._drone in self.names and self._executive.goes_home(now_ns) else ()
+        own = (self._word(),) if self._drone in self.names and self._executive.flies_home(now_ns) else ()
         obeying = tuple(word for _, word in sorted(self._obeying.items()))[: MOST_HELD - len(own)]
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=(*own, *obeying)),)
 

@@ -21,7 +21,7 @@ class Searching:
 
     def next(self, stage: Stage, situation: Situation, tracking_since_ns: int | None) -> Stage:
         """The stage that follows on one of a search; the same while nothing calls for another one."""
-        if situation.goes_home or self._is_stranded(situation):
+        if situation.must_return or self._is_stranded(situation):
             return Stage.RETURN
         is_over = self._is_over(situation.now_ns, tracking_since_ns)
         if stage is Stage.SURVEY:

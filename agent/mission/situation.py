@@ -39,8 +39,8 @@ class Situation(Struct, frozen=True):
     looks: bool = False
 
     @property
-    def goes_home(self) -> bool:
-        """Whether it ends its search, or its hold, and returns."""
+    def must_return(self) -> bool:
+        """Whether it is to end its search, or its hold, and return."""
         return self.battery_low or self.revoked
 
     @property

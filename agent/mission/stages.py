@@ -258,7 +258,7 @@ class Mission:
                 self._enter(Stage.LANDING, now_ns)
         elif self.stage in SEARCHING:
             self._search(situation)
-        elif self.stage is Stage.HOLD and situation.goes_home:
+        elif self.stage is Stage.HOLD and situation.must_return:
             self._enter(Stage.RETURN, now_ns)
         self._time_tracking(situation)
 
