@@ -103,7 +103,8 @@ class BayesEstimator:
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Mean and covariance of the track, predicted to the middle of ``step``.
+        """Mean and covariance of the track, predicted to the middle of ``step``; that of the place is wider where the modes of
+        motion differ (``Mixture.hedge``). What is seen of it by each vehicle (``sights``), and what is decided by it, is not.
 
         Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order.
         """
@@ -119,7 +120,7 @@ class BayesEstimator:
         return Hypothesis(
             stamp_ns=step.middle_ns,
             position=np.array((x, y, self._ground.height_m(x, y))),
-            covariance=on_ground(covariance[:2, :2], rise),
+            covariance=on_ground(covariance[:2, :2] + state.track.hedge(*moments), rise),
             velocity=np.array((u, v, u * east + v * north)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,

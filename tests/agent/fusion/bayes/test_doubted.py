@@ -45,7 +45,7 @@ def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):
     assert end_s > 62.0
     assert found.cones == expected.cones
     assert found.position == pytest.approx(expected.position, abs=1e-3)  # predicted in other steps
-    assert found.covariance == pytest.approx(expected.covariance, abs=1e-3)
+    assert found.sight_of("a").covariance == pytest.approx(expected.sight_of("a").covariance, abs=1e-3)
     assert np.linalg.norm(errors_of([(end_s, found)], lambda _: SOURCE)) < 0.5
 
 

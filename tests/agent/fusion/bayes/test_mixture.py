@@ -72,3 +72,34 @@ def test_biases_are_open_again_by_as_much_as_the_frame_was_moved():
     expected[BIASES : BIASES + BIAS] = [0.25, 4.0, 0.01, 0.0]
     np.testing.assert_allclose(more, np.broadcast_to(expected, more.shape), atol=1e-12)
     np.testing.assert_array_equal(moved.mean, track.mean)
+
+
+def walking(weight, away_m, sigma_m=1.0):
+    """A source that rests at (10, 20), known to 0.3 m, or walks with that probability, ``away_m`` east of there."""
+    track = of_one_place(0)
+    mean, covariance = track.mean.copy(), track.covariance.copy()
+    mean[0, 1, 0] += away_m
+    covariance[0, 0, :2, :2], covariance[0, 1, :2, :2] = 0.09 * np.eye(2), sigma_m**2 * np.eye(2)
+    return Mixture(100.0, 100.0, np.array([[1.0 - weight, weight, 0.0]]), mean, covariance, track.bias_variance, track.hidden)
+
+
+def told_sigmas(track, place):
+    """How far the Gaussian that is told is from a place."""
+    mean, covariance = track.moments()
+    off, told = np.array(place) - mean[:2], covariance[:2, :2] + track.hedge(mean, covariance)
+    return np.sqrt(off @ np.linalg.solve(told, off))
+
+
+@pytest.mark.parametrize("weight", [0.005, 0.01, 0.03])
+def test_what_is_told_does_not_exclude_a_place_where_the_source_may_walk(weight):
+    track = walking(weight, 6.0, 2.0)
+    mean, covariance = track.moments()
+    assert np.sqrt(np.linalg.inv(covariance[:2, :2])[0, 0]) * 6.0 > 5.0  # else it would
+    assert told_sigmas(track, (16.0, 20.0)) < 3.0
+    assert told_sigmas(track, (16.0, 22.0)) < 4.5
+
+
+@pytest.mark.parametrize(("weight", "away_m"), [(0.002, 6.0), (0.01, 0.5), (0.4, 6.0)])
+def test_what_is_told_is_as_sure_as_the_sum_where_no_likely_mode_is_far_from_it(weight, away_m):
+    track = walking(weight, away_m)
+    assert track.hedge(*track.moments()) == pytest.approx(np.zeros((2, 2)))
