@@ -263,8 +263,9 @@ class Mixture(Struct, frozen=True, eq=False):
             sum over the modes j with q_j > s^2 of  c_j (P_j + d_j d_j') / s^2,
             d_j = m_j - m,   q_j = d_j' P^-1 d_j,   s = ``_HEDGE_SIGMAS``
 
-        with w_j, m_j, P_j of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one to the other ``_POSSIBLE``. Of a lone camera that hovered, a source that walked was taken to rest with
-        99 %, and the walking mode was right; its 1 % hardly shows in P, which excluded the truth by 13 sigma.
+        with w_j, m_j, P_j of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one to the other ``_POSSIBLE``.
+        Of a lone camera that hovered, a source that walked was taken to rest with 99 %, and the walking mode was right; its 1 %
+        hardly shows in P, which excluded the truth by 13 sigma.
         """
         place, precision, found = mean[:2], np.linalg.inv(covariance[:2, :2]), np.zeros((2, 2))
         for mode, weight in enumerate(self.weight.sum(axis=0).tolist()):

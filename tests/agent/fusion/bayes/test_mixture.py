@@ -93,7 +93,7 @@ def told_sigmas(track, place):
 @pytest.mark.parametrize("weight", [0.005, 0.01, 0.03])
 def test_what_is_told_does_not_exclude_a_place_where_the_source_may_walk(weight):
     track = walking(weight, 6.0, 2.0)
-    mean, covariance = track.moments()
+    _, covariance = track.moments()
     assert np.sqrt(np.linalg.inv(covariance[:2, :2])[0, 0]) * 6.0 > 5.0  # else it would
     assert told_sigmas(track, (16.0, 20.0)) < 3.0
     assert told_sigmas(track, (16.0, 22.0)) < 4.5
