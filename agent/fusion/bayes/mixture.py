@@ -38,6 +38,7 @@ _LOW_SIGMAS = 1.0  # an exposure that is lower by more waits for the next one
 _LEAST_CLEAR = 0.3  # probability of a clear view before, for it to wait
 _GATE_SIGMAS = 5.0  # an exposure whose normalised innovation is larger is rejected
 _HEDGE_SIGMAS, _POSSIBLE = 3.0, (0.002, 0.005)  # no mode of so much weight lies farther from the Gaussian that is told
+_LEAST_DETERMINANT = 1e-12  # m4, of a covariance: against rounding
 _SHORT_S = 0.6  # up to this the moments are extrapolated at constant velocity
 
 
@@ -267,14 +268,16 @@ class Mixture(Struct, frozen=True, eq=False):
         Of a lone camera that hovered, a source that walked was taken to rest with 99 %, and the walking mode was right; its 1 %
         hardly shows in P, which excluded the truth by 13 sigma.
         """
-        place, precision, found = mean[:2], np.linalg.inv(covariance[:2, :2]), np.zeros((2, 2))
+        place, found = mean[:2], np.zeros((2, 2))
+        (xx, xy), (_, yy) = covariance[:2, :2].tolist()
+        determinant = max(xx * yy - xy * xy, _LEAST_DETERMINANT)
         for mode, weight in enumerate(self.weight.sum(axis=0).tolist()):
             share = min((weight - _POSSIBLE[0]) / (_POSSIBLE[1] - _POSSIBLE[0]), 1.0) / _HEDGE_SIGMAS**2
             if share <= 0.0:
                 continue
             at, spread = moments_of(self.weight[:, mode], self.mean[:, mode, :2], self.covariance[:, mode, :2, :2])
-            away = at - place
-            if float(away @ precision @ away) > _HEDGE_SIGMAS**2:
+            x, y = (away := at - place).tolist()
+            if yy * x * x - 2.0 * xy * x * y + xx * y * y > _HEDGE_SIGMAS**2 * determinant:
                 found += share * (spread + np.outer(away, away))
         return found
 
