@@ -96,6 +96,8 @@ class Circling:
         places = self._shared.places(moment.now_ns, heard, absence, (centre.position, centre.velocity), radius_m, stands)
         unheard = ((name, place) for name, place in places.items() if name not in heard)
         kept = [PeerPlan.from_pose(name, moment.now_ns, place, blind=True) for name, place in unheard]
+        if self._shared.climbs_outside and ring_m is not None and over_m is not None:
+            return self._still(state, centre, ring_m, self._ground.level_m(moment.vehicle) + over_m), kept
         reference = self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
             places,
@@ -114,6 +116,16 @@ class Circling:
         (x, y, _), (cx, cy, _) = state.position, centre.position
         ring_m, _ = self._shared.course(absence, hypot(x - cx, y - cy), moment.vehicle.height_m, self._fits(moment))
         radius_m, _ = self._size_m(moment, absence, ring_m)
+        return self._still(state, centre, radius_m, z_m)
+
+    @staticmethod
+    def _still(state: PeerState, centre: Centre, radius_m: float, z_m: float) -> Reference:
+        """Stay where a circle is nearest, at a height.
+
+        One that climbed before it crossed flew around on its way to a place on the circle, low, at 6 m/s and past one that
+        hovered and had never heard it (2.3 m).
+        """
+        (x, y, _), (cx, cy, _) = state.position, centre.position
         angle = atan2(y - cy, x - cx)
         place = (cx + radius_m * cos(angle), cy + radius_m * sin(angle))
         return Reference(np.tile((*place, z_m), (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)

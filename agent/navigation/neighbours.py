@@ -61,8 +61,8 @@ class Neighbourhood:
     """The drones that fly around one drone.
 
     ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none,
-    and none returns unheard while this drone does. ``listens``: its agent was started in flight, less than a second ago, and
-    others may fly that it has not heard yet. ``unheard``: those that are not heard, and may fly, also on their way home.
+    and none returns unheard while this drone does. ``listens``: for less than a second it has known that others may fly that it
+    has never heard. ``unheard``: those that are not heard, and may fly, also on their way home.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -103,7 +103,7 @@ class Neighbourhood:
             self._before.clear()
         found, missing = self._seen_from(peers, me)
         unheard = [name for name in self._unheard_ns if peers[name].pose is None and not peers[name].is_on_ground(me.now_ns)]
-        self.listens = me.resumed and any(0 <= me.now_ns - self._unheard_ns[name] < SILENT_NS for name in unheard)
+        self.listens = any(0 <= me.now_ns - self._unheard_ns[name] < SILENT_NS for name in unheard)
         partners = [one.id for one in found if one.takes_part]
         returning = self._silent.returning(peers, me.now_ns)
         misses = missing or (me.returning_s is not None and returning)

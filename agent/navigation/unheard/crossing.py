@@ -14,7 +14,9 @@ from agent.geometry import Point2
 from agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # so near to its height or its circle it has arrived
-_OVER_HOME_M = 2.0
+# So near to home, and to come to rest there, it is home, until it is carried so far away from there. One that was told to return
+# as it left home at 4 m/s flew on low for 15 m, past those that circled (2.7 m).
+_OVER_HOME_M, _AWAY_M = 2.0, 6.0
 _CEILING_SHARE = 0.9  # of the ceiling, which plans keep from: no layer is higher
 CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
 
@@ -44,16 +46,19 @@ def crossing_height_m(mission: MissionConfig, drone: str) -> float:
 
 
 class Crossing:
-    """The crossing of one drone. ``climbs``: it has to cross, and is too low yet; ``is_over``: it is above all circles."""
+    """The crossing of one drone. ``climbs``: it has to cross, and is too low yet; ``is_outside``: then, that it is outside of all
+    circles that it has to cross; ``is_over``: it is above all circles.
+    """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         self._height_m = crossing_height_m(mission, drone)
         self._held_m: float | None = None  # the radius at which it climbs, from the begin of a crossing to its end
-        self.climbs = self.is_over = False
+        self.climbs = self.is_outside = self.is_over = False
 
     def end(self) -> None:
         """Nothing to cross any more."""
-        self._held_m, self.climbs, self.is_over = None, False, False
+        self._held_m = None
+        self.climbs = self.is_outside = self.is_over = False
 
     def course(self, far_m: float, height_m: float, radius_m: float, taken_m: Sequence[float]) -> tuple[float, float | None]:
         """Radius to fly on, and height above the ground; None: that of the circle.
@@ -70,6 +75,7 @@ class Crossing:
             return radius_m, None
         self.is_over = height_m > self._height_m - _NEAR_M
         self.climbs = bool(between_m) and not self.is_over
+        self.is_outside = self.climbs and radius_m < far_m
         return (self._held_m if self.climbs else radius_m), self._height_m
 
 
@@ -99,7 +105,10 @@ class WayHome:
         land.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
-        self._is_home = self._is_home or dist(here, home) < _OVER_HOME_M
+        arrives = max(dist(here, home), dist(rest, home)) < _OVER_HOME_M
+        if self._is_home and dist(here, home) >= _AWAY_M:
+            self._is_home = self._is_over = False
+        self._is_home = self._is_home or arrives
         self.comes_down = self._crosses and self._is_home and height_m > self._low_m
         if not self._crosses or self._is_home:
             self.climbs, self._held = False, None

@@ -136,6 +136,11 @@ class SharedCircle:
         taken_m = [circle.radius_m for circle in self._circles(absence, fits_hypothesis, kept=False)]
         return self._crossing.course(far_m, height_m, radius_m, taken_m)
 
+    @property
+    def climbs_outside(self) -> bool:
+        """Whether it climbs, before it crosses, where nobody circles."""
+        return self._crossing.is_outside
+
     def lift_m(self, absence: Absence | None) -> float:
         """By how much to fly higher than on the circle that is shared by all."""
         return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)

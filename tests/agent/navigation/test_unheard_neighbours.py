@@ -372,6 +372,16 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
     assert not hood.listens
 
 
+def test_who_is_started_late_waits_whether_it_hears_one_that_has_measured():
+    """It flew off, low, and passed one that hovered and had never heard it (1430373: 2.3 m)."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND, 0, 0.1, Transform(), measured=("b",))
+    hood.around(peers, me)
+    assert hood.listens
+    hood.around(peers, replace(me, now_ns=3 * SECOND))
+    assert (hood.absence.missing, hood.listens) == (("b",), False)
+
+
 def test_one_that_was_on_its_way_home_is_told_that_it_is_not_heard():
     """Only its sending had failed: it flew home low, as it took itself to be heard."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])

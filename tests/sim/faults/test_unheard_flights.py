@@ -8,9 +8,10 @@ from math import dist, inf
 import pytest
 from msgspec.structs import replace
 
+from sim.campaign.faults.mission import Mission
 from sim.faults.kinds import read_faults
 from sim.lockstep.flight import watched
-from sim.scenario import Scenario, load_scenario
+from sim.scenario import Scenario, load_scenario, parse_scenario
 from sim.scoring.moment import Moment
 
 LOW = {"kind": "battery", "level": 0.09, "drain_ps": 0.0, "acts": False}  # all return at once
@@ -157,3 +158,10 @@ def test_who_hears_others_for_a_moment_keeps_to_what_both_know(heard_s, end_s) -
     faults = [cut | {"direction": "send", "at_s": 21.0}, cut | {"direction": "receive", "at_s": 21.0, "for_s": heard_s - 21.0}]
     faults += [cut | {"direction": "receive", "at_s": heard_s + 0.7}]
     assert least_m(empty_field(((34.0, 2.0), (40.0, 2.0), (46.0, 2.0)), 60.0), 3, faults, end_s) > 2.5
+
+
+@pytest.mark.slow
+def test_who_is_started_late_climbs_where_it_is_before_it_crosses_the_circle_of_one_that_it_has_never_heard() -> None:
+    """It flew around on its way to its place on the circle, low, and past one that hovered: 2.3 m."""
+    drawn = Mission(1430373)
+    assert least_m(parse_scenario(drawn.drawn, drawn.label), 1430373, drawn.drawn["fault"], 60.0) > 2.5

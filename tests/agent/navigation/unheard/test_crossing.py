@@ -25,6 +25,7 @@ def test_it_climbs_where_it_is_clear_goes_across_and_comes_down(far_m, radius_m,
     crossing = Crossing(THREE, "d3")
     assert crossing.course(far_m, 3.0, radius_m, [15.0]) == (held_m, OVER_M)
     assert crossing.climbs
+    assert crossing.is_outside == (far_m > 15.0)
     assert crossing.course(held_m, 14.5, radius_m, [15.0]) == (held_m, OVER_M)
     assert crossing.course(held_m, 15.5, radius_m, [15.0]) == (radius_m, OVER_M)
     assert crossing.is_over
@@ -32,6 +33,7 @@ def test_it_climbs_where_it_is_clear_goes_across_and_comes_down(far_m, radius_m,
         assert crossing.course(way_m, 16.0, radius_m, [15.0]) == (radius_m, OVER_M)
     assert crossing.course(radius_m - 0.5, 16.0, radius_m, [15.0]) == (radius_m, None)
     assert not crossing.climbs
+    assert not crossing.is_outside
     assert not crossing.is_over
     assert crossing.course(radius_m, 5.0, radius_m, [15.0]) == (radius_m, None)
 
@@ -76,6 +78,22 @@ def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     assert not way.climbs
     way.begin()
     assert way.course((30.0, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
+
+
+def test_one_that_leaves_home_fast_when_it_is_told_to_return_climbs_where_it_comes_to_rest():
+    """It flew on low for 15 m, past those that circled (1430512: 2.7 m)."""
+    way = WayHome(THREE, "d3")
+    assert way.course((1.5, 0.0), (7.0, 0.0), 3.0, (0.0, 0.0), unheard=True) == ((7.0, 0.0), OVER_M)
+    assert way.climbs
+
+
+def test_one_that_is_carried_away_from_home_low_climbs_again():
+    way = WayHome(THREE, "d3")
+    for place_m, height_m in ((9.0, 15.5), (1.0, 15.5), (1.0, 3.0), (5.5, 3.0)):
+        way.course((place_m, 0.0), (place_m, 0.0), height_m, (0.0, 0.0), unheard=True)
+    assert not way.climbs
+    assert way.course((6.5, 0.0), (7.0, 0.0), 3.0, (0.0, 0.0), unheard=True) == ((7.0, 0.0), OVER_M)
+    assert way.climbs
 
 
 def test_it_waits_above_home_as_long_as_one_that_it_does_not_hear_may_search_there():
