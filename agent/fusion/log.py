@@ -13,9 +13,8 @@ from itertools import chain, islice, zip_longest
 from operator import attrgetter
 from typing import TypeVar, cast
 
-from msgspec import Struct
-
 from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
+from agent.fusion.records import Contradiction, Record
 from agent.fusion.retractions import Retractions
 from agent.fusion.sequences import Range, SequenceSet
 from protocol.codec import decode
@@ -37,27 +36,6 @@ class Outcome(Enum):
     CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor what follows
     LEFT_OUT = "left_out"  # of a publisher that has contradicted itself, at this number or before
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
-
-
-class Record(Struct, frozen=True):
-    """An entry as its bytes that crossed the link. Decoded it would take four times the memory."""
-
-    kind: type[Entry]
-    payload: bytes
-
-    @property
-    def entry(self) -> Entry:
-        """The entry, decoded anew."""
-        return cast(Entry, decode(self.payload))
-
-
-class Contradiction(Struct, frozen=True):
-    """Two entries of one publisher with one sequence number and different bytes: where they are signed, proof that it, or who has
-    its key, told different drones different things.
-    """
-
-    number: int
-    proof: tuple[Record, Record]
 
 
 class ObservationLog:

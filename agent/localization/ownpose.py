@@ -56,9 +56,8 @@ class OwnPose:
     """Where one drone is and was, in its local frame and in the mission frame.
 
     ``history``: telemetry of the last seconds, with the epoch that each belongs to; only this class adds to it.
-    ``is_estimated``: the local frame is estimated from the log, and may jump. ``is_unplaced``: nothing relates the heading of the
-    local frame to the mission frame yet: this drone has neither seen another one nor been seen. How its
-    frames follow each other is ``agent.localization.ownframes``.
+    ``is_unplaced``: nothing relates the heading of the local frame to the mission frame yet: this drone has neither seen another
+    one nor been seen. How its frames follow each other is ``agent.localization.ownframes``.
     """
 
     def __init__(
@@ -85,12 +84,11 @@ class OwnPose:
         self._drone = member.id
         self._clocks, self._counters = clocks, counters
         self.history = PoseHistory()
-        self.is_estimated = not member.is_exact
-        self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
+        self._frames = OwnFrames(member, frames, drift)
+        self.is_unplaced = self._frames.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
         self._stated: VehicleState | None = None  # the newest telemetry, as the localisation states it
-        self._frames = OwnFrames(member, frames, drift)
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
@@ -144,7 +142,7 @@ class OwnPose:
         soon as its position can be trusted.
         """
         vehicle = self.vehicle
-        return self.is_estimated or (
+        return self._frames.is_estimated or (
             vehicle is not None and vehicle.position_trusted and self._frames.carried(vehicle.epoch) is not None
         )
 
@@ -156,7 +154,7 @@ class OwnPose:
     @property
     def is_displaced(self) -> bool:
         """Whether its localisation has jumped out of the frame that the mission tells exactly while it was not watched."""
-        return not self.is_estimated and self.vehicle is not None and self.frame is None
+        return not self._frames.is_estimated and self.vehicle is not None and self.frame is None
 
     @property
     def kept_frame(self) -> KeptFrame | None:

@@ -11,7 +11,7 @@ from collections import Counter
 from typing import cast
 
 from agent.fusion.blocks import Publisher
-from agent.fusion.log import Contradiction
+from agent.fusion.records import Contradiction
 from agent.fusion.revocations import Revocations
 from agent.mission.commanding import Verdict
 from agent.mission.executive import Executive

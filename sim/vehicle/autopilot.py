@@ -230,8 +230,9 @@ class Autopilot:
         if mode is FlightMode.RETURN and not self._has_home:
             mode = FlightMode.LAND
         self.mode, self._comes_down = mode, False
-        far_m = dist(self._position[:2], self._guidance.home[:2])
-        self._return_height_m = return_height_m(self._highest_return_m, far_m)
+        if mode is FlightMode.RETURN:
+            far_m = dist(self._position[:2], self._guidance.home[:2])
+            self._return_height_m = return_height_m(self._highest_return_m, far_m)
         self._guidance.brake(self._position, self._velocity, back=mode is FlightMode.RETURN)
 
     def _take_off(self, height: float) -> None:

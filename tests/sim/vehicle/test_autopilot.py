@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from sim.scenario import load_scenario
 from sim.vehicle.autopilot import Autopilot, autopilots
-from sim.vehicle.guidance import Reframing
+from sim.vehicle.guidance import Reframing, return_height_m
 
 STEP_S = 0.05
 SETPOINT = Setpoint((3.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)
@@ -152,6 +152,13 @@ def test_a_return_is_lower_near_home(far_m, height_m, expected_m):
         run(autopilot, 0.5, VehicleCommand(Request.RETURN))
         heights.append(autopilot.target.position[2])
     assert max(heights) == pytest.approx(expected_m)
+
+
+def test_the_cone_about_home_is_given_by_its_half_angle():
+    """As PX4 defines RTL_CONE_ANG: the smaller it is, the higher is a return from the same distance."""
+    assert return_height_m(20.0, 6.0, angle_deg=30.0) == pytest.approx(6.0 * 3.0**0.5)
+    assert return_height_m(20.0, 6.0, angle_deg=60.0) == pytest.approx(6.0 / 3.0**0.5)
+    assert return_height_m(20.0, 6.0, within_m=5.0) == 20.0
 
 
 def test_land_here():
