@@ -63,7 +63,8 @@ class Recogniser:
         """
         self._candidates, self._readings = tuple(candidates), readings
         self._counts: Array = np.zeros(len(MIDDLES_KEV)) if counts is None else counts
-        self._shares: tuple[Array, Array] | None = None  # component shares of the last fit, with peaks and without
+        self._peaks: Array | None = None  # component shares (C G, K) of the last fit
+        self._plain: dict[int, Array] = {}  # by candidate, (G, K - 1) of its last fit without peaks
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Add the energies (keV) of events: single clusters, and sums over the clusters of one photon."""
@@ -90,24 +91,25 @@ class Recogniser:
         if self.events < LEAST_EVENTS:
             return None
         parts = _parts(self._candidates, self._readings)
-        first_time = self._shares is None
-        peaks, plain = self._shares or (_even(parts), _even(parts[:, 1:]))
-        rounds = _ROUNDS[0] if first_time else _ROUNDS[1]
-        likelihood, peaks = fitted(self._counts, parts, peaks, rounds)
-        without, plain = fitted(self._counts, parts[:, 1:], plain, rounds)
-        self._shares = peaks, plain
+        likelihood, peaks = self._fitted(parts, self._peaks)
+        self._peaks = peaks
         by_nuclide = likelihood.reshape(len(self._candidates), len(self._readings))
         first = int(by_nuclide.max(axis=1).argmax())
         reading = int(by_nuclide[first].argmax())
         others = np.delete(by_nuclide, first, axis=0).max(initial=-np.inf)
-        place = first * len(self._readings) + reading
-        plainest = without.reshape(by_nuclide.shape)[first].max()
-        evidence = likelihood[place] - max(plainest, others)
+        begin = first * len(self._readings)
+        place = begin + reading
+        without, self._plain[first] = self._fitted(parts[begin : begin + len(self._readings), 1:], self._plain.get(first))
+        evidence = likelihood[place] - max(without.max(), others)
         expected = peaks[place] @ parts[place] * self._counts.sum()
         nuclide = self._candidates[first]
         gain = self._readings[reading].gain
         against = contradiction(self._counts, expected, [energy * gain for energy, _ in GAMMAS[nuclide]])
         return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against, gain)
+
+    def _fitted(self, parts: Array, before: Array | None) -> tuple[Array, Array]:
+        """As ``fitted``, going on from the shares of the fit before; None: this is the first one."""
+        return fitted(self._counts, parts, before, _ROUNDS[0 if before is None else 1])
 
     def unknown_lines_kev(self, found: Recognition | None) -> tuple[int, ...]:
         """Energies (keV) of the peaks in the spectrum where it contradicts ``found``, the result of the last look; else none."""
