@@ -7,12 +7,14 @@ import math
 import fusions
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from agent.fusion.registry import estimator_named
-from protocol.entries import ConeOrder, Counts
+from protocol.entries import Cone, ConeOrder, Counts
 
 # Events of one cluster with less than a photon's energy and with all of it, and of two clusters.
 BACKGROUND_PS = np.array([1.45, 0.03, 0.01, 0.0])
+SOURCE = np.array([35.0, 62.0])
 AREAS_MM2 = np.array([14.0, 2.0, 1.1, 0.9])
 
 
@@ -63,6 +65,28 @@ def _cone(kit, mission, rng, time_s, place, target, drone, sequence):
             cone, orders=(ConeOrder(wrong.axis, wrong.theta_rad, 0.1, 0.7), ConeOrder(right.axis, right.theta_rad, 0.1, 0.3))
         )
     return cone
+
+
+def misplaced(entry, sigma_m, off_m=(0.0, 0.0)):
+    """As measured at a place that is wrong by ``off_m``, and stated with that sigma."""
+    if isinstance(entry, Cone):
+        x, y, z = entry.apex_m
+        return replace(entry, apex_m=(x + off_m[0], y + off_m[1], z), apex_sigma_m=sigma_m)
+    moved = [
+        replace(pose, position_m=(pose.position_m[0] + off_m[0], pose.position_m[1] + off_m[1], pose.position_m[2]))
+        for pose in entry.poses
+    ]
+    return replace(entry, poses=tuple(moved), position_sigma_m=sigma_m)
+
+
+def flown(kit, mission, *, of, since_s, until_s, sigma_m, off_m=(0.0, 0.0), seconds=70.0, activity_bq=3e9):
+    """Entries of a flight in which some drones are off by ``off_m`` for a while, and state that sigma of their places."""
+    entries = entries_of(kit, mission, np.random.default_rng(3), seconds, lambda _: SOURCE, activity_bq)
+    times = [(entry.stamp_ns - kit.T0_NS) * 1e-9 for entry in entries]
+    return [
+        misplaced(entry, sigma_m, off_m) if entry.drone in of and since_s <= time_s < until_s else entry
+        for entry, time_s in zip(entries, times, strict=True)
+    ]
 
 
 def hypotheses(kit, mission, entries, seconds):

@@ -131,6 +131,13 @@ class Mixture(Struct, frozen=True, eq=False):
         clear = float(self.weight.sum(axis=1) @ self.hidden[:, fit.exposed.vehicle, 0])
         return clear > _LEAST_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
 
+    def rejects(self, fit: Fit) -> bool:
+        """The innovation gate: whether the mean over all Gaussians of an exposure's normalised innovation squared, for whichever
+        component of what may stand in between it is least, exceeds ``_GATE_SIGMAS``^2. A noisy pixel and a burst do not pass; a
+        dead camera does, and tells nothing, as behind a thick wall.
+        """
+        return not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2  # true for NaN too
+
     def ahead(self, fit: Fit) -> Array:
         """Likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site."""
         most = fit.log_likelihood.max(axis=(0, 2))
@@ -151,14 +158,11 @@ class Mixture(Struct, frozen=True, eq=False):
             P <- P - P h h' P (g_0 ((1 - v_0 / V_0) / V_0 - (z^_0 / V_0)^2) + u^2)
             w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
 
-        Gate: the mean over all Gaussians of the normalised innovation squared, for whichever component it is least, is at most
-        ``_GATE_SIGMAS``^2. A noisy pixel and a burst do not pass; a dead camera does, and tells nothing, as behind a thick wall.
-
         ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
         neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
         log Bayes factor of the exposure, less the cost of a hidden view.
         """
-        if not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2:  # true for NaN too
+        if self.rejects(fit):
             return None
         vehicle = fit.exposed.vehicle
         prior = hidden.components(self.hidden[:, vehicle], fit.exposed.live_time_s)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from agent.frames.transform import Transform
+from agent.fusion.bayes.contradicted import Rejections
 from agent.fusion.bayes.doubted import Sure
 from agent.fusion.bayes.exposed import Exposed
 from agent.fusion.bayes.mixture import Mixture
@@ -21,8 +22,9 @@ class BayesState(Struct, frozen=True, eq=False):
     odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
     relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
     observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
-    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``.
-    moments: mean and covariance of the track after the step, for the hypotheses until the next one.
+    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``;
+    rejections: see ``contradicted``. moments: mean and covariance of the track after the step, for the hypotheses until the next
+    one.
     """
 
     search: SearchState | None = None
@@ -36,4 +38,5 @@ class BayesState(Struct, frozen=True, eq=False):
     frames: Mapping[int, tuple[int, Transform]] = {}
     waiting: Mapping[int, Exposed] = {}
     sure: Sure = {}
+    rejections: Rejections = {}
     moments: tuple[Array, Array] | None = None

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.cones import Orders
+from agent.fusion.bayes.contradicted import is_contradicted, rejected
 from agent.fusion.bayes.exposed import Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import GAIN
@@ -46,9 +47,15 @@ class Tracking:
         is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
         waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
         state = replace(state, frames=frames, waiting=waiting)
+        contradicted = is_contradicted(state.rejections, state.sure, vehicle, observation.stamp_ns)
         if isinstance(observation, CountObservation):
+            exposed = self._exposed(state, vehicle, observation)
+            if contradicted:
+                return self._tested(state, track, step, exposed)
             recent = state.recent_evidence * math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
-            return self._counted(replace(state, recent_evidence=recent), track, step, self._exposed(state, vehicle, observation))
+            return self._counted(replace(state, recent_evidence=recent), track, step, exposed)
+        if contradicted:
+            return replace(state, track=track)
         age_s = (step.start_ns - observation.stamp_ns) / _NS
         after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
         return _gained(replace(state, cones=state.cones + 1), *after)
@@ -70,14 +77,16 @@ class Tracking:
         earlier, waiting = state.waiting.get(exposed.vehicle), _without(state.waiting, exposed.vehicle)
         fit = self._fit(track, step, exposed)
         if earlier is not None and exposed.follows(earlier):
-            after = track.after_counts(self._fit(track, step, earlier), track.ahead(fit))
-            track, gained = after or (track, -_REJECTED_COST)
-            state = _gained(state, track, gained)
+            state, track = _fused(state, track, self._fit(track, step, earlier), track.ahead(fit))
             fit = self._fit(track, step, exposed)
         if track.waits(fit):
             return replace(state, track=track, waiting={**waiting, exposed.vehicle: exposed})
-        track, gained = track.after_counts(fit) or (track, -_REJECTED_COST)
-        return _gained(replace(state, waiting=waiting), track, gained)
+        return _fused(replace(state, waiting=waiting), track, fit)[0]
+
+    def _tested(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
+        """Hold an exposure of a contradicted vehicle against the gate, without an update of the track."""
+        state = replace(state, track=track, waiting=_without(state.waiting, exposed.vehicle))
+        return _noted(state, exposed) if track.rejects(self._fit(track, step, exposed)) else state
 
     def _fit(self, track: Mixture, step: GridStep, exposed: Exposed) -> Fit:
         return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
@@ -94,6 +103,19 @@ class Tracking:
 
 def _without(waiting: Mapping[int, Exposed], vehicle: int) -> Mapping[int, Exposed]:
     return {other: exposed for other, exposed in waiting.items() if other != vehicle} if vehicle in waiting else waiting
+
+
+def _fused(state: BayesState, track: Mixture, fit: Fit, ahead: Array | None = None) -> tuple[BayesState, Mixture]:
+    """Update with an exposure, unless the gate rejects it: the state, and its track. ``ahead``: as in ``after_counts``."""
+    after = track.after_counts(fit, ahead)
+    if after is None:
+        return _gained(_noted(state, fit.exposed), track, -_REJECTED_COST), track
+    return _gained(state, *after), after[0]
+
+
+def _noted(state: BayesState, exposed: Exposed) -> BayesState:
+    """The state after the gate has rejected an exposure."""
+    return replace(state, rejections=rejected(state.rejections, exposed.vehicle, exposed.middle_ns))
 
 
 def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:

@@ -4,36 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from bayesflights import entries_of, errors_of, fusion_of, hypotheses
-from msgspec.structs import replace
+from bayesflights import SOURCE, errors_of, flown, fusion_of, hypotheses
 
 from agent.fusion.bayes.doubted import MOST_SIGMA_M, RECENT_NS, of_counting
 from agent.fusion.bayes.motion import BIAS
-from protocol.entries import Cone
-
-SOURCE = np.array([35.0, 62.0])
-
-
-def doubted(entry, sigma_m, off_m=(0.0, 0.0)):
-    """As measured at a place that is wrong by ``off_m``, and stated with that sigma."""
-    if isinstance(entry, Cone):
-        x, y, z = entry.apex_m
-        return replace(entry, apex_m=(x + off_m[0], y + off_m[1], z), apex_sigma_m=sigma_m)
-    moved = [
-        replace(pose, position_m=(pose.position_m[0] + off_m[0], pose.position_m[1] + off_m[1], pose.position_m[2]))
-        for pose in entry.poses
-    ]
-    return replace(entry, poses=tuple(moved), position_sigma_m=sigma_m)
-
-
-def flown(kit, mission, *, of, since_s, until_s, sigma_m, off_m=(0.0, 0.0), seconds=70.0):
-    """Entries of a flight in which some drones doubt their places for a while."""
-    entries = entries_of(kit, mission, np.random.default_rng(3), seconds, lambda _: SOURCE, 3e9)
-    times = [(entry.stamp_ns - kit.T0_NS) * 1e-9 for entry in entries]
-    return [
-        doubted(entry, sigma_m, off_m) if entry.drone in of and since_s <= time_s < until_s else entry
-        for entry, time_s in zip(entries, times, strict=True)
-    ]
 
 
 def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):

@@ -1,0 +1,99 @@
+"""What a vehicle measures that is not where it takes itself to be, beside others that are."""
+
+import math
+
+import numpy as np
+import pytest
+from bayesflights import SOURCE, entries_of, errors_of, flown, fusion_of, hypotheses
+
+from agent.fusion.bayes import contradicted
+from agent.fusion.bayes.contradicted import MOST, is_contradicted, rejected
+
+S = 1_000_000_000
+OFF_M = (11.0, -7.0)
+
+
+@pytest.fixture
+def off(kit):
+    """A flight in which c is 13 m off from 30 to 70 s, as by spoofed satellites, and does not know."""
+    mission = kit.mission_of()
+    return mission, flown(
+        kit, mission, of="c", since_s=30.0, until_s=70.0, sigma_m=0.3, off_m=OFF_M, seconds=110.0, activity_bq=9e9
+    )
+
+
+def errors_after(kit, mission, entries, since_s, until_s):
+    found = [(time_s, each) for time_s, each in hypotheses(kit, mission, entries, until_s) if time_s > since_s]
+    return np.linalg.norm(errors_of(found, lambda _: SOURCE), axis=-1)
+
+
+def test_who_is_contradicted_does_not_take_the_track_along(kit, off, monkeypatch):
+    mission, entries = off
+    least = errors_after(kit, mission, entries, 40.0, 70.0).max()
+    monkeypatch.setattr(contradicted, "MOST", math.inf)
+    believed = errors_after(kit, mission, entries, 40.0, 70.0).max()
+    assert least < 0.5
+    assert believed > 3.0 * least
+
+
+def test_who_is_right_again_counts_again(kit, off):
+    mission, entries = off
+
+    def ignored(until_s):
+        """Vehicles whose measurements do not count at that time."""
+        fusion, now_ns = fusion_of(mission), kit.T0_NS + until_s * S
+        kit.feed(fusion, [entry for entry in entries if entry.stamp_ns < now_ns - S])
+        kit.settle(fusion, now_ns)
+        return [vehicle for vehicle in range(3) if is_contradicted(fusion.state.rejections, fusion.state.sure, vehicle, now_ns)]
+
+    assert ignored(60) == [2]
+    assert ignored(108) == []
+
+
+def test_a_source_that_moves_off_has_nobody_contradicted(kit):
+    """All are surprised alike."""
+    mission = kit.mission_of()
+    entries = entries_of(
+        kit, mission, np.random.default_rng(5), 70.0, lambda t: SOURCE + max(0.0, t - 40.0) * np.array([3.0, 0.0]), 3e9
+    )
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    kit.settle(fusion, kit.T0_NS + 69 * S)
+    everybody = {vehicle: kit.T0_NS + 69 * S for vehicle in range(3)}
+    assert not any(is_contradicted(fusion.state.rejections, everybody, vehicle, kit.T0_NS + 69 * S) for vehicle in range(3))
+
+
+def struck(times, vehicle=0, begun=None):
+    rejections = begun or {}
+    for time_s in times:
+        rejections = rejected(rejections, vehicle, int(time_s * S))
+    return rejections
+
+
+@pytest.mark.parametrize(
+    ("times", "heard_s", "expected"),
+    [
+        ((1, 2, 3, 4), (4, 4), True),
+        ((1, 2, 3), (4, 4), False),  # the first has faded a little
+        ((1, 2, 3, 4), (4,), False),  # between two nobody can tell which of them is right
+        ((1, 2, 3, 4), (4, -2), False),  # the other one is not heard any more
+        ((1, 31, 61, 91), (91, 91), False),  # each fades before the next one comes
+    ],
+)
+def test_it_takes_several_rejections_and_two_others(times, heard_s, expected):
+    sure = {vehicle: int(time_s * S) for vehicle, time_s in enumerate(heard_s, start=1)}
+    assert is_contradicted(struck(times), sure, 0, int(times[-1] * S)) is expected
+
+
+def test_others_that_are_rejected_too_do_not_contradict_anybody():
+    rejections = struck((1.0, 2.0), vehicle=1, begun=struck((1, 2, 3, 4)))
+    assert not is_contradicted(rejections, {1: 4 * S, 2: 4 * S}, 0, 4 * S)
+    assert is_contradicted(rejections, {1: 4 * S, 2: 4 * S, 3: 4 * S}, 0, 4 * S)
+
+
+def test_it_ends_once_nothing_has_been_rejected_for_a_while():
+    sure = {1: 60 * S, 2: 60 * S}
+    rejections = struck((1, 1, 1, 1, 1))
+    ends = [second for second in range(1, 60) if not is_contradicted(rejections, sure, 0, second * S)]
+    assert ends
+    assert ends[0] == pytest.approx(1 + 30 * math.log(5 / MOST), abs=1.0)
