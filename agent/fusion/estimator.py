@@ -64,7 +64,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     mission's, or where it is none of them: then lines_kev is not None, and has the energies of the lines that its spectrum shows,
     ascending. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
     circle around this source, with a share of it farther out; None if the estimator tells one source only. look: of a source that
-    is told at rest, where it is if it moves, while that is not clear; the drones look there before they go on.
+    is told at rest, where it is if it moves, while that is not clear; the drones look there before they go on. contradicted: ids
+    of drones whose measurements are left out, as they do not fit while those of others do.
     """
 
     stamp_ns: int
@@ -82,6 +83,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     others: tuple[Hypothesis, ...] = ()
     watched_s: float | None = None
     look: Hypothesis | None = None
+    contradicted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):

@@ -22,6 +22,8 @@ from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Status
 
+LEFT_OUT = "what it measures does not fit what two others do, and is left out: it may not be where it takes itself to be"
+
 
 class Telling:
     """The regular messages of one drone. ``told``: the problems of the last status."""
@@ -96,8 +98,13 @@ class Telling:
         """All problems, found anew."""
         flying = self._executive.stage in FLYING
         posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
-        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed)
+        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed, *self._contradictions())
         self._problems.noticed = self._camera.problems(now_ns)
         self._problems.flown = self._executive.problems(now_ns)
         self._commanding.look(now_ns)
         return self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+
+    def _contradictions(self) -> list[str]:
+        """A line for each drone whose measurements do not fit, this one or another."""
+        hypothesis = self._world.fusion.hypothesis
+        return [f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted] if hypothesis is not None else []

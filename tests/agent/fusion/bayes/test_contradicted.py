@@ -39,15 +39,14 @@ def test_who_is_contradicted_does_not_take_the_track_along(kit, off, monkeypatch
 def test_who_is_right_again_counts_again(kit, off):
     mission, entries = off
 
-    def ignored(until_s):
-        """Vehicles whose measurements do not count at that time."""
+    def left_out(until_s):
+        """Drones whose measurements do not count at that time, as is told of them."""
         fusion, now_ns = fusion_of(mission), kit.T0_NS + until_s * S
         kit.feed(fusion, [entry for entry in entries if entry.stamp_ns < now_ns - S])
-        kit.settle(fusion, now_ns)
-        return [vehicle for vehicle in range(3) if is_contradicted(fusion.state.rejections, fusion.state.sure, vehicle, now_ns)]
+        return kit.settle(fusion, now_ns).contradicted
 
-    assert ignored(60) == [2]
-    assert ignored(108) == []
+    assert left_out(60) == ("c",)
+    assert left_out(108) == ()
 
 
 def test_a_source_that_moves_off_has_nobody_contradicted(kit):
