@@ -22,7 +22,7 @@ from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Status
 
-LEFT_OUT = "what it measures does not fit what two others do, and is left out: it may not be where it takes itself to be"
+LEFT_OUT = "what it measures does not fit what two others measure, and is left out: its position or its detector may be wrong"
 
 
 class Telling:

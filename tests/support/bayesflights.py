@@ -22,10 +22,11 @@ def fusion_of(mission):
     return fusions.fusion_of(mission, estimator_named("bayes", mission))
 
 
-def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.0):
+def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.0, around=None):
     """Exposures and cones of drones that close in on the source on circles; ``source_at`` None: background only.
 
-    A source at None of ``source_at(time_s)`` has gone. background: how strong it is against the configured one.
+    A source at None of ``source_at(time_s)`` has gone. background: how strong it is against the configured one. around: centre
+    of the circles; None: the source.
     """
     entries = []
     ids = [drone.id for drone in mission.drones]
@@ -34,12 +35,13 @@ def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.
         for index, drone in enumerate(ids):
             phase = time_s * 0.25 + 2.0 * math.pi * index / len(ids)
             source = None if source_at is None else source_at(time_s)
-            middle = (50.0, 50.0) if source is None else source
+            centre = source if around is None else around
+            middle = (50.0, 50.0) if centre is None else centre
             radius = max(12.0, 45.0 - time_s)
             place = np.array([middle[0] + radius * math.cos(phase), middle[1] + radius * math.sin(phase), 3.0])
             flux, cones = 0.0, 0
             if source is not None:
-                distance = float(np.linalg.norm(np.array([*middle, 0.0]) - place))
+                distance = float(np.linalg.norm(np.array([*source, 0.0]) - place))
                 flux = activity_bq * 0.851 / (4e6 * math.pi * distance**2) * math.exp(-0.0093 * distance)
                 cones = int(rng.poisson(0.55 * flux * 0.5))
             expected = (AREAS_MM2 * flux + background * BACKGROUND_PS) * 0.5
@@ -49,7 +51,7 @@ def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.
             exposure = kit.exposure_entry(mission, time_s, place, drone=drone, sequence=10 * number, duration_s=0.5)
             entries.append(msgspec.structs.replace(exposure, counts=counts))
             for k in range(cones):
-                entries.append(_cone(kit, mission, rng, time_s, place, (*middle, 0.0), drone, 10 * number + 1 + k))
+                entries.append(_cone(kit, mission, rng, time_s, place, (*source, 0.0), drone, 10 * number + 1 + k))
     return entries
 
 

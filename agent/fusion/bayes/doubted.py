@@ -22,7 +22,7 @@ Sure = Mapping[int, int]  # by vehicle, the stamp of its newest observation at a
 
 def is_left_out(sure: Sure, vehicle: int, observation: Observation) -> bool:
     """Whether an observation is not to count, after those of which ``sure`` tells."""
-    return observation.position_sigma_m > MOST_SIGMA_M and _others(sure, vehicle, observation.stamp_ns)
+    return observation.position_sigma_m > MOST_SIGMA_M and bool(others(sure, vehicle, observation.stamp_ns))
 
 
 def noted(sure: Sure, vehicle: int, observation: Observation) -> Sure:
@@ -39,7 +39,7 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
     doubted = [
         vehicle
         for vehicle, variance in enumerate(bias_variance[::BIAS].tolist())
-        if variance > MOST_SIGMA_M**2 / 2.0 and _others(sure, vehicle, stamp_ns)
+        if variance > MOST_SIGMA_M**2 / 2.0 and others(sure, vehicle, stamp_ns)
     ]
     if not doubted:
         return bias_variance
@@ -48,6 +48,6 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
     return counting
 
 
-def _others(sure: Sure, vehicle: int, stamp_ns: int) -> bool:
-    """Whether another vehicle that knows its place has measured recently."""
-    return any(other != vehicle and stamp_ns - newest_ns <= RECENT_NS for other, newest_ns in sure.items())
+def others(sure: Sure, vehicle: int, stamp_ns: int) -> list[int]:
+    """The other vehicles that know their places and have measured recently."""
+    return [other for other, newest_ns in sure.items() if other != vehicle and stamp_ns - newest_ns <= RECENT_NS]

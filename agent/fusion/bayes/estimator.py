@@ -132,7 +132,7 @@ class BayesEstimator:
             contradicted=tuple(
                 drone
                 for drone, vehicle in self._vehicles.items()
-                if state.rejections and is_contradicted(state.rejections, state.sure, vehicle, step.middle_ns)
+                if is_contradicted(state.rejections, state.sure, vehicle, step.middle_ns)
             ),
         )
 

@@ -84,7 +84,7 @@ class Tracking:
         return _fused(replace(state, waiting=waiting), track, fit)[0]
 
     def _tested(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
-        """Hold an exposure of a contradicted vehicle against the gate, without an update of the track."""
+        """Test an exposure of a contradicted vehicle by the gate, without an update of the track."""
         state = replace(state, track=track, waiting=_without(state.waiting, exposed.vehicle))
         return _noted(state, exposed) if track.rejects(self._fit(track, step, exposed)) else state
 

@@ -49,17 +49,31 @@ def test_who_is_right_again_counts_again(kit, off):
     assert left_out(108) == ()
 
 
-def test_a_source_that_moves_off_has_nobody_contradicted(kit):
-    """All are surprised alike."""
+def left_out_of(kit, far_m):
+    """A source leaps by so much, at 6 m/s from 40 s on, while three cameras circle where it was: time, drones left out, error."""
     mission = kit.mission_of()
-    entries = entries_of(
-        kit, mission, np.random.default_rng(5), 70.0, lambda t: SOURCE + max(0.0, t - 40.0) * np.array([3.0, 0.0]), 3e9
-    )
-    fusion = fusion_of(mission)
-    kit.feed(fusion, entries)
-    kit.settle(fusion, kit.T0_NS + 69 * S)
-    everybody = {vehicle: kit.T0_NS + 69 * S for vehicle in range(3)}
-    assert not any(is_contradicted(fusion.state.rejections, everybody, vehicle, kit.T0_NS + 69 * S) for vehicle in range(3))
+
+    def at(time_s):
+        return SOURCE + np.array([min(6.0 * max(0.0, time_s - 40.0), far_m), 0.0])
+
+    entries = entries_of(kit, mission, np.random.default_rng(5), 75.0, at, 3e9, around=SOURCE)
+    found = hypotheses(kit, mission, entries, 75.0)
+    errors_m = np.linalg.norm(errors_of(found, at), axis=-1)
+    return [(time_s, told.contradicted, error_m) for (time_s, told), error_m in zip(found, errors_m, strict=True)]
+
+
+def test_a_source_that_moves_off_has_nobody_contradicted(kit):
+    """The camera that it passes is rejected twice."""
+    flight = left_out_of(kit, 6.0)
+    assert {drones for _, drones, _ in flight} == {()}
+    assert flight[-1][2] < 1.0
+
+
+def test_a_source_that_leaps_past_a_camera_is_found_again_without_it(kit):
+    flight = left_out_of(kit, 12.0)
+    assert {drones for _, drones, _ in flight} == {(), ("b",)}
+    assert max(time_s for time_s, drones, _ in flight if drones) < 60.0
+    assert max(error_m for time_s, _, error_m in flight if time_s > 56.0) < 2.0
 
 
 def struck(times, vehicle=0, begun=None):
