@@ -23,6 +23,7 @@ from sim.scoring.moment import Moment, Shared
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
 TOLD_S = 25.0
+_USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # what drones say of their cameras
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
 SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
@@ -213,7 +214,7 @@ class Told(Invariant[Moment]):
             since_s = max(fault.at_s, self._born[drone][1])
             if since_s > fault.at_s and isinstance(fault, CameraDead) and not fault.blind:
                 continue
-            if fault.end_s > moment.time_s > since_s + TOLD_S and not any("camera" in text for text in pilot.problems):
+            if fault.end_s > moment.time_s > since_s + TOLD_S and not any(map(_is_of_useless_camera, pilot.problems)):
                 yield Breach((drone,), f"its camera sees nothing new since {fault.at_s:.1f} s, and it does not say so")
 
 
@@ -234,6 +235,11 @@ class Memory(Invariant[Moment]):
                 if held > FIXED_BYTES + ENTRY_BYTES * entries:
                     yield Breach((drone,), f"{held / 1e6:.1f} MB for {entries} entries")
                 return
+
+
+def _is_of_useless_camera(problem: str) -> bool:
+    """Whether a drone's problem says that its camera sees nothing new; one of noisy pixels or shifted energies does not."""
+    return problem.startswith("camera: ") and any(text in problem for text in _USELESS)
 
 
 def bytes_of(root: object) -> int:

@@ -372,11 +372,12 @@ def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
 )
 def test_a_camera_that_sees_nothing_new_of_which_nobody_is_told(kind) -> None:
     blind = {"at_s": 5.0, "target": "d2", **kind}
-    silent, telling = moments.pilot(), moments.pilot(problems=("camera: no hit",))
-    pilots = [moments.changed(1, one, moments.pilot) for one in (silent, telling)]
-    times_s = (4.0, 20.0, 29.0, 31.0)
-    assert told(Told(moments.setting(blind)), *(moments.moment(time_s, pilots=pilots[0]) for time_s in times_s)) == [("d2",)]
-    assert told(Told(moments.setting(blind)), *(moments.moment(time_s, pilots=pilots[1]) for time_s in times_s)) == []
+    noisy = "camera: 12 noisy pixels masked", "the camera's spectrum is that of Co-60"
+    useless = "camera: no hit for 10 s or more, not even background; its counts are not used"
+    for problems, expected in (((), [("d2",)]), (noisy, [("d2",)]), ((*noisy, useless), [])):
+        pilots = moments.changed(1, moments.pilot(problems=problems), moments.pilot)
+        seen = [moments.moment(time_s, pilots=pilots) for time_s in (4.0, 20.0, 29.0, 31.0)]
+        assert told(Told(moments.setting(blind)), *seen) == expected
     restarted = [moments.moment(4.0), moments.moment(31.0, pilots=moments.changed(1, moments.pilot(), moments.pilot))]
     assert told(Told(moments.setting(blind)), *restarted) == []
 
