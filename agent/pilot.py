@@ -108,7 +108,7 @@ class Pilot:
         self._camera, self._peers = Camera(mission, drone.calibration, self._observer, self.counters), Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id, mission.safety.battery_reserve)
-        verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
+        verifier = Verifier(trust.authority, trust.revoked, computing.signed_root) if trust is not None else None
         self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, tells_obeyed)
         parts = self._executive, self._problems, self._own, self._peers, self.counters
         self._commanding = Commanding(self._mission_id, self._orders, *parts)

@@ -85,6 +85,18 @@ def decode(payload: bytes) -> AnyMessage:
     return message
 
 
+def decode_as(kind: type[M], payload: bytes) -> M:
+    """Decode bytes again that were accepted as a message of this kind when they came: in a quarter of the time of :func:`decode`.
+
+    Raises:
+        ProtocolError: they are of another kind.
+    """
+    try:
+        return cast(M, _READERS[kind].decode(payload))
+    except (msgspec.DecodeError, ValueError, RecursionError, OverflowError) as error:
+        raise ProtocolError(f"not a {kind.__name__.lower()}: {str(error)[:200]}") from None
+
+
 def decode_from(key: str, payload: bytes) -> AnyMessage:
     """Decode a message received under a key, and check it against the key (kind and sender)."""
     address = parse_key(key)

@@ -35,6 +35,8 @@ _OBEYED, _OBEYING = b"radron 2 obeyed\0", b"radron 2 obeying\0"
 _ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
+Signed = tuple[bytes, bytes]  # a signature, and what it is one of
+SignedRoot = Callable[[Entry, bytes], Signed | None]  # as ``signed_root``
 E = TypeVar("E", bound=Entry)
 S = TypeVar("S", bound=Order)
 
@@ -137,8 +139,12 @@ def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
             yield replace(entry, proof=b"".join((signature, bytes((place,)), *beside)))
 
 
-def signed_root(entry: Entry) -> tuple[bytes, bytes] | None:
-    """The signature in an entry's proof, and what it must be a signature of; None where the proof is none."""
+def signed_root(entry: Entry, payload: bytes) -> Signed | None:
+    """The signature in an entry's proof, and what it must be a signature of; None where the proof is none, or where the entry, as
+    it is written, is not its ``payload``.
+    """
+    if as_bytes(entry) != payload:  # else a relay could add a field that no reader knows
+        return None
     way = entry.proof[SIGNATURE_BYTES + 1 :]
     if len(entry.proof) <= SIGNATURE_BYTES or len(way) % _HASH_BYTES or len(way) > 5 * _HASH_BYTES:
         return None
@@ -155,9 +161,11 @@ class Verifier:
     drones judge alike.
     """
 
-    def __init__(self, authority: Authority, revoked: frozenset[int] = frozenset()) -> None:
+    def __init__(
+        self, authority: Authority, revoked: frozenset[int] = frozenset(), signed_root: SignedRoot = signed_root
+    ) -> None:
         """``revoked``: serial numbers of certificates that command no more."""
-        self._authority, self._revoked = authority, revoked
+        self._authority, self._revoked, self._signed_root = authority, revoked, signed_root
         self._revoked_names: set[str] = set()
         self._read: OrderedDict[bytes, Member] = OrderedDict()
         self._boots: defaultdict[tuple[str, str], list[Member]] = defaultdict(list)
@@ -169,8 +177,8 @@ class Verifier:
 
     def accepts_entry(self, entry: Entry, payload: bytes) -> bool:
         """Whether its drone has signed just these bytes. A credential that is accepted counts from then on."""
-        signed = signed_root(entry)
-        if signed is None or as_bytes(entry) != payload:  # else a relay could add a field that no reader knows
+        signed = self._signed_root(entry, payload)
+        if signed is None:
             return False
         boot = entry.drone, entry.boot
         member = self._of_credential(entry) if isinstance(entry, Credential) else None

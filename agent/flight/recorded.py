@@ -34,6 +34,7 @@ class RecordedPilot:
         self._pilot = pilot
         self._sink = sink
         self._told: Hypothesis | None = None
+        self._told_value = topics.encode_hypothesis(None, "")
         self._second = self._refusals = 0  # of commands, in that second
 
     @property
@@ -202,8 +203,10 @@ class RecordedPilot:
 
     def _tell_hypothesis(self, now_ns: int) -> None:
         hypothesis = self._pilot.hypothesis
-        if hypothesis is not self._told:
-            self._told = hypothesis
-            self._sink.write(
-                topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.fusion.hypothesis_digest), now_ns
-            )
+        if hypothesis is self._told:
+            return
+        value, self._told = topics.encode_hypothesis(hypothesis, ""), hypothesis
+        if value == self._told_value:  # one that is computed again and comes out the same may be the same object, or not
+            return
+        self._told_value = value
+        self._sink.write(topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.fusion.hypothesis_digest), now_ns)

@@ -7,7 +7,7 @@ from bisect import bisect_left, bisect_right, insort
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from agent.frames.geodesy import mission_from_geodetic
 from agent.frames.residuals import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
 from agent.geometry import yaw_of
-from protocol.codec import decode
+from protocol.codec import decode_as
 from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
-E = TypeVar("E", bound=Entry)
 READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
 _MOST = 64  # measurements of a kind that count of a drone in a keyframe: a member may publish a minute's for one moment
 _OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
@@ -188,7 +187,7 @@ class Intake:
         if payload is None:
             return
         del self._exposed[number][bisect_left(self._exposed[number], identity)]
-        exposure = _decoded(Exposure, payload)
+        exposure = decode_as(Exposure, payload)
         self._touch_clock(number, exposure)
         self._clock_errors[number].remove(exposure)
         for sample in _samples(exposure):
@@ -204,7 +203,7 @@ class Intake:
         exposed = self._exposed[number]
         first = bisect_left(exposed, exposure.stamp_ns - LONGEST_EXPOSURE_NS, key=_stamp_ns)
         for identity in exposed[first : bisect_right(exposed, exposure.end_ns, key=_stamp_ns)]:
-            other = _decoded(Exposure, self._exposures[identity])
+            other = decode_as(Exposure, self._exposures[identity])
             if exposure.stamp_ns <= other.end_ns:
                 yield other
 
@@ -231,7 +230,7 @@ class Intake:
     def _seen(self, index: int) -> Sightings:
         bucket = self._buckets[index]
         if bucket.seen is None:
-            entries = (_decoded(Sighting, payload) for payload in _counted(bucket.sightings))
+            entries = (decode_as(Sighting, payload) for payload in _counted(bucket.sightings))
             rows = list(map(self._sighting, entries))
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
@@ -264,7 +263,7 @@ class Intake:
     def _fixed(self, index: int) -> Fixes:
         bucket = self._buckets[index]
         if bucket.fixed is None:
-            rows = [self._fix(_decoded(Fix, payload)) for payload in _counted(bucket.fixes)]
+            rows = [self._fix(decode_as(Fix, payload)) for payload in _counted(bucket.fixes)]
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
                 bucket.fixed = Fixes.empty()
@@ -311,13 +310,6 @@ def _counted(held: dict[EntryId, bytes]) -> Iterator[bytes]:
         seen[identity.drone] += 1
         if seen[identity.drone] <= _MOST:
             yield held[identity]
-
-
-def _decoded(kind: type[E], payload: bytes) -> E:
-    entry = decode(payload)
-    if not isinstance(entry, kind):
-        raise TypeError(f"the bytes of a {type(entry).__name__} as those of a {kind.__name__}")
-    return entry
 
 
 def _samples(exposure: Exposure) -> Iterator[Sample]:

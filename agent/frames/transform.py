@@ -15,8 +15,6 @@ import numpy as np
 
 from agent.geometry import Array, Vector3
 
-_HORIZONTAL: Array = np.eye(2, 4)  # x and y of (x, y, z, yaw)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
@@ -114,11 +112,10 @@ class Transform:
         """1 sigma of the horizontal position in a of a point of b (m), and of the yaw (rad); zeros if exact."""
         if self.covariance is None:
             return 0.0, 0.0
-        x, y, _ = self._turned_per_yaw(point)
-        turned = _HORIZONTAL.copy()
-        turned[0, 3], turned[1, 3] = x, y
-        (xx, _), (_, yy) = turned.dot(self.covariance).dot(turned.T).tolist()  # as with @, which takes twice as long here
-        return math.sqrt(max(xx + yy, 0.0)), self.yaw_sigma_rad
+        u, v, _ = self._turned_per_yaw(point)
+        (xx, _, _, x_yaw), (_, yy, _, y_yaw), _, (_, _, _, yaw) = self.covariance.tolist()
+        variance = xx + yy + 2.0 * (u * x_yaw + v * y_yaw) + (u * u + v * v) * yaw
+        return math.sqrt(max(variance, 0.0)), math.sqrt(max(yaw, 0.0))
 
     @property
     def yaw_sigma_rad(self) -> float:

@@ -11,13 +11,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from enum import Enum
 from itertools import chain, islice, zip_longest
 from operator import attrgetter
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
 from agent.fusion.records import Contradiction, Record
 from agent.fusion.retractions import Retractions
 from agent.fusion.sequences import Range, SequenceSet
-from protocol.codec import decode
+from protocol.codec import decode_as
 from protocol.entries import Coverage, Entry, EntryId, Retraction
 from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
@@ -96,7 +96,7 @@ class ObservationLog:
     def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
         """The entries of one kind, of one drone or of all, in the order of their identities: a function of the log's content."""
         held = (item for item in self._payloads[kind].items() if drone is None or item[0].drone == drone)
-        return [cast(E, decode(payload)) for _, payload in sorted(held)]
+        return [decode_as(kind, payload) for _, payload in sorted(held)]
 
     def entry(self, identity: EntryId) -> Entry:
         """The entry held of this identity. Raises KeyError without one."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 from msgspec import Struct
 
-from protocol.codec import decode
+from protocol.codec import decode_as
 from protocol.entries import Entry
 
 
@@ -19,7 +17,7 @@ class Record(Struct, frozen=True):
     @property
     def entry(self) -> Entry:
         """The entry, decoded anew."""
-        return cast(Entry, decode(self.payload))
+        return decode_as(self.kind, self.payload)
 
 
 class Contradiction(Struct, frozen=True):

@@ -1,4 +1,4 @@
-"""What is computed once for all agents of a flight: the folds of equal logs, the messages that several receive, their signatures.
+"""What is computed once for all agents of a flight: the folds of equal logs, and the messages that several receive.
 
 What one has computed from a state and observations, the others need not again.
 
@@ -7,14 +7,14 @@ agents of a flight begin with the same state. So a state is known by its lineage
 in each. Agents with equal logs walk along one lineage. Where their logs differ they part; once the logs are equal again, they
 replay from where they parted, and are on one lineage again, even if the states of it had been forgotten and each has its own.
 So it is with the frames (``sharedframes``). Nothing else is shared: every agent has its own log, observations and replays, and
-whatever goes wrong there parts it from the others. In every tenth mission of a campaign one drone is recorded
-(``sim.campaign.faults.recording``): it computes on its own, in flight and in the replay, as a check on the others.
+whatever goes wrong there parts it from the others. In every tenth mission of a campaign one drone is recorded, and replayed
+(``sim.campaign.faults.recording``): the replay computes on its own, as a check on the flight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from agent.config.mission import MissionConfig
@@ -22,7 +22,9 @@ from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, Observation
 from agent.fusion.registry import estimator_named
 from protocol.codec import decode_from
+from protocol.entries import Entry
 from protocol.messages import AnyMessage
+from protocol.signing import Signed, signed_root
 from sim.scoring.moment import Shared
 
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
@@ -95,15 +97,26 @@ class SharedFold(Generic[S]):
         return None if mixture is None else mixture(state.state, stamp_ns)
 
 
-class Readings:
+class Readings(Shared):
     """Decodes messages, each once for all who receive the same bytes under the same key: no message ever changes."""
 
     def __init__(self) -> None:
-        self._read = Results(MOST_READ)
+        self._read = lru_cache(MOST_READ)(decode_from)
 
     def __call__(self, key: str, payload: bytes) -> AnyMessage:
         """As ``decode_from``; raises as it does, each time."""
-        return self._read.get((key, payload), partial(decode_from, key, payload))
+        return self._read(key, payload)
+
+
+class SignedRoots:
+    """What the proofs of log entries are signatures of, each worked out once for all who receive the same bytes."""
+
+    def __init__(self) -> None:
+        self._known = Results(MOST_READ)
+
+    def __call__(self, entry: Entry, payload: bytes) -> Signed | None:
+        """As ``signed_root``."""
+        return self._known.get(payload, partial(signed_root, entry, payload))
 
 
 class Results(Shared):

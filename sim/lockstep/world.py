@@ -27,7 +27,7 @@ from sim.faults.tellers import Tellers
 from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
 from sim.lockstep.revoker import Revoker
 from sim.lockstep.sharedframes import SharedFrames
-from sim.lockstep.sharing import Folds, Readings
+from sim.lockstep.sharing import Folds, Readings, SignedRoots
 from sim.lockstep.telemetry import Telemetry
 from sim.scenario import Scenario
 from sim.scoring.aboard import Aboard
@@ -81,7 +81,7 @@ class World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
-        self._computing = Computing(Folds(), SharedFrames(), Readings())
+        self._computing = Computing(Folds(), SharedFrames(), Readings(), SignedRoots())
         self._authority = authority = SimulatedAuthority(seed)
         self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from schema_messages import document, messages
 
-from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_from, encode
+from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_as, decode_from, encode
 from protocol.entries import Cone, ConeOrder, Counts, Coverage, Exposure, PoseSample, Retraction, Sighting
 from protocol.errors import ProtocolError
 from protocol.keys import command_key, drone_key, key_of
@@ -68,6 +68,10 @@ def test_round_trip(kind: str) -> None:
         assert type(decode(payload)) is type(message)
         assert encode(decode(payload)) == payload
         assert decode_from(key_of("swarm-1", message), payload) == message
+        assert decode_as(type(message), payload) == message
+        other = next(one for one in KINDS.values() if one is not type(message))
+        with pytest.raises(ProtocolError, match=f"not a {other.__name__.lower()}"):
+            decode_as(other, payload)
 
     every()
 
@@ -79,6 +83,7 @@ def test_round_trip(kind: str) -> None:
 )
 def test_unknown_fields_are_ignored(message: Message, extra: dict[str, Any]) -> None:
     assert decode(packed(message, **extra)) == message
+    assert decode_as(type(message), packed(message, **extra)) == message
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -29,6 +29,7 @@ class EnergyScale:
         self.factor = 1.0
         self._nuclide = nuclide
         self._recent, self._since_ns = Recogniser(), 0  # since the last look: energies by the calibration
+        self._in_place = Recogniser((nuclide,))
         self._is_seen = False  # the nuclide, with its lines in place
         prepare_readings(nuclide, _MOVED)
 
@@ -41,7 +42,8 @@ class EnergyScale:
         if 0 <= now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:  # negative: the clock was set back
             return False
         recent, self._recent, self._since_ns = self._recent, Recogniser(), now_ns
-        is_in_place = Recogniser((self._nuclide,), counts=recent.counts).best() is not None
+        self._in_place.restart(recent.counts)
+        is_in_place = self._in_place.best() is not None
         self._is_seen = self._is_seen or is_in_place
         if not self._is_seen:
             return False

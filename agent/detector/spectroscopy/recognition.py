@@ -71,6 +71,10 @@ class Recogniser:
         place = np.searchsorted(EDGES_KEV, energies_kev)  # 0 and the last are outside of the spectrum
         self._counts = self._counts + np.bincount(place, minlength=len(EDGES_KEV) + 1)[1:-1]
 
+    def restart(self, counts: Array) -> None:
+        """Replace the spectrum by a similar one (B,): the fits go on from their last results, in half of the time."""
+        self._counts = counts
+
     @property
     def counts(self) -> Array:
         """(B,) the spectrum."""

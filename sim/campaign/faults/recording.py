@@ -79,9 +79,7 @@ class Recording:
         nonce_key: bytes,
         computing: Computing = ALONE,
     ) -> Pilot:
-        """As ``Pilot``. The recorded one computes on its own, as in the replay, and is the check on those that share."""
-        if drone.id == self._drone:
-            computing = ALONE._replace(read=computing.read)
+        """As ``Pilot``. The recorded one shares what it computes with the others; the replay computes on its own."""
         pilot = Pilot(mission, drone, boot, listeners, memory, trust, nonce_key=nonce_key, computing=computing)
         if drone.id != self._drone:
             return pilot

@@ -7,7 +7,10 @@ import shutil
 import struct
 import time
 from contextlib import suppress
+from types import SimpleNamespace
 
+import msgspec
+import numpy as np
 import psutil
 import pytest
 from mcap.opcode import Opcode
@@ -22,6 +25,7 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.flight.segment import Segment
+from agent.fusion.estimator import Hypothesis
 
 NOISE = random.Random(1).randbytes(3_000_000)  # does not compress
 
@@ -190,6 +194,11 @@ def test_a_folder_that_cannot_be_written_to(tmp_path):
         FlightRecorder(tmp_path / "file", 100, HEADER)
 
 
+class Kept(list):
+    def write(self, topic, data, log_ns=None):
+        self.append((topic, data))
+
+
 def test_an_exception_of_the_pilot_is_recorded_and_passed_on():
     class Failing:
         hypothesis = None
@@ -197,14 +206,23 @@ def test_an_exception_of_the_pilot_is_recorded_and_passed_on():
         def step(self, now_ns):
             raise ValueError("as it happened")
 
-    class Kept(list):
-        def write(self, topic, data, log_ns=None):
-            self.append((topic, data))
-
     kept = Kept()
     with pytest.raises(ValueError, match="as it happened"):
         RecordedPilot(Failing(), kept).step(5)
     assert kept == [(topics.STEP, b"{}"), (topics.ERROR, b'"ValueError: as it happened"')]
+
+
+def test_a_hypothesis_that_comes_out_again_as_before_is_recorded_once():
+    """Computed again it is another object, or, shared by agents in lockstep, the same: the record must not tell (1070129)."""
+    fusion = SimpleNamespace(hypothesis_digest="0" * 32)
+    pilot = SimpleNamespace(advance=lambda now_ns: None, fusion=fusion, hypothesis=None)
+    kept = Kept()
+    recorded = RecordedPilot(pilot, kept)
+    for x in (1.0, 1.0, 2.0, 1.0):
+        pilot.hypothesis = Hypothesis(0, np.array([x, 2.0, 0.0]), np.eye(3), np.zeros(3), 0, 0, 1e9, 1e8)
+        recorded.advance(5)
+    told = [msgspec.json.decode(data)["position_m"][0] for topic, data in kept if topic == topics.HYPOTHESIS]
+    assert told == [1.0, 2.0, 1.0]
 
 
 def test_the_header_brings_everything_the_pilot_was_made_of(tmp_path):

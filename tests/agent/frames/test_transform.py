@@ -92,6 +92,14 @@ def test_covariances_agree_with_sampling():
         np.testing.assert_allclose(sampled, exact, atol=0.08 * np.abs(exact).max())
 
 
+@given(transforms(), points)
+def test_sigmas_at_a_point_are_those_of_a_frame_whose_origin_it_is(transform, point):
+    uncertain = Transform(transform.yaw_rad, transform.translation, random_covariance(3))
+    there = (uncertain @ Transform(0.0, point)).covariance
+    expected = math.sqrt(there[0, 0] + there[1, 1]), math.sqrt(there[3, 3])
+    assert uncertain.sigmas_at(point) == pytest.approx(expected, rel=1e-6)
+
+
 def test_exact_transforms_stay_exact():
     assert (Transform(1.0) @ Transform(2.0)).covariance is None
     assert Transform(1.0).inverse().covariance is None

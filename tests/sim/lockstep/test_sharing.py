@@ -15,10 +15,11 @@ from agent.fusion.observation import CountObservation
 from agent.fusion.registry import estimator_named
 from agent.pilot import Pilot
 from protocol.entries import EntryId
+from protocol.signing import signed_root
 from protocol.spectrum import SpectrumBin
 from sim.lockstep.flight import watched
 from sim.lockstep.sharedframes import SharedFrames
-from sim.lockstep.sharing import Descended, Folds, Results, SharedFold
+from sim.lockstep.sharing import Descended, Folds, Results, SharedFold, SignedRoots
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
 
@@ -78,6 +79,7 @@ def test_a_flight_with_shared_folds_and_frames_is_the_same_to_the_bit(name, unti
     shared = flown(scenario, until_s)
     monkeypatch.setattr(Folds, "__call__", lambda self, *what: estimator_named(*what))
     monkeypatch.setattr(SharedFrames, "__call__", lambda self, *what: Estimate(*what))
+    monkeypatch.setattr(SignedRoots, "__call__", lambda self, *what: signed_root(*what))
     kind = "alone"
     alone = flown(scenario, until_s)
     assert shared == alone

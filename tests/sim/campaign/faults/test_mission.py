@@ -14,7 +14,6 @@ from sim.campaign.faults.course import SHORT
 from sim.campaign.faults.draw import draw
 from sim.campaign.faults.mission import Log, Mission, fly_mission
 from sim.campaign.faults.recording import Recording
-from sim.lockstep.sharing import SharedFold
 from sim.scenario import parse_scenario
 from sim.scoring.moment import Moment
 
@@ -71,19 +70,6 @@ def test_a_recorded_flight_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path)
     (difference,) = recording.differences()
     assert difference.startswith("cannot be replayed")
-
-
-def test_a_recorded_drone_folds_on_its_own_as_in_its_replay(tmp_path: Path) -> None:
-    """A state that came out as before was the same object for all that share it: told again in the replay only (1070129)."""
-    recording, made = Recording("d1", tmp_path), {}
-
-    def make(mission: Any, drone: Any, *args: Any, **kwargs: Any) -> Pilot:
-        made[drone.id] = recording.make(mission, drone, *args, **kwargs)
-        return made[drone.id]
-
-    fly_until(1.0, make)
-    shares = {name: isinstance(pilot.fusion.estimator, SharedFold) for name, pilot in made.items()}
-    assert shares == {"d1": False, "d2": True, "d3": True}
 
 
 def test_an_agent_that_starts_late_is_recorded_from_then_on(tmp_path: Path) -> None:
