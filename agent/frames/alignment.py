@@ -3,15 +3,18 @@
 For each of a set of headings a position is guessed (the median of what single sightings with a range imply; where the bearings
 cross; places around the others where there are only ranges). All these starts are refined at once by Gauss-Newton with variances
 that begin wide and shrink to their stated values (graduated non-convexity, as in Yang et al. 2020): false positives lose their
-weight, and neighbouring starts run into the same optimum. The result is reliable only where every other heading explains the data
-clearly worse.
+weight, and neighbouring starts run into the same optimum. A false sighting of the one drone whose place is well known outweighs
+all others at first, and would take every start along; so starts of directions with ranges are also refined from narrow variances
+on. The result is reliable only where every other heading explains the data clearly worse.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.frames.residuals import (
     NEAREST_M,
@@ -29,6 +32,7 @@ from agent.geometry import Array
 HEADINGS = 16
 _FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # start positions around the others where there are only ranges
 _WIDTHS = (400.0, 400.0, 100.0, 100.0, 25.0, 9.0, 4.0, 1.0, 1.0, 1.0, 1.0)  # factors on the variances, one per iteration
+_NARROW = _WIDTHS[5:]
 _DISTINCT_YAW = 0.35  # rad; solutions whose headings differ by more are distinct
 _DISTINCT_M = 1.0
 _FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # prior information that keeps every fit solvable
@@ -54,6 +58,11 @@ class Views:
     places: Array
     moved_place: Array
     place_var: Array
+
+    @property
+    def with_both(self) -> NDArray[np.bool_]:
+        """(M,) those with a direction and a range."""
+        return np.isfinite(self.direction_var) & np.isfinite(self.range_var)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +109,9 @@ def align(views: Views) -> Alignment | None:
     starts = _starts(views)
     if not len(starts):
         return None
-    pose = starts
-    for width in _WIDTHS:
-        information, pull, _, _ = _fit(views, pose, width)
-        pose = pose + np.linalg.solve(information, pull[:, :, None])[:, :, 0]
+    pose = _refined(views, starts, _WIDTHS)
+    if views.with_both.any():  # starts of bearings alone are too far off
+        pose = np.concatenate([pose, _refined(views, starts, _NARROW)])
     information, _, evidence, share = _fit(views, pose, 1.0)
     best = int(np.argmax(evidence))
     turn = pose[:, 3] - pose[best, 3]
@@ -113,6 +121,14 @@ def align(views: Views) -> Alignment | None:
     found = pose[best].copy()
     found[3] = np.arctan2(np.sin(found[3]), np.cos(found[3]))
     return Alignment(found, np.linalg.inv(information[best]), float(evidence[best]), lead, float(share[best]))
+
+
+def _refined(views: Views, pose: Array, widths: Sequence[float]) -> Array:
+    """Poses (S, 4) after a Gauss-Newton step for each of the widths."""
+    for width in widths:
+        information, pull, _, _ = _fit(views, pose, width)
+        pose = pose + np.linalg.solve(information, pull[:, :, None])[:, :, 0]
+    return pose
 
 
 def evidence_of(views: Views, pose: Array) -> float:
@@ -126,7 +142,7 @@ def _starts(views: Views) -> Array:
     arm = turned(yaws[:, None], np.broadcast_to(views.moved, (HEADINGS, *views.moved.shape)))
     toward = _toward(views, yaws)
     starts = []
-    both = np.isfinite(views.direction_var) & np.isfinite(views.range_var)
+    both = views.with_both
     bearing = np.isfinite(views.direction_var)
     if both.any():
         places = views.other[both] - arm[:, both] - toward[:, both] * views.range_m[both, None]

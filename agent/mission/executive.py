@@ -20,7 +20,7 @@ from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
-from agent.mission.takeover import MODES, SEARCHING
+from agent.mission.takeover import MODES, SEARCHING, is_failsafe
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
@@ -314,7 +314,7 @@ class Executive:
             self.finding = found or self.finding
 
     def _decide(self, now_ns: int, peers: Peers) -> Decision:
-        """The command for the autopilot. Without recent telemetry the drone holds."""
+        """The command for the autopilot."""
         request, vehicle = self._mission.request, self._own.vehicle
         height_m = self._config.survey.height_m
         if request is not Request.OFFBOARD or vehicle is None:
@@ -322,9 +322,7 @@ class Executive:
             return Decision(VehicleCommand(request, takeoff_height_m=height_m))
         if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
             self._navigator.rest(now_ns, peers)
-            self._counters["held_without_telemetry"] += 1
-            self._mission.hold_asked(now_ns)
-            return Decision(VehicleCommand(Request.HOLD))
+            return Decision(VehicleCommand(self._request_blind(vehicle, now_ns)))
         believed = self._left if self._revoked else focus(self._world.fusion.hypothesis, self._config)
         moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, believed, self._mission.took_part_ns)
         setpoint, plan = self._navigator.step(moment, peers)
@@ -334,3 +332,15 @@ class Executive:
         if self.stage is Stage.SURVEY:
             searched = self._coverage.add(now_ns, vehicle.epoch, vehicle.position_m[:2])
         return Decision(VehicleCommand(request, setpoint, height_m), plan, searched)
+
+    def _request_blind(self, vehicle: VehicleState, now_ns: int) -> Request:
+        """What is asked of the autopilot without recent telemetry: to hold; or, without a setpoint, nothing where it was in its
+        failsafe, which may bring the vehicle home or down: on so bad a link it would not leave a hold again.
+        """
+        if is_failsafe(vehicle):
+            self._counters["left_to_failsafe"] += 1
+            self._mission.blind(now_ns)
+            return Request.OFFBOARD
+        self._counters["held_without_telemetry"] += 1
+        self._mission.hold_asked(now_ns)
+        return Request.HOLD

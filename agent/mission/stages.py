@@ -63,7 +63,7 @@ class Mission:
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
         self._unsteered = Unsteered()
         self._position_loss = PositionLoss()
-        self._blind_ns: int | None = None  # when this agent asked for a hold for want of telemetry, until some comes
+        self._blind_ns: int | None = None  # the last time without recent telemetry, until some comes
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
@@ -219,6 +219,10 @@ class Mission:
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
         self._takeover.hold_asked(now_ns)
+        self.blind(now_ns)
+
+    def blind(self, now_ns: int) -> None:
+        """There is no recent telemetry."""
         self._blind_ns = now_ns
 
     def step(self, situation: Situation) -> None:

@@ -31,7 +31,7 @@ from agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, Request
+from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from protocol.codec import decode_from, encode
 from protocol.entries import Exposure
 from protocol.errors import ProtocolError
@@ -264,6 +264,17 @@ def test_implausible_telemetry_is_dropped_and_the_drone_holds_when_there_is_no_o
     assert one.step(late_ns).command.request is Request.HOLD
     one.observe_vehicle(state(late_ns + TICK_NS, FlightMode.OFFBOARD))
     assert one.step(late_ns + TICK_NS).command.request is Request.OFFBOARD
+
+
+def test_without_telemetry_a_vehicle_is_left_to_the_failsafe_it_was_in():
+    """On a link that loses 93 % of all packets a hold ended the return for good (1460337)."""
+    one = started()
+    seen_ns, late_ns = START_NS + TICK_NS, START_NS + 2 * SECOND
+    one.observe_vehicle(replace(state(seen_ns, FlightMode.RETURN), healthy=False))
+    assert one.step(seen_ns).command.setpoint is not None  # which ends a failsafe for want of setpoints
+    assert one.step(late_ns).command == VehicleCommand(Request.OFFBOARD)
+    one.observe_vehicle(state(late_ns + TICK_NS, FlightMode.OFFBOARD))
+    assert one.step(late_ns + TICK_NS).command.setpoint is not None
 
 
 def test_older_telemetry_does_not_replace_newer():

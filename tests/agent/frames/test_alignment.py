@@ -109,6 +109,39 @@ def test_a_third_of_the_sightings_may_be_false():
     assert np.linalg.norm(off(align(data), truth)[:3]) < 0.4
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_false_sighting_of_the_one_drone_whose_place_is_well_known_does_not_decide(seed):
+    """Of three first sightings: it weighed 30 times as much as the others, and all headings ran into that one (1460369)."""
+    rng = np.random.default_rng(seed)
+    yaw, mine = rng.uniform(-math.pi, math.pi), np.zeros(3)
+    ends = 6.0 * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    observer, target = np.array([0, 0, 0, 1, 2, 3, 4, 5]), np.array([1, 3, 5, 0, 0, 0, 0, 0])
+    outward = observer == 0
+    other = np.where(outward, target, observer) - 1
+    seen_end = other.copy()
+    seen_end[0] = 4  # 5 is taken for 1
+    apart = np.where(outward[:, None], ends[seen_end], -ends[other])
+    length = np.linalg.norm(apart, axis=1)
+    seen = apart / length[:, None] + SIGMA_RAD * rng.standard_normal((8, 3))
+    seen /= np.linalg.norm(seen, axis=1)[:, None]
+    data = Sightings(
+        observer,
+        target,
+        np.zeros(8, dtype=np.int64),
+        np.zeros((8, 3)),
+        np.zeros((8, 3)),
+        np.where(outward[:, None], turn(-yaw, seen), seen),
+        np.full(8, SIGMA_RAD**2),
+        length + SIGMA_M * rng.standard_normal(8),
+        np.full(8, SIGMA_M**2),
+        np.zeros(8),
+    )
+    places_var = np.stack([np.where(other == 0, 0.01, 4.0), np.full(8, math.radians(5.0) ** 2)], axis=1)
+    poses = np.concatenate([ends[other], np.zeros((8, 1))], axis=1)
+    found = align(views_of(0, data, poses, places_var, mine, Fixes.empty(), np.zeros(8)))
+    assert found.lead < 10.0 or abs(off(found, np.append(mine, yaw))[3]) < math.radians(15.0)
+
+
 def test_nothing_seen_is_nothing_found():
     nothing = views_of(0, Sightings.empty(), np.zeros((0, 4)), np.zeros((0, 2)), np.zeros(3), Fixes.empty(), np.zeros(0))
     assert align(nothing) is None
