@@ -35,7 +35,7 @@ soak: $(SIM)  ## an hour's mission and 20 short ones in lockstep, ten minutes li
 px4-test: $(SIM)  ## two missions, hold, a killed agent, lost GNSS, live on a real PX4; exit code 77 without one; results/px4-test/
 	$(BIN)/radron-sim px4-test --out results/px4-test
 
-faults: $(SIM)  ## 1,000 random missions with faults, resumable, two to two and a half hours on two cores; exit code 1 if anything is violated; results/faults/
+faults: $(SIM)  ## 1,000 random missions with faults, resumable, two hours on two cores; exit code 1 if anything is violated; results/faults/
 	$(BIN)/radron-sim faults --runs 1000 --out results/faults
 
 planted: $(SIM)  ## which planted bugs the campaigns with faults find, at most 20 missions a bug, resumable; hours; results/planted/
