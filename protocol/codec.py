@@ -86,15 +86,19 @@ def decode(payload: bytes) -> AnyMessage:
 
 
 def decode_as(kind: type[M], payload: bytes) -> M:
-    """Decode bytes again that were accepted as a message of this kind when they came: in a quarter of the time of :func:`decode`.
+    """Decode bytes again that were accepted as a message of this kind when they came: in a quarter of the time of :func:`decode`,
+    unless they were written otherwise than :func:`encode` does, such as binary as text.
 
     Raises:
         ProtocolError: they are of another kind.
     """
     try:
         return cast(M, _READERS[kind].decode(payload))
-    except (msgspec.DecodeError, ValueError, RecursionError, OverflowError) as error:
-        raise ProtocolError(f"not a {kind.__name__.lower()}: {str(error)[:200]}") from None
+    except (msgspec.DecodeError, ValueError, RecursionError, OverflowError):
+        message = decode(payload)
+    if not isinstance(message, kind):
+        raise ProtocolError(f"a {type(message).__name__.lower()} as a {kind.__name__.lower()}")
+    return message
 
 
 def decode_from(key: str, payload: bytes) -> AnyMessage:
