@@ -164,7 +164,7 @@ class Verifier:
     def __init__(
         self, authority: Authority, revoked: frozenset[int] = frozenset(), signed_root: SignedRoot = signed_root
     ) -> None:
-        """``revoked``: serial numbers of certificates that command no more."""
+        """``revoked``: serial numbers of certificates that command no more; ``signed_root``: as the function, or from memory."""
         self._authority, self._revoked, self._signed_root = authority, revoked, signed_root
         self._revoked_names: set[str] = set()
         self._read: OrderedDict[bytes, Member] = OrderedDict()

@@ -206,7 +206,7 @@ class RecordedPilot:
         if hypothesis is self._told:
             return
         value, self._told = topics.encode_hypothesis(hypothesis, ""), hypothesis
-        if value == self._told_value:  # one that is computed again and comes out the same may be the same object, or not
+        if value == self._told_value:  # computed again with the same result: in lockstep that may be the same object
             return
         self._told_value = value
         self._sink.write(topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.fusion.hypothesis_digest), now_ns)

@@ -22,7 +22,7 @@ from agent.frames.residuals import FIX_OUTLIER_SHARE
 from agent.frames.slides import find_slides, note_moves, place_anew
 
 _RETRY = 3  # keyframes between attempts to align a lost frame
-_ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 20 ms, during which the flight loop waits
+_ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 30 ms, during which the flight loop waits
 _TOO_WIDE_M = 25.0  # sigma of a position beyond which it counts as unknown
 
 

@@ -75,8 +75,6 @@ class Setting:
 
     def unheard_s(self, *drones: int) -> float:
         """From when on nobody hears one of these drones, nor it anybody, as it is revoked; infinite if none is."""
-        if not self.revoked_s:
-            return inf
         return min((self.revoked_s.get(drone, inf) for drone in drones), default=inf) + _LINKED_S
 
     def began_s(self, families: Collection[Family]) -> float:
