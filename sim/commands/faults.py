@@ -22,6 +22,9 @@ def faults(
     seed: Annotated[int, typer.Option(help="The first seed.")] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
     dealt: Annotated[bool, typer.Option("--dealt", help="Ten successive seeds have every kind of fault, and none.")] = False,
+    attacks: Annotated[
+        bool, typer.Option("--attacks", help="Each mission has one attack, or one reset of an autopilot.")
+    ] = False,
     short: Annotated[bool, typer.Option("--short", help="Short missions, as in the fast tests.")] = False,
     first: Annotated[bool, typer.Option("--first", help="End each mission at its first violation.")] = False,
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
@@ -32,11 +35,12 @@ def faults(
     dask: Dask = None,
 ) -> None:
     """Fly random missions with faults, and tell what must hold and did not: exit code 1. Rerun with the same --out to resume."""
-    from sim.campaign.faults.course import DEALT, FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.campaign.faults.course import ATTACKED, DEALT, FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
 
-    if short and dealt:
-        raise ConfigError("--short and --dealt: give one of them")
-    course = SHORT if short else DEALT if dealt else FULL
+    courses = [course for course, given in ((SHORT, short), (DEALT, dealt), (ATTACKED, attacks)) if given]
+    if len(courses) > 1:
+        raise ConfigError("--short, --dealt and --attacks: give one of them")
+    course = courses[0] if courses else FULL
     for option, given in (("--show", show), ("--minimise", minimise)):
         if given is not None and given < 0:
             raise ConfigError(f"{option} {given}: give 0 or more")

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from agent.errors import ConfigError
-from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT, Course
+from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, SHORT, Course
 from sim.campaign.faults.mission import Mission, Verdict, fly_mission
 from sim.campaign.flights import Watch, claim
 from sim.campaign.workers import Executor, Outcome
@@ -19,7 +19,7 @@ from sim.runfile import RunFile, make_folder
 from sim.scoring.invariants.judge import ANY
 
 RUNS = "missions.jsonl"
-_COMMANDS = {FULL: "faults", SHORT: "faults --short", DEALT: "faults --dealt", LIVE: "live-faults"}
+_COMMANDS = {FULL: "faults", SHORT: "faults --short", DEALT: "faults --dealt", ATTACKED: "faults --attacks", LIVE: "live-faults"}
 Fly = Callable[[Mission], Verdict]
 
 

@@ -42,3 +42,6 @@ DEALT = Course(
 LIVE = Course(
     first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=120.0, side_m=(26.0, 36.0), most_drones=3
 )  # in real time
+ATTACKED = Course(
+    first_s=12.0, heal_s=44.0, track_s=(36.0, 40.0), search_s=60.0, end_s=150.0, side_m=(30.0, 40.0), most_drones=4
+)  # a single attack or reset, once the source is found or nearly

@@ -127,7 +127,7 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
     *whom, last = [names[place] for place in rng.permutation(len(names))]
     follow = [drone["id"] for drone in drones if drone.get("localization") != "slam"]
     struck = [last if card in _UNDISTURBED else _target(card[0], k, whom, follow) for k, card in enumerate(hand)]
-    faults = [_fault(rng, card, names, target, course) for card, target in zip(hand, struck, strict=True)]
+    faults = [strike(rng, card, names, target, course) for card, target in zip(hand, struck, strict=True)]
     faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
     faults += [_unheard(fault) for fault in faults if fault["kind"] == "clock" and fault["jump_s"] < 0.0]
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
@@ -153,7 +153,8 @@ def _unheard(clock: dict[str, Any]) -> dict[str, Any]:
     return {"kind": "mavlink-loss", "at_s": at_s, "for_s": sum(_UNHEARD_S), "probability": 1.0, "target": clock["target"]}
 
 
-def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, course: Course) -> dict[str, Any]:
+def strike(rng: np.random.Generator, card: Card, names: list[str], target: str, course: Course) -> dict[str, Any]:
+    """Return the scenario's fault entry of a card for one drone: times and the numbers that the card leaves open are drawn."""
     kind, given = card
     at_s = round(float(rng.uniform(course.first_s, course.heal_s - LASTS_S[1])), 2)
     lasts_s = round(float(rng.uniform(*LASTS_S)), 2)

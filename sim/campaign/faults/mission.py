@@ -14,7 +14,8 @@ import numpy as np
 from msgspec import Struct
 
 from protocol.messages import Stage
-from sim.campaign.faults.course import DEALT, FULL, LIVE, Course
+from sim.campaign.faults.attacks import attack
+from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, Course
 from sim.campaign.faults.dealt import deal
 from sim.campaign.faults.draw import draw
 from sim.campaign.faults.recording import Recording
@@ -25,6 +26,7 @@ from sim.scoring.moment import Hypothesis, Scene
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
+_DOCUMENTS = {DEALT: deal, LIVE: deal, ATTACKED: attack}  # the missions of the other courses are drawn
 _RECORDED_EVERY = 10  # of that many missions one drone of one is recorded and replayed
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
@@ -48,7 +50,7 @@ class Mission:
         """The scenario document that is flown."""
         if self.document is not None:
             return self.document
-        return deal(self.seed, self.course) if self.course in (DEALT, LIVE) else draw(self.seed, self.course)
+        return _DOCUMENTS.get(self.course, draw)(self.seed, self.course)
 
 
 class Verdict(Struct, frozen=True, kw_only=True):

@@ -1,0 +1,33 @@
+"""Missions with one attack each, or one reset of an autopilot: kinds that random missions leave out.
+
+These missions have a random stream of their own, so that a new kind changes no mission of the other courses.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sim.campaign.faults.course import Course
+from sim.campaign.faults.dealt import Card, strike
+from sim.campaign.faults.missions import draw_mission
+
+_STREAM = 1_000_008
+ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the same drone at the same time
+    (("copied-key", {}),),
+    (("copied-key", {}), ("takeover", {"mode": "hold"})),
+    (("copied-key", {}), ("takeover", {"mode": "return"})),
+)
+
+
+def attack(seed: int, course: Course) -> dict[str, Any]:
+    """Return the scenario document of a seed: successive seeds take the entries of ``ATTACKS`` in turn."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    document = draw_mission(rng, f"attack-{seed}", course)
+    names = [drone["id"] for drone in document["mission"]["drones"]]
+    target = names[int(rng.integers(len(names)))]
+    faults = [strike(rng, card, names, target, course) for card in ATTACKS[seed % len(ATTACKS)]]
+    together = {"at_s": faults[0]["at_s"]}
+    document["fault"] = [fault | together for fault in faults]
+    return document
