@@ -1,23 +1,19 @@
-"""The launch places of a mission: apart from each other, and inside the fence."""
+"""The launch places of a mission, apart from each other."""
 
 from __future__ import annotations
 
 from itertools import combinations
 from math import hypot
 
-from shapely import Point, Polygon
-
 from agent.config.mission import DroneInMission, MissionConfig
 from agent.errors import ConfigError
 
-_SIGMAS = 3.0
-
 
 def check_launch_places(mission: MissionConfig, where: str) -> None:
-    """See that all drones are launched apart from each other and inside the fence, as far as the mission knows their places.
+    """Check that all drones are launched apart from each other, as far as the mission knows their places.
 
     Raises:
-        ConfigError: two are launched closer than they may fly, or one outside the fence; ``where`` is named in the text.
+        ConfigError: two are launched closer than they may fly; ``where`` is named in the text.
     """
     for one, other in combinations(mission.drones, 2):
         apart_m = hypot(one.origin_m[0] - other.origin_m[0], one.origin_m[1] - other.origin_m[1])
@@ -26,14 +22,6 @@ def check_launch_places(mission: MissionConfig, where: str) -> None:
             raise ConfigError(
                 f"{where}: drones: {one.id} and {other.id} are launched {apart_m:.1f} m apart, which is less than "
                 f"limits.separation_m = {mission.limits.separation_m:g}; correct their origin_m"
-            )
-    area, margin_m = Polygon(mission.area.polygon_m), mission.area.fence_margin_m
-    for drone in mission.drones:
-        outside_m = area.distance(Point(drone.origin_m[:2]))
-        if outside_m - _SIGMAS * _sigma_m(drone) > margin_m:
-            raise ConfigError(
-                f"{where}: drones: {drone.id} is launched {outside_m:.0f} m outside area.polygon_m, beyond the fence "
-                f"(area.fence_margin_m = {margin_m:g}); correct its origin_m, or enlarge the area"
             )
 
 

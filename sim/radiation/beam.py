@@ -46,6 +46,11 @@ class BeamCamera:
         self._electronics = Electronics(truth, rng, clock_ns)
 
     @property
+    def photons_per_s(self) -> float:
+        """Photons that interact in the sensor, background included."""
+        return self.direct_per_s + self.scattered_per_s + self._truth.background_hits_per_s
+
+    @property
     def calibration(self) -> PixelCalibration:
         """The camera's own, with ``write(folder)`` for the agent's files."""
         return self._electronics.calibration

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from sim.radiation.beam import BeamCamera
 
 _SLICE_NS = 200_000_000
+MAX_PHOTONS = 1_000_000  # that interact in a recording: about a minute's computing
+MAX_SLICE_PHOTONS = 20_000  # that interact in a slice, on average: bounds the memory, 20 MB
 _SPREAD = 0.05  # between the pixels of a camera with calibration files
 
 
@@ -58,6 +60,12 @@ def hits(
     truth = CameraTruth(calibration_spread=0.0 if calibration is None else _SPREAD)
     view = SourceView(direction, distance, activity)
     camera = BeamCamera(truth, nuclide, view, np.random.default_rng(seed), clock_ns=0)
+    photons = camera.photons_per_s * seconds
+    if photons > MAX_PHOTONS:
+        raise ConfigError(
+            f"--activity {activity:g} Bq at --distance {distance:g} m for --seconds {seconds:g}: {photons:.1e} photons would "
+            f"interact in the sensor; at most {MAX_PHOTONS:.0e} are simulated: record for less time, or from farther away"
+        )
     if calibration is not None:
         try:
             camera.calibration.write(calibration)
@@ -92,8 +100,9 @@ def _record(camera: BeamCamera, span_ns: int, out: Path) -> int:
     ):
         writer = T3paWriter(file)
         task = bar.add_task("Simulating", total=span_ns)
-        for start in range(0, span_ns, _SLICE_NS):
-            end = min(span_ns, start + _SLICE_NS)
+        slice_ns = min(_SLICE_NS, max(1, int(1e9 * MAX_SLICE_PHOTONS / camera.photons_per_s)))
+        for start in range(0, span_ns, slice_ns):
+            end = min(span_ns, start + slice_ns)
             writer.write(camera.expose(start, end))
             bar.update(task, completed=end)
     return writer.rows

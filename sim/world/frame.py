@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from sim.geometry import Array, Quaternion, Vector3
 from sim.radiation.camera import SourceView
 
+_DOWN: Vector3 = (0.0, 0.0, -1.0)
+
 
 class LocalFrames:
     """The local frames of N vehicles: world from local is yaw about up, then translation. All ENU, metres.
@@ -51,11 +53,15 @@ class CameraMount:
         self._camera_from_body: list[Vector3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix().T.tolist()
 
     def view(self, position: Array, world_from_body: Quaternion, source: Vector3, activity_bq: float) -> SourceView:
-        """The source in the camera frame; position (3,) of the camera, and source, in the world."""
+        """The source in the camera frame; position (3,) of the camera, and source, in the world.
+
+        A source at the camera's own position is seen from below.
+        """
         x, y, z = position.tolist()
         dx, dy, dz = source[0] - x, source[1] - y, source[2] - z
         distance = sqrt(dx * dx + dy * dy + dz * dz)
-        u, v, w = _turn_back(world_from_body, (dx / distance, dy / distance, dz / distance))
+        to_source = (dx / distance, dy / distance, dz / distance) if distance > 0.0 else _DOWN
+        u, v, w = _turn_back(world_from_body, to_source)
         cx, cy, cz = (a * u + b * v + c * w for a, b, c in self._camera_from_body)
         return SourceView(direction=(cx, cy, cz), distance_m=distance, activity_bq=activity_bq)
 

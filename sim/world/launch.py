@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
+from agent.config.launchplaces import check_launch_places
 from agent.config.mission import Corner, MissionConfig
 from agent.errors import ConfigError
 from sim.geometry import Array
@@ -25,11 +26,14 @@ class StartTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     centre_m: Corner = (0.0, 0.0)
 
     def check(self, mission: MissionConfig, where: str) -> None:
-        """Raise ConfigError where the square is too small for the swarm."""
+        """Raise ConfigError if two launch places are too close, or the square is too small for the swarm."""
+        if self.scatter_m <= 0.0:
+            check_launch_places(mission, f"{where}: mission")
+            return
         count = len(mission.drones)
         # Discs of this diameter in a square that is larger by a radius on each side.
         least = 0.5 * _apart_m(mission) * ((count * np.pi / 4.0 / _DENSITY) ** 0.5 - 1.0)
-        if count > 1 and 0.0 < self.scatter_m < least:
+        if count > 1 and self.scatter_m < least:
             raise ConfigError(
                 f"{where}: start.scatter_m = {self.scatter_m:g} is too small for {count} drones {_apart_m(mission):g} m apart; "
                 f"give at least {np.ceil(least * 10.0) / 10.0:g}, or 0 for the launch places"

@@ -253,6 +253,7 @@ def test_override():
         ({"drones": 2.5}, "drones: expected a whole number from 1 to 64"),
         ({"radius_m": "nan"}, "mission.encirclement.radius_m: expected"),
         ({"start.scatter_m": 2.0}, "scatter_m = 2 is too small for 3 drones 6 m apart; give at least 4.8, or 0"),
+        ({"mission.limits.separation_m": 7.0}, "mission: drones: d1 and d2 are launched 6.0 m apart, which is less than"),
         ({"mission": 0}, "mission"),
     ],
 )

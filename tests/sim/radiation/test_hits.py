@@ -7,6 +7,11 @@ import pytest
 from agent.detector.calibration import load_calibration
 from agent.detector.t3pa import T3paReader
 from sim.cli import main
+from sim.radiation import beam
+from sim.radiation.events import Events
+from sim.radiation.hits import MAX_SLICE_PHOTONS
+from sim.radiation.surroundings import Lines
+from sim.radiation.timepix3 import Response
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
@@ -51,6 +56,7 @@ def test_the_calibration_comes_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path
         (["--distance", "0"], "--distance = 0 m is out of range"),
         (["--seconds", "-5"], "--seconds = -5 s is out of range"),
         (["--angle", "1e9"], "--angle"),
+        (["--activity", "1e12", "--distance", "1"], "7.8e+07 photons would interact in the sensor; at most 1e+06 are simulated"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(
@@ -63,6 +69,23 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(
     assert text in message
     assert message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bright_recording_is_simulated_in_slices_of_bounded_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """1e15 Bq at 12 m: 1.7 million photons in the usual slice, whose pixels alone take 600 MB."""
+    counts: list[int] = []
+    simulated = beam.simulate
+
+    def counting(lines: Lines, interactions: int, *arguments: Response | np.random.Generator, **options: object) -> Events:
+        counts.append(interactions)
+        return simulated(lines, interactions, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("sim.radiation.beam.simulate", counting)
+    run(monkeypatch, "--activity", "1e15", "--seconds", "0.005", str(tmp_path / "x.t3pa"))
+    assert max(counts[1:]) <= MAX_SLICE_PHOTONS
+    assert sum(counts[1:]) == pytest.approx(8.7e6 * 0.005, rel=0.02)
+    rows = len(np.loadtxt(tmp_path / "x.t3pa", skiprows=1))
+    assert rows == pytest.approx(2.35e6 * 0.005, rel=0.01)  # the readout's bandwidth
 
 
 def test_a_missing_folder_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
