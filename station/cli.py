@@ -161,8 +161,8 @@ def report(
     own = load_identity(identity) if identity is not None else None
     with progress_bar(Console(stderr=True), "reading the records") as progress:
         findings = gather(flights, progress)
-    written = write_report(findings, out, own)
-    for flaw in findings.source.flaws:
+    written, flaws = write_report(findings, out, own)
+    for flaw in flaws:
         print(f"radron-station: incomplete: {flaw}", file=sys.stderr)
     print(f"written to {out}: {', '.join(path.name for path in written)}")
     print(f"signed by {own.own.name} ({own.own.role})" if own is not None else "not signed: --identity FOLDER signs it")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from agent.outputs import replacing
@@ -17,49 +18,69 @@ from station.findings.n42 import n42
 from station.findings.seal import DIGEST, digest_of, sealed
 from station.findings.tables import cones_csv, tracks_csv
 
+MAX_FLAW = 300  # characters of a flaw
 
-def write_report(findings: Findings, folder: Path, identity: Identity | None = None) -> list[Path]:
+
+def write_report(findings: Findings, folder: Path, identity: Identity | None = None) -> tuple[list[Path], tuple[str, ...]]:
     """Write all files into a folder; those on Earth only where the mission has a datum. ``identity``: whose signature they get.
+
+    Returns:
+        The files, and the flaws: records that lack a part, and files that could not be made.
 
     Raises:
         FindingsError: the records hold no message of any drone.
         OSError: the folder cannot be written.
     """
-    files = _sealed(findings, identity)
+    files, flaws = _sealed(findings, identity)
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in files.items():
         with replacing(folder / name) as path:
             path.write_bytes(data)
-    return [folder / name for name in files]
+    return [folder / name for name in files], flaws
 
 
 def zipped(findings: Findings, identity: Identity | None) -> bytes:
-    """The same files as a ZIP archive. Raises FindingsError as ``write_report``."""
+    """The same files as a ZIP archive, the flaws in its report.html. Raises FindingsError as ``write_report``."""
+    files, _ = _sealed(findings, identity)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as written:
-        for name, data in _sealed(findings, identity).items():
+        for name, data in files.items():
             written.writestr(name, data)
     return archive.getvalue()
 
 
-def _sealed(findings: Findings, identity: Identity | None) -> dict[str, bytes]:
+def _sealed(findings: Findings, identity: Identity | None) -> tuple[dict[str, bytes], tuple[str, ...]]:
     if not findings.frames:
         raise FindingsError("the records hold no second of a flight")
-    files = dict(_files(findings))
+    files, flaws = _parts(findings)
     files.update(sealed(files, identity))
-    return files
+    return files, flaws
 
 
-def _files(findings: Findings) -> Iterator[tuple[str, bytes]]:
-    yield DIGEST, digest_of(findings, time.time_ns())
-    yield "report.html", report_html(findings).encode()
-    yield "tracks.csv", tracks_csv(findings).encode()
-    yield "cones.csv", cones_csv(findings).encode()
-    yield "spectra.n42", n42(findings).encode()
-    if findings.mission.datum is None:
-        return
-    yield "findings.geojson", geojson(findings).encode()
-    yield "findings.kml", kml(findings).encode()
-    dose = dose_geotiff(findings, findings.best) if findings.best is not None else None
-    if dose is not None:
-        yield "dose.tif", dose
+def _parts(findings: Findings) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """The files by name, and the flaws; the report to read comes last, so that it names what is missing."""
+    files = {DIGEST: digest_of(findings, time.time_ns())}
+    flaws = list(findings.source.flaws)
+    for name, make in (*_FILES.items(), *(_ON_EARTH.items() if findings.mission.datum is not None else ())):
+        _add(files, flaws, name, make, findings)
+    _add(files, flaws, "report.html", report_html, replace(findings, source=replace(findings.source, flaws=tuple(flaws))))
+    return files, tuple(flaws)
+
+
+def _add(files: dict[str, bytes], flaws: list[str], name: str, make: _Maker, findings: Findings) -> None:
+    """Make one file, or note as a flaw why it cannot be made: no part of a report may take the others with it."""
+    try:
+        made = make(findings)
+        if made is not None:
+            files[name] = made if isinstance(made, bytes) else made.encode()
+    except Exception as error:
+        flaws.append(f"{name} could not be made: {type(error).__name__}: {error}"[:MAX_FLAW])
+
+
+def _dose(findings: Findings) -> bytes | None:
+    return dose_geotiff(findings, findings.best) if findings.best is not None else None
+
+
+_Maker = Callable[[Findings], str | bytes | None]
+_FILES: dict[str, _Maker] = {"tracks.csv": tracks_csv, "cones.csv": cones_csv, "spectra.n42": n42}
+_ON_EARTH: dict[str, _Maker] = {"findings.geojson": geojson, "findings.kml": kml, "dose.tif": _dose}

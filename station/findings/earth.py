@@ -5,12 +5,15 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
-from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
+import shapely
 import tifffile
 from numpy.typing import NDArray
+from shapely.affinity import translate
+from shapely.geometry import mapping
+from shapely.geometry.base import BaseGeometry
 
 from agent.frames.geodesy import mission_from_geodetics
 from station.findings.facts import Findings, Located
@@ -20,6 +23,9 @@ from station.picture.frame import SourceFrame
 from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
 
 Feature = tuple[str, dict[str, object], str, list[Sequence[float]]]  # name, properties, kind of geometry, its places
+_KINDS = {"Point": shapely.Point, "LineString": shapely.LineString, "Polygon": shapely.Polygon}
+_MANY = {"LineString": shapely.MultiLineString, "Polygon": shapely.MultiPolygon}
+_TURNS = {shift: shapely.box(-180.0 - shift, -90.0, 180.0 - shift, 90.0) for shift in (-360.0, 0.0, 360.0)}  # degrees
 
 _KML = "http://www.opengis.net/kml/2.2"
 _STYLES = {"source": "ff0000ff", "region": "ff0000ff", "cordon": "ff003ba3", "area": "ff111111", "track": "ffb27200"}
@@ -28,7 +34,11 @@ _STYLES = {"source": "ff0000ff", "region": "ff0000ff", "cordon": "ff003ba3", "ar
 def geojson(findings: Findings) -> str:
     """Area, source, region, cordon and tracks as GeoJSON (RFC 7946: longitude, latitude)."""
     features = [
-        {"type": "Feature", "properties": {"name": name, **properties}, "geometry": _geometry(findings, kind, places)}
+        {
+            "type": "Feature",
+            "properties": {"name": name, **properties},
+            "geometry": mapping(shapely.orient_polygons(_geometry(findings, kind, places))),
+        }
         for name, properties, kind, places in _features(findings)
     ]
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
@@ -52,25 +62,25 @@ def kml(findings: Findings) -> str:
         _child(mark, "name", name)
         _child(mark, "description", "\n".join(f"{key}: {value}" for key, value in properties.items()))
         _child(mark, "styleUrl", f"#{name.split()[0]}")
-        told = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in _lonlat(findings, places))
-        if kind == "Polygon":
-            ring = _child(_child(_child(mark, kind), "outerBoundaryIs"), "LinearRing")
-            _child(ring, "coordinates", told)
-        else:
-            _child(_child(mark, kind), "coordinates", told)
+        parts = shapely.get_parts(_geometry(findings, kind, places)).tolist()
+        parent = mark if len(parts) == 1 else _child(mark, "MultiGeometry")
+        for part in parts:
+            shape = _child(parent, kind)
+            line = _child(_child(shape, "outerBoundaryIs"), "LinearRing") if kind == "Polygon" else shape
+            points = part.exterior.coords if kind == "Polygon" else part.coords
+            _child(line, "coordinates", " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in points))
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> bytes | None:
     """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of all sources of the estimate; EPSG:4326.
 
-    None where an activity or a constant is not known.
+    Across the antimeridian its longitudes go on beyond 180 degrees. None where an activity or a constant is not known.
     """
     margin_m = findings.mission.area.fence_margin_m
     corners = np.array(findings.mission.area.polygon_m)
     low, high = corners.min(0) - margin_m, corners.max(0) + margin_m
-    south, west, _ = findings.on_earth(low.tolist())
-    north, east, _ = findings.on_earth(high.tolist())
+    (west, south), (east, north) = _lonlat(findings, [low.tolist(), high.tolist()])
     step_lat, step_lon = (north - south) / cells, (east - west) / cells
     latitudes = north - step_lat * (np.arange(cells) + 0.5)  # the first row is the northernmost
     longitudes = west + step_lon * (np.arange(cells) + 0.5)
@@ -90,8 +100,9 @@ def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> byte
     ]
     written = io.BytesIO()
     about = f"dose rate (uSv/h) {HEIGHT_M:g} m above the ground; {findings.mission.name}; {utc(located.at_ms * 1_000_000)}"
+    ascii_about = about.encode("ascii", "backslashreplace")  # TIFF 6.0 knows no other text
     image = rates.reshape(cells, cells).astype(np.float32)
-    tifffile.imwrite(written, image, extratags=tags, description=about, metadata=None, software="radron")
+    tifffile.imwrite(written, image, extratags=tags, description=ascii_about, metadata=None, software="radron")
     return written.getvalue()
 
 
@@ -135,16 +146,26 @@ def _rates_usvph(source: SourceFrame, activity_bq: float, places: NDArray[np.flo
     return expected_usvph(source.nuclide, np.array([source.place[:2]]), np.array([activity_bq]), places)
 
 
-def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> dict[str, object]:
-    points = [[round(longitude, 8), round(latitude, 8)] for longitude, latitude in _lonlat(findings, places)]
-    if kind == "Polygon":
-        inside = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(points)) > 0.0
-        return {"type": kind, "coordinates": [points if inside else points[::-1]]}  # counter-clockwise
-    return {"type": kind, "coordinates": points if kind == "LineString" else points[0]}
+def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> BaseGeometry:
+    """The places on Earth (longitude, latitude), cut where they cross the antimeridian (RFC 7946, 3.1.9)."""
+    whole = _KINDS[kind]([(round(longitude, 8), round(latitude, 8)) for longitude, latitude in _lonlat(findings, places)])
+    west, _, east, _ = whole.bounds
+    if max(-west, east) <= 180.0:
+        return whole
+    parts = []
+    for shift, turn in _TURNS.items():
+        # The intersection of polygons is valid; clipping keeps the order of a line that crosses itself.
+        cut = whole.intersection(turn) if kind == "Polygon" else shapely.clip_by_rect(whole, *turn.bounds)
+        pieces = shapely.get_parts(cut).tolist()
+        parts += [translate(piece, shift) for piece in pieces if piece.geom_type == kind and not piece.is_empty]
+    return _MANY[kind](parts) if len(parts) > 1 else parts[0]
 
 
-def _lonlat(findings: Findings, places: list[Sequence[float]]) -> list[tuple[float, float]]:
-    return [(longitude, latitude) for latitude, longitude, _ in map(findings.on_earth, places)]
+def _lonlat(findings: Findings, places: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
+    """Longitudes and latitudes (degrees); the longitudes within half a turn of the datum's, and so without a jump."""
+    middle = findings.datum.longitude_deg
+    on_earth = map(findings.on_earth, places)
+    return [((longitude - middle + 180.0) % 360.0 - 180.0 + middle, latitude) for latitude, longitude, _ in on_earth]
 
 
 def _child(parent: ElementTree.Element, name: str, text: str = "") -> ElementTree.Element:

@@ -20,6 +20,7 @@ from station.findings.facts import Findings
 from station.findings.tables import utc
 
 WINDOW_NS = 10_000_000_000
+_MODEL = "Compton camera swarm"  # the schema has words and blanks only, and one run of other signs
 _NAMESPACE = "http://physics.nist.gov/N42/2011/N42"
 
 
@@ -31,7 +32,7 @@ def n42(findings: Findings) -> str:
     _child(root, "RadInstrumentDataCreatorName", f"radron {findings.source.versions.get('radron', '')}".strip())
     _about_instrument(root, findings)
     for drone in findings.drones:
-        detector = _child(root, "RadDetectorInformation", identity=drone)
+        detector = _child(root, "RadDetectorInformation", identity=_detector(drone))
         _child(detector, "RadDetectorName", drone)
         _child(detector, "RadDetectorCategoryCode", "Gamma")
         _child(detector, "RadDetectorKindCode", "CdTe")
@@ -62,7 +63,8 @@ def _windows(findings: Findings) -> dict[tuple[str, int], list[int]]:
 def _about_instrument(root: ElementTree.Element, findings: Findings) -> None:
     about = _child(root, "RadInstrumentInformation", identity="radron.swarm")
     _child(about, "RadInstrumentManufacturerName", "radron")
-    _child(about, "RadInstrumentModelName", "swarm of Compton cameras (Timepix3, CdTe)")
+    _child(about, "RadInstrumentModelName", _MODEL)
+    _child(about, "RadInstrumentDescription", "Swarm of Compton cameras: Timepix3 with CdTe sensors, one on each drone.")
     _child(about, "RadInstrumentClassCode", "Other")
     version = _child(about, "RadInstrumentVersion")
     _child(version, "RadInstrumentComponentName", "Software")
@@ -72,12 +74,12 @@ def _about_instrument(root: ElementTree.Element, findings: Findings) -> None:
 def _add_measurement(root: ElementTree.Element, findings: Findings, drone: str, window: int, members: Sequence[int]) -> None:
     exposures = [findings.exposures[index] for index in members]
     name = f"{drone}-{window}"
-    measured = _child(root, "RadMeasurement", identity=f"measurement-{name}")
+    measured = _child(root, "RadMeasurement", identity=f"measurement.{name}")
     _child(measured, "MeasurementClassCode", "Foreground")
     _child(measured, "StartDateTime", utc(exposures[0].stamp_ns))
     _child(measured, "RealTimeDuration", _duration(sum(each.end_ns - each.stamp_ns for each in exposures) * 1e-9))
-    spectrum = _child(measured, "Spectrum", identity=f"spectrum-{name}")
-    spectrum.set("radDetectorInformationReference", drone)
+    spectrum = _child(measured, "Spectrum", identity=f"spectrum.{name}")
+    spectrum.set("radDetectorInformationReference", _detector(drone))
     spectrum.set("energyCalibrationReference", "radron.energies")
     _child(spectrum, "LiveTimeDuration", _duration(sum(each.live_time_s for each in exposures)))
     _child(spectrum, "ChannelData", " ".join(map(str, spectrum_of(exposures).tolist())))
@@ -90,6 +92,11 @@ def _add_measurement(root: ElementTree.Element, findings: Findings, drone: str, 
         _child(point, "LatitudeValue", f"{latitude_deg:.8f}")
         _child(point, "LongitudeValue", f"{longitude_deg:.8f}")
         _child(point, "ElevationValue", f"{altitude_m:.2f}")
+
+
+def _detector(drone: str) -> str:
+    """A drone's id as an xs:ID, which no digit may begin; no drone's id has an underscore or a dot."""
+    return drone if drone[0].isalpha() else f"_{drone}"
 
 
 def _duration(seconds: float) -> str:

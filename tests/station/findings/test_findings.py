@@ -63,7 +63,8 @@ def findings(flights):
 @pytest.fixture(scope="module")
 def folder(findings, operator, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "new"
-    names = [path.name for path in write_report(findings, folder, operator)]
+    paths, _ = write_report(findings, folder, operator)
+    names = [path.name for path in paths]
     assert sorted(names) == sorted(path.name for path in folder.iterdir())
     return folder
 
@@ -171,7 +172,7 @@ def test_names_with_markup_stay_text(findings, tmp_path):
 
 def test_without_a_datum_there_is_nothing_on_earth(findings, tmp_path):
     nowhere = changed(findings, mission=replace(findings.mission, datum=None))
-    assert sorted(path.name for path in write_report(nowhere, tmp_path)) == [
+    assert sorted(path.name for path in write_report(nowhere, tmp_path)[0]) == [
         "SHA256SUMS",
         "cones.csv",
         "digest.txt",
