@@ -13,19 +13,19 @@ from urllib.parse import quote
 
 import msgspec
 import numpy as np
-import shapely
 from msgspec import Struct
 
+from agent.config.geojson import read_features
 from agent.config.mission import DatumConfig, MissionConfig
 from agent.errors import RadronError
 from agent.frames.geodesy import mission_from_geodetics
+from agent.inputs import read_bytes
 from station.picture.frame import Point, TileLevels
 
-MOST_BYTES = 30_000_000  # of a vector layer
-MOST_POINTS = 300_000
+MAX_LAYER_BYTES = 30_000_000
+MAX_POINTS = 300_000  # of all layers together
 DEEPEST = 24
 IMAGES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
-_WGS84 = re.compile(r"(CRS84|EPSG:+4326)$")
 _MARKUP = re.compile(r"<[^>]*>")
 
 
@@ -66,66 +66,31 @@ def background(mission: MissionConfig, layers: Sequence[Path], tiles: Path | Non
     """Read what was given.
 
     Raises:
-        BackgroundError: it cannot be read, or the mission's place on Earth is not known; one line.
+        BackgroundError: the tiles cannot be read, there is too much, or the mission's place on Earth is not known; one line.
+        ConfigError: a layer cannot be read, or lies elsewhere.
     """
     if not layers and tiles is None:
         return Background()
     if mission.datum is None:
         raise BackgroundError("--layer, --tiles: the mission has no [datum], so its place on Earth is not known")
     shapes = [shape for path in layers for shape in _shapes(path, mission.datum)]
-    if sum(len(shape.places) for shape in shapes) > MOST_POINTS:
-        raise BackgroundError(f"--layer: more than {MOST_POINTS} points: simplify it, or crop it to the area")
+    if sum(len(shape.places) for shape in shapes) > MAX_POINTS:
+        raise BackgroundError(f"--layer: more than {MAX_POINTS} points: simplify it, or crop it to the area")
     found = None if tiles is None else FolderTiles(tiles) if tiles.is_dir() else MbTiles(tiles)
     return Background(msgspec.json.encode(shapes) if layers else b"", found)
 
 
 def _shapes(path: Path, datum: DatumConfig) -> Iterator[Shape]:
-    try:
-        data = path.read_bytes() if path.stat().st_size <= MOST_BYTES else None
-        document = msgspec.json.decode(data) if data is not None else None
-    except OSError as error:
-        raise BackgroundError(f"{path}: cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):
-        raise BackgroundError(f"{path}: is not GeoJSON (RFC 7946)") from None
-    if document is None:
-        raise BackgroundError(f"{path}: more than {MOST_BYTES // 1_000_000} MB: simplify it, or crop it to the area")
-    if not isinstance(document, dict) or not _is_wgs84(document):
-        raise BackgroundError(f"{path}: is not GeoJSON in WGS84 (RFC 7946); ogr2ogr -t_srs EPSG:4326 makes it so")
-    features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
-    for feature in features if isinstance(features, list) else [None]:
-        yield from _feature(feature, path, datum)
+    where = f"--layer: {path}"
+    data = read_bytes(path, MAX_LAYER_BYTES, where, "simplify it, or crop it to the area")
+    for feature in read_features(where, data, (datum.latitude_deg, datum.longitude_deg)):
+        name = feature.properties.get("name")
+        for kind, coordinates in _lines(feature.geometry):
+            yield Shape(kind, str(name)[:100] if name is not None else "", _places(coordinates, datum))
 
 
-def _is_wgs84(document: dict[str, Any]) -> bool:
-    """Old files name their coordinates; those of RFC 7946 are WGS84."""
-    crs = document.get("crs")
-    properties = crs.get("properties") if isinstance(crs, dict) else None
-    return crs is None or (isinstance(properties, dict) and _WGS84.search(str(properties.get("name"))) is not None)
-
-
-def _feature(feature: object, path: Path, datum: DatumConfig) -> Iterator[Shape]:
-    if not isinstance(feature, dict):
-        raise BackgroundError(f"{path}: is not GeoJSON (RFC 7946)")
-    is_feature = feature.get("type") == "Feature"
-    geometry, properties = (feature.get("geometry"), feature.get("properties")) if is_feature else (feature, None)
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if geometry is None:
-        return
-    try:
-        found = shapely.from_geojson(msgspec.json.encode(geometry).decode())
-    except (shapely.GEOSException, TypeError, ValueError):
-        raise BackgroundError(f"{path}: has a geometry that is not GeoJSON (RFC 7946)") from None
-    for kind, coordinates in _parts(found):
-        yield Shape(kind, str(name)[:100] if name is not None else "", _places(coordinates, path, datum))
-
-
-def _parts(geometry: Any) -> Iterator[tuple[str, Any]]:
-    if hasattr(geometry, "geoms"):
-        for part in geometry.geoms:
-            yield from _parts(part)
-    elif geometry.is_empty:
-        return
-    elif geometry.geom_type == "Polygon":
+def _lines(geometry: Any) -> Iterator[tuple[str, Any]]:
+    if geometry.geom_type == "Polygon":
         yield "area", geometry.exterior.coords
         for hole in geometry.interiors:
             yield "line", hole.coords
@@ -133,10 +98,8 @@ def _parts(geometry: Any) -> Iterator[tuple[str, Any]]:
         yield "point" if geometry.geom_type == "Point" else "line", geometry.coords
 
 
-def _places(coordinates: Any, path: Path, datum: DatumConfig) -> list[Point]:
+def _places(coordinates: Any, datum: DatumConfig) -> list[Point]:
     lonlat = np.asarray(coordinates, dtype=np.float64)[:, :2]
-    if not np.isfinite(lonlat).all() or (np.abs(lonlat) > (180.0, 90.0)).any():
-        raise BackgroundError(f"{path}: has coordinates that are no degrees; ogr2ogr -t_srs EPSG:4326 makes them so")
     height = np.full(len(lonlat), datum.altitude_m)
     places = mission_from_geodetics(datum, np.column_stack((lonlat[:, 1], lonlat[:, 0], height)))
     return [(round(x, 2), round(y, 2)) for x, y, _ in places.tolist()]

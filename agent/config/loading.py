@@ -13,8 +13,9 @@ from msgspec.structs import replace
 
 from agent.config.buildings import read_buildings
 from agent.config.drone import PARAMETER
-from agent.config.mission import GRID_BYTES, MissionConfig
+from agent.config.mission import MAX_GRID_BYTES, MissionConfig
 from agent.errors import ConfigError
+from agent.inputs import read_bytes, read_text
 from protocol.units import STATION
 
 T = TypeVar("T")
@@ -23,10 +24,10 @@ T = TypeVar("T")
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file. Raises ConfigError where it is unreadable or not TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # not only TOMLDecodeError: not UTF-8, or a number of thousands of digits
+    except ValueError as error:  # not only TOMLDecodeError: also a number of thousands of digits
         raise ConfigError(f"{path}: not TOML: {error}") from None
     except RecursionError:
         raise ConfigError(f"{path}: not TOML: nested too deeply") from None
@@ -83,7 +84,7 @@ def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
         return mission
     place = None if datum is None else (datum.latitude_deg, datum.longitude_deg, datum.altitude_m)
     known = read_buildings(folder / buildings.file, buildings, place)
-    known.check(buildings.file)
+    known.check(f"buildings.file: {buildings.file}")
     return replace(mission, buildings=known)
 
 
@@ -97,15 +98,7 @@ def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
     if ground.grid is None or ground.grid_data is not None:
         return mission
     path = folder / ground.grid
-    try:
-        with path.open("rb") as file:
-            data = file.read(GRID_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"ground.grid: {path}: cannot be read: {error.strerror}") from None
-    if len(data) > GRID_BYTES:
-        raise ConfigError(
-            f"ground.grid: {path}: more than {GRID_BYTES // 1_000_000} MB; crop it to the area, or compress it (GeoTIFF)"
-        )
+    data = read_bytes(path, MAX_GRID_BYTES, f"ground.grid: {path}", "crop it to the area, or compress it (GeoTIFF)")
     return replace(mission, ground=replace(ground, grid_data=data))
 
 

@@ -18,6 +18,7 @@ from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
 from agent.config.frames import FramesConfig
 from agent.config.section import Activity, Coordinate, Degrees, FileName, NonNegative, Positive, Section, content_of
+from agent.config.sizes import check_names, check_sizes
 from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
 
@@ -27,7 +28,7 @@ AUTO = "auto"  # in the place of a nuclide: any
 _OF_ONE_NUCLIDE = frozenset({"bayes", "paper", "paper-geometric"})  # estimators that take all cones for that nuclide's
 MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
 _RETURN_SHARE = 0.9  # of the ceiling, for the highest return: heights above a launch place are good to a metre or two
-GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed
+MAX_GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed
 
 
 class AreaConfig(Section, frozen=True, kw_only=True):
@@ -179,7 +180,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     """The ground on which the source lies, in the mission frame: a plane, or an elevation grid.
 
     ``height_m``: of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an ESRI
-    ASCII grid or GeoTIFF file instead, relative to the mission file's folder.
+    ASCII grid or GeoTIFF file instead, by its name in the mission file's folder.
 
     ``grid_crs``: of the grid's coordinates: ``mission`` (metres of the mission frame), ``EPSG:4326`` (degrees, WGS84) or the
     code of a UTM zone (EPSG:32601 .. 32660, 32701 .. 32760); none: that of the GeoTIFF itself, else ``mission``.
@@ -192,7 +193,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
     grid: FileName | None = None
     grid_crs: Annotated[str, Meta(pattern=r"^(mission|EPSG:(4326|32[67](0[1-9]|[1-5][0-9]|60)))$")] | None = None
     geoid_m: Annotated[float, Meta(ge=-200.0, le=200.0)] = 0.0
-    grid_data: Annotated[bytes, Meta(max_length=GRID_BYTES)] | None = None
+    grid_data: Annotated[bytes, Meta(max_length=MAX_GRID_BYTES)] | None = None
 
 
 class MissionConfig(Section, frozen=True, kw_only=True):
@@ -275,6 +276,8 @@ class MissionConfig(Section, frozen=True, kw_only=True):
                 f"that makes more than {MOST_LANES} lanes; search a smaller area, or use wider lanes"
             )
         self.buildings.check(where)
+        check_names(self, where)
+        check_sizes(self, where)
         ids = [drone.id for drone in self.drones]
         doubles = sorted({name for name in ids if ids.count(name) > 1})
         if doubles:
@@ -286,14 +289,6 @@ class MissionConfig(Section, frozen=True, kw_only=True):
                 raise ConfigError(
                     f"{where}: drones: the launch place of {drone.id} is {beyond_m:.1f} m outside the fence; move it, or give a "
                     "larger area or area.fence_margin_m"
-                )
-        if self.area.floor_m >= self.area.ceiling_m:
-            raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
-        for name, height in (("survey", self.survey.height_m), ("encirclement", self.encirclement.height_m)):
-            if not self.area.floor_m <= height <= self.area.ceiling_m:
-                raise ConfigError(
-                    f"{where}: {name}.height_m = {height:g} is outside area.floor_m .. area.ceiling_m "
-                    f"({self.area.floor_m:g} .. {self.area.ceiling_m:g})"
                 )
         if self.fusion.estimator == "given" and self.fusion.given is None:
             raise ConfigError(f"{where}: fusion.estimator = 'given' needs fusion.given.schedule")

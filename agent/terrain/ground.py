@@ -17,6 +17,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array
 from agent.terrain.elevation import Raster, read_raster
 
+MAX_SLOPE = 5.0  # between neighbouring nodes: 79 degrees
 _BENT_CELLS = 0.1  # tolerated deviation of a grid's lines from straight ones in the mission frame
 
 
@@ -119,6 +120,7 @@ class _Grid:
         nodes = _cropped(name, nodes, area)
         matrix, origin = _straightened(name, nodes)
         _check_cover(name, matrix, origin, nodes, area)
+        _check_slopes(name, nodes)
         return cls(_filled(name, nodes, area), matrix, origin)
 
     def heights_m(self, places: Array) -> Array:
@@ -228,6 +230,20 @@ def _check_cover(name: str, matrix: Array, origin: Array, nodes: Array, area: Ar
         if not (-0.501 <= column <= columns - 0.499 and -0.501 <= row <= rows - 0.499):
             raise ConfigError(
                 f"ground.grid: {name}: it does not cover the corner ({x:g}, {y:g}) of area.polygon_m; use a larger one"
+            )
+
+
+def _check_slopes(name: str, nodes: Array) -> None:
+    """Raise ConfigError where neighbouring nodes (R, C, 3) differ more than ground does: voids, buildings, another unit."""
+    for axis in (0, 1):
+        steps = np.diff(nodes, axis=axis)
+        slopes = np.abs(steps[..., 2]) / np.hypot(steps[..., 0], steps[..., 1])
+        place = np.unravel_index(np.argmax(np.nan_to_num(slopes)), slopes.shape)
+        if slopes[place] > MAX_SLOPE:
+            x, y, _ = nodes[place]
+            raise ConfigError(
+                f"ground.grid: {name}: the ground steps by {abs(steps[place][2]):.0f} m between neighbouring nodes at ({x:.1f}, "
+                f"{y:.1f}) m; give a terrain model without buildings, and declare its voids as missing (nodata)"
             )
 
 

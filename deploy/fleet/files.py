@@ -22,7 +22,6 @@ from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, Vehi
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
 from agent.detector.calibration import load_calibration
-from agent.errors import ConfigError
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
 
@@ -95,14 +94,8 @@ def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:
     file, folder = fleet.mission_file, PurePosixPath("mission")
     found = {folder / file.name: file.read_bytes()}
     # The loaded mission holds the buildings themselves, and no longer the name of their file.
-    named = {"ground.grid": fleet.mission.ground.grid, "buildings.file": read_toml(file).get("buildings", {}).get("file")}
-    for key, name in named.items():
-        if name is None:
-            continue
-        if PurePosixPath(name).name != name:
-            raise ConfigError(f"{file}: {key}: {name!r} is not in the mission file's folder; put it there")
-        found[folder / name] = (file.parent / name).read_bytes()
-    return found
+    names = (fleet.mission.ground.grid, read_toml(file).get("buildings", {}).get("file"))
+    return found | {folder / name: (file.parent / name).read_bytes() for name in names if name is not None}
 
 
 def _network(fleet: Fleet, drone: FleetDrone) -> str:

@@ -145,10 +145,14 @@ def autopilot_of(drone: FleetDrone, where: str) -> tuple[IPv4Address, int] | Non
     link = urlsplit(vehicle.address)
     if link.scheme not in ("udp", "udpin") or (link.hostname or "").startswith("127."):
         return None
-    if vehicle.source is None or link.port is None:
+    try:
+        port = link.port
+    except ValueError:  # above 65535
+        port = None
+    if vehicle.source is None or not port:
         example = 'address = "udpin://10.41.10.1:14540" and source = "10.41.10.2"'
         raise ConfigError(f"{where}: vehicle: an autopilot on the network needs its port and its own address, such as {example}")
-    return _address(f"{where}: vehicle.source", vehicle.source), link.port
+    return _address(f"{where}: vehicle.source", vehicle.source), port
 
 
 def _check_ssh_key(where: str, key: str) -> None:

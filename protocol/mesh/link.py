@@ -27,6 +27,7 @@ T = TypeVar("T")
 
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
+MAX_PORT = 65535
 CLOSE_S = 2.0  # it takes 0.8 s while a stopped peer is dialled; twice that on a busy machine
 _ENDPOINT = re.compile(r"(?P<protocol>tcp|tls)/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
 _RUNTIME = "(rx: (worker_threads: 16))"  # by default there are two: vanished peers then stall the reception from others for 10 s
@@ -218,7 +219,7 @@ async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
 async def _numeric(where: str, endpoint: str, protocol: str) -> str:
     """The endpoint with a numeric host."""
     match = _ENDPOINT.match(endpoint)
-    if match is None or int(match["port"]) > 65535:
+    if match is None or not 0 < int(match["port"]) <= MAX_PORT:
         expected = f"expected {protocol}/HOST:PORT, such as {protocol}/10.7.1.11:7447"
         raise MeshError(f"{where}: {endpoint!r} is not an endpoint; {expected}")
     if match["protocol"] != protocol:

@@ -123,7 +123,7 @@ def _checked(url: str) -> str:
         port = parts.port
     except ValueError:
         port = None
-    if port is None or parts.scheme not in SCHEMES or not parts.hostname or parts.path or parts.query:
+    if not port or parts.scheme not in SCHEMES or not parts.hostname or parts.path or parts.query:
         raise TakError(f"--tak {url}: give {', '.join(SCHEMES)}://HOST:PORT, such as udp://239.2.3.1:6969")
     if parts.scheme == "tls":
         for name in NEEDED:

@@ -72,6 +72,11 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ("radius_m = 10", 'radius_m = "10"', ["encirclement.radius_m", "got `str`"]),
         ("radius_m = 10", 'law = "loose"', ["encirclement.law", "'loose'", "allowed: 'paper', 'smooth'"]),
         ("radius_m = 10", "height_m = 99", ["encirclement.height_m = 99", "1.5 .. 60"]),
+        ("radius_m = 10", "radius_m = 1e-9", ["encirclement.radius_m = 1e-09 is outside 1 .. 1000"]),
+        ("radius_m = 10", "nearest_m = 1e-9", ["encirclement.nearest_m = 1e-09 is outside 1 .. 1000"]),
+        ("radius_m = 10", "[limits]\nseparation_m = 1e-9", ["limits.separation_m = 1e-09 is outside 1 .. 100"]),
+        ("radius_m = 10", "[limits]\nspeed_mps = 1e-9", ["limits.speed_mps = 1e-09 is outside 0.1 .. 50"]),
+        ("[area]", "[area]\nfence_margin_m = 1e5", ["area.fence_margin_m = 100000 is outside 0 .. 1000"]),
         ('"uav2"', '"uav1"', ["the id 'uav1' is given twice"]),
         ('"uav2"', '"UAV 2"', ["drones[1].id", "a-z, 0-9 and '-'"]),
         ('"uav2"', '"station"', ["drones[1].id", "not 'station'"]),
@@ -214,6 +219,22 @@ def test_nobody_is_launched_outside_the_fence() -> None:
     )
     with pytest.raises(ConfigError, match=r"m.toml: drones: the launch place of d2 is 15.0 m outside the fence; move it"):
         mission.check("m.toml")
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../hills.asc", "maps/hills.asc", "..", "."])
+def test_a_mission_reads_no_file_outside_its_folder(tmp_path: Path, name: str) -> None:
+    drones, area = "drones = [{ id = 'd1' }]", "[area]\npolygon_m = [[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]]"
+    for key in ("ground.grid", "buildings.file"):
+        (tmp_path / "mission.toml").write_text(f"name = 'x'\n{drones}\n{key} = {name!r}\n{area}\n")
+        with pytest.raises(ConfigError, match=rf"{key} = '{name}': give the bare name of a file in the mission file's folder"):
+            load_mission(tmp_path / "mission.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_no_part_of_a_file(mission_file: Path, encoding: str) -> None:
+    expected = load_mission(mission_file).mission_id
+    mission_file.write_bytes(mission_file.read_text(encoding="utf-8").encode(encoding))
+    assert load_mission(mission_file).mission_id == expected
 
 
 RECORDED = Path(__file__).parent / "flight" / "records" / "mission-protocol-2.json"

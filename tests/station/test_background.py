@@ -11,6 +11,7 @@ from one_pilot import MISSION
 from served_page import served
 
 from agent.config.mission import DatumConfig
+from agent.errors import ConfigError
 from station.background import Background, BackgroundError, FolderTiles, MbTiles, background
 from station.hub import Hub
 from station.picture.frame import TileLevels
@@ -45,6 +46,8 @@ def test_a_layer_lies_where_an_independent_geodesy_puts_it(tmp_path):
     assert [(kind, name, len(places)) for kind, name, places in shapes] == [
         ("area", "hall", 4), ("line", "hall", 4), ("line", "", 2), ("line", "", 2), ("point", "7", 1)
     ]  # fmt: skip
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some programs on Windows begin a file
+    assert msgspec.json.decode(background(ON_EARTH, [path], None).layer) == shapes
     for (longitude, latitude), (x, y) in zip(ring, shapes[0][2], strict=True):
         east, north, _ = pymap3d.geodetic2enu(latitude, longitude, 488.0, 47.4, 8.5, 488.0)
         assert (x, y) == pytest.approx((east, north), abs=0.006)
@@ -54,16 +57,21 @@ def test_a_layer_lies_where_an_independent_geodesy_puts_it(tmp_path):
     ("document", "says"),
     [
         ("{", "is not GeoJSON"),
+        (feature("Point", [47.4, 8.5]), "latitude and longitude are swapped"),
+        (feature("Point", [11.5, 48.1]), "nothing in it is nearer than 3 degrees to the mission's datum"),
         ("[" * 100_000, "is not GeoJSON"),
         ([], "is not GeoJSON"),
         ({"type": "FeatureCollection", "features": [3]}, "is not GeoJSON"),
-        (feature("Polygon", [[[1, 2]]]), "has a geometry that is not GeoJSON"),
+        (feature("Polygon", [[[1, 2]]]), "feature 1: its geometry is not GeoJSON"),
         (feature("LineString", [[0, 0], [460000, 5250000]]), "coordinates that are no degrees"),
-        (feature("Point", [0, 0]) | {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}}, "in WGS84"),
+        (
+            feature("Point", [0, 0]) | {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}},
+            "not in WGS84",
+        ),
     ],
 )
 def test_what_is_no_layer_is_told(tmp_path, document, says):
-    with pytest.raises(BackgroundError, match=rf"own\.geojson: .*{says}"):
+    with pytest.raises(ConfigError, match=rf"^--layer: .*own\.geojson: .*{says}"):
         background(ON_EARTH, [geojson(tmp_path, document)], None)
 
 

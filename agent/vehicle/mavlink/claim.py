@@ -13,6 +13,7 @@ from pathlib import Path
 from agent.errors import VehicleError
 
 PATIENCE_S = 10.0  # wait this long for a port in use: a process that has just ended may not have released it yet
+MAX_PORT = 65535
 _AGAIN_S = 0.5
 _UDP = re.compile(r"(?:udp|udpin)://([^:/]*):(\d+)$")
 _TABLES = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
@@ -29,6 +30,8 @@ async def claim_port(address: str, patience_s: float = PATIENCE_S) -> None:
     if match is None:
         return
     host, port = match.group(1) or "0.0.0.0", int(match.group(2))
+    if not 0 < port <= MAX_PORT:
+        raise VehicleError(f"{address}: {port} is not a port; expected 1 .. {MAX_PORT}")
     deadline_s = time.monotonic() + patience_s
     while not _is_free(address, host, port):
         if time.monotonic() >= deadline_s:
@@ -40,8 +43,6 @@ def _is_free(address: str, host: str, port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((host, port))
-        except OverflowError:
-            raise VehicleError(f"{address}: {port} is not a port") from None
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise VehicleError(f"{address}: cannot listen there: {error.strerror or error}") from None

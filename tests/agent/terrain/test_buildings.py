@@ -100,6 +100,11 @@ polygon_m = [[0, 0], [100, 0], [100, 100], [0, 100]]
 """
 
 
+HERE = "[datum]\nlatitude_deg = 50\nlongitude_deg = 14"
+RING = [[0, 0], [9, 0], [9, 9], [0, 0]]
+HOLE = [[2, 1], [3, 1], [3, 2], [2, 1]]
+
+
 def feature(coordinates: object = None, kind: str = "Polygon", **properties: object) -> dict[str, object]:
     ring = [[10.0, 10.0], [14.0, 10.0], [14.0, 12.0], [10.0, 12.0], [10.0, 10.0]]
     geometry = {"type": kind, "coordinates": [ring] if coordinates is None else coordinates}
@@ -135,14 +140,18 @@ def test_longitudes_and_latitudes_are_placed_by_the_datum(tmp_path: Path) -> Non
     ("features", "section", "message"),
     [
         ([feature([[[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]])], 'crs = "mission"', "feature 1: footprint_m: Self-intersection"),
-        ([feature(), feature(attenuation_per_m=-1.0)], 'crs = "mission"', r"feature 2: Expected `float` >= 0.0 - at `\$.prop"),
-        ([feature(material="gold")], 'crs = "mission"', "feature 1: Invalid enum value 'gold'"),
-        ([feature(height_m=0.0)], 'crs = "mission"', r"feature 1: Expected `float` > 0.0 - at `\$.properties.height_m`"),
-        ([feature(kind="Point", coordinates=[1, 2])], 'crs = "mission"', "feature 1: Invalid enum value 'Point'"),
-        ([feature([[[0, 0], [4, 0]]])], 'crs = "mission"', "feature 1: Expected `array` of length >= 3"),
-        ([feature([[[0, 0], [9, 0], [9, 9]], [[2, 1], [3, 1], [3, 2]]])], 'crs = "mission"', "feature 1: 2 rings; give one"),
+        ([feature(), feature(attenuation_per_m=-1.0)], 'crs = "mission"', r"feature 2: Expected `float` >= 0.0 - at `\$.atten"),
+        ([feature(material="gold")], 'crs = "mission"', r"feature 1: Invalid enum value 'gold' .* material \(concrete, brick"),
+        ([feature(height_m=0.0)], 'crs = "mission"', r"feature 1: Expected `float` > 0.0 - at `\$.height_m`"),
+        ([feature(kind="Point", coordinates=[1, 2])], 'crs = "mission"', "feature 1: is a Point; a building or wall is"),
+        ([feature([[[0, 0], [4, 0]]])], 'crs = "mission"', "feature 1: its geometry is not GeoJSON"),
+        ([feature([[[0, 0], [9, 0], [9, 9]]])], 'crs = "mission"', "feature 1: its geometry is not GeoJSON .* closed"),
+        ([feature([RING, HOLE])], 'crs = "mission"', "feature 1: 2 rings; give an outline"),
+        ([feature([[[0, 0], [2e5, 0], [9, 9], [0, 0]]])], 'crs = "mission"', "feature 1: Expected `float` <= 100000.0"),
         ([feature()], "", "longitudes and latitudes need the mission's datum"),
-        ([feature([[[190, 0], [4, 0], [4, 9]]])], "[datum]\nlatitude_deg = 50\nlongitude_deg = 14", "feature 1: Expected"),
+        ([feature([[[1900, 0], [4, 0], [4, 9], [1900, 0]]])], HERE, "coordinates that are no degrees"),
+        ([feature([[[50, 14], [50.1, 14], [50.1, 14.1], [50, 14]]])], HERE, "latitude and longitude are swapped"),
+        ([feature([[[24, 50], [24.1, 50], [24.1, 50.1], [24, 50]]])], HERE, "nothing in it is nearer than 10 degrees"),
     ],
 )  # fmt: skip
 def test_a_map_that_cannot_be_is_refused_in_one_line(
@@ -157,7 +166,7 @@ def test_a_map_that_cannot_be_is_refused_in_one_line(
 def test_a_file_that_is_missing_or_no_geojson_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, [], 'crs = "mission"')
     (tmp_path / "town.geojson").write_text('{"type": "Topology"}')
-    with pytest.raises(ConfigError, match="no GeoJSON FeatureCollection"):
+    with pytest.raises(ConfigError, match="its geometry is not GeoJSON"):
         load_mission(file)
     (tmp_path / "town.geojson").unlink()
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
@@ -169,3 +178,37 @@ def test_buildings_in_the_mission_file_itself_are_checked_as_well(tmp_path: Path
     file.write_text(f"{MISSION}[[buildings.known]]\nheight_m = 2.0\nfootprint_m = [[0, 0], [4, 4], [4, 0], [0, 4]]\n")
     with pytest.raises(ConfigError, match=r"mission.toml: buildings.known\[0\]: footprint_m: Self-intersection"):
         load_mission(file)
+
+
+def on_earth(content: bytes, folder: Path) -> tuple[BuildingConfig, ...]:
+    """The buildings of a file, in a mission at 50 degrees north and 14 east."""
+    file = written(folder, [], HERE)
+    (folder / "town.geojson").write_bytes(content)
+    return load_mission(file).buildings.known
+
+
+def test_what_programs_for_maps_write_is_read(tmp_path: Path) -> None:
+    """Several parts, no place, a single feature, empty properties, and a byte order mark."""
+    near, far = ([[[14.0 + x, 50.0], [14.001 + x, 50.0], [14.001 + x, 50.0005], [14.0 + x, 50.0]]] for x in (0.0, 0.002))
+    plain = feature(near)
+    (expected,) = on_earth(json.dumps({"type": "FeatureCollection", "features": [plain]}).encode(), tmp_path)
+    multi = feature([near, far], kind="MultiPolygon")
+    nowhere = plain | {"geometry": None}
+    unset = feature(near, material=None, attenuation_per_m=None, name=None)
+    collection = json.dumps({"type": "FeatureCollection", "features": [multi, nowhere, unset]}).encode()
+    first, second, third = on_earth(collection, tmp_path)
+    assert first == third == expected
+    assert second.footprint_m[0] == pytest.approx((143.4, 0.0), abs=0.1)
+    for content in (json.dumps(plain).encode(), b"\xef\xbb\xbf" + json.dumps(plain).encode(), json.dumps(plain).encode("utf-16")):
+        assert on_earth(content, tmp_path) == (expected,)
+
+
+def test_one_building_on_the_antimeridian_is_one_place(tmp_path: Path) -> None:
+    """Written from 179.9999 to -179.9999 degrees in two parts, as RFC 7946 has it."""
+    parts = [
+        [[[179.9999, 50.0], [180.0, 50.0], [180.0, 50.0001], [179.9999, 50.0]]],
+        [[[-180.0, 50.0], [-179.9999, 50.0], [-180.0, 50.0001], [-180.0, 50.0]]],
+    ]
+    file = written(tmp_path, [feature(parts, kind="MultiPolygon")], "[datum]\nlatitude_deg = 50\nlongitude_deg = -179.9999")
+    west, east = load_mission(file).buildings.known
+    assert west.footprint_m[1] == pytest.approx(east.footprint_m[0])

@@ -7,6 +7,7 @@ from io import BytesIO
 import msgspec
 import numpy as np
 import pytest
+import rasterio
 import tifffile
 from geodetic import geodetics_from_mission
 from hypothesis import given
@@ -43,6 +44,22 @@ def slanting(columns=11, rows=9, west=-20.0, south=-20.0, cell=10.0):
 
 def grid(data, **more):
     return GroundConfig(grid="hills", grid_data=data, **more)
+
+
+FLOAT32_MIN = float(np.finfo(np.float32).min)  # of ArcGIS and QGIS
+
+
+def written_by_gdal(heights, dtype=np.float32, nodata=None, unit="", scale=1.0, offset=0.0, crs=None):
+    """A GeoTIFF as programs that use GDAL write it: of 10 m from (-20, 60), in the mission frame or around the datum."""
+    west, north = (-25.0, 65.0) if crs is None else (ZONE_33_M[0] - 25.0, ZONE_33_M[1] + 65.0)
+    heights = np.asarray(heights, dtype=dtype)
+    size = {"height": heights.shape[0], "width": heights.shape[1], "count": 1, "dtype": dtype}
+    with rasterio.MemoryFile() as file:
+        place = rasterio.transform.from_origin(west, north, 10.0, 10.0)
+        with file.open(driver="GTiff", nodata=nodata, crs=crs, transform=place, **size) as raster:
+            raster.write(heights, 1)
+            raster.units, raster.scales, raster.offsets = (unit,), (scale,), (offset,)
+        return bytes(file.getbuffer())
 
 
 def geotiff(heights, scale, tie, keys, dtype=np.float32, nodata=None, **more):
@@ -166,6 +183,50 @@ def test_holes_beside_the_area_are_filled_from_the_nearest():
     assert ground.height_m(-20.0, 60.0) in (heights[0, 1], heights[1, 0])
 
 
+@pytest.mark.parametrize("declared", [True, False])
+@pytest.mark.parametrize("void", [FLOAT32_MIN, -3.4e38, -32768.0, -9999.0, np.nan])
+def test_voids_beside_the_area_change_nothing_in_it(void, declared):
+    """In UTM they used to bend the grid: its nodes were placed by their heights."""
+    heights = slanting()  # with a height of exactly 0, which tifffile takes for missing where the least float32 is
+    whole = written_by_gdal(heights, crs="EPSG:32633")
+    heights[0, 0] = void
+    data = written_by_gdal(heights, nodata=void if declared else None, crs="EPSG:32633")
+    found, expected = (Ground.from_config(mission(grid(one, geoid_m=230.0), DATUM)) for one in (data, whole))
+    places = np.array([[0.0, 0.0], [30.0, 20.0], [60.0, 40.0]])
+    assert found.heights_m(places) == pytest.approx(expected.heights_m(places))
+    assert found.slopes(places) == pytest.approx(expected.slopes(places))
+
+
+@pytest.mark.parametrize(
+    ("more", "stored"),
+    [
+        ({"unit": "ft"}, lambda height: height / 0.3048),
+        ({"unit": "US survey foot"}, lambda height: height * 3937.0 / 1200.0),
+        ({"unit": "m"}, lambda height: height),
+        ({"scale": 0.1, "offset": 100.0, "dtype": np.int16}, lambda height: np.round((height - 100.0) / 0.1)),
+        ({"scale": 0.1, "unit": "foot"}, lambda height: height / 0.03048),
+    ],
+)
+def test_heights_are_metres_whatever_their_unit_scale_and_offset(more, stored):
+    ground = Ground.from_config(mission(grid(written_by_gdal(stored(slanting()), **more))))
+    assert ground.height_m(7.0, 11.0) == pytest.approx(2.0 + 0.7 - 0.55, abs=1e-4)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_no_part_of_a_grid(encoding):
+    data = ascii_grid(slanting()).decode().encode(encoding)
+    assert Ground.from_config(mission(grid(data))).height_m(7.0, 11.0) == pytest.approx(2.15, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "data", [ascii_grid(slanting()).replace(b" 4.5", b" 4,5"), ascii_grid(slanting()) + b"\xff", b"9" * 10**6]
+)
+def test_an_error_about_a_grid_is_short(data):
+    with pytest.raises(ConfigError) as caught:
+        Ground.from_config(mission(grid(data)))
+    assert len(str(caught.value)) < 400
+
+
 def broken(rows, columns, value):
     heights = slanting()
     heights[rows, columns] = value
@@ -189,6 +250,12 @@ def broken(rows, columns, value):
         (grid(ascii_grid(broken(4, 5, -9999.0))), "1 holes in the area, one at \\(30.0, 20.0\\)"),
         (grid(ascii_grid(broken(4, 5, np.nan))), "1 holes in the area"),
         (grid(ascii_grid([[1.0]])), "at least two"),
+        (grid(ascii_grid(broken(4, 5, -9999.0), nodata=-7777.0)), "1 holes in the area, one at \\(30.0, 20.0\\)"),
+        (grid(written_by_gdal(broken(4, 5, FLOAT32_MIN))), "1 holes in the area"),
+        (grid(written_by_gdal(broken(4, 5, -32768.0), np.int16)), "1 holes in the area"),
+        (grid(ascii_grid(slanting() * 100.0 + 60.0)), "steps by 100 m between neighbouring nodes at"),
+        (grid(ascii_grid(broken(4, 5, -77.0))), "steps by 82 m between neighbouring nodes at .*declare its voids"),
+        (grid(written_by_gdal(slanting(), unit="fathom")), "the unit of its heights, fathom, is not supported"),
     ],
 )  # fmt: skip
 def test_a_grid_that_cannot_be_used_is_an_error_that_says_why(ground, says):

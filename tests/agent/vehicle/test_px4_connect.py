@@ -72,7 +72,8 @@ def test_a_second_agent_on_the_same_port_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["nonsense", "udpin://127.0.0.1:99999", "udpin://192.0.2.1:14540", "serial:///dev/none:57600"]
+    "address",
+    ["nonsense", "udpin://127.0.0.1:99999", "udpin://127.0.0.1:0", "udpin://192.0.2.1:14540", "serial:///dev/none:57600"],
 )
 def test_addresses_that_cannot_be_opened_are_told(address: str) -> None:
     asyncio.run(refusal(address))

@@ -38,6 +38,8 @@ def test_a_drone_has_the_shared_keys_and_its_own(tmp_path: Path) -> None:
         ('id = "d2"', 'id = "d4"', r"mission.toml: drones: 'd4' is missing; the fleet and its mission must have the same"),
         ('"cameras/1"', '"cameras/7"', r"drones: d1: calibration: .*cameras/7 lacks a.txt, b.txt, c.txt, t.txt"),
         ('source = "10.41.10.2"', "", r"drones: d2: vehicle: an autopilot on the network needs its port and its own address"),
+        ("10.41.10.1:14540", "10.41.10.1:0", r"drones: d2: vehicle: an autopilot on the network needs its port"),
+        ("10.41.10.1:14540", "10.41.10.1:99999", r"drones: d2: vehicle: an autopilot on the network needs its port"),
         (KEY, "ssh-ed25519 AAAA nobody", r"ssh_keys: key 1: 'ssh-ed25519 AAAA nobody' is no public SSH key"),
         (KEY, "-----BEGIN OPENSSH PRIVATE KEY-----", r"ssh_keys: key 1: is a private key; give the public one"),
         (f'["{KEY}"]', "[]", r"ssh_keys: expected `array` of length >= 1"),

@@ -290,6 +290,8 @@ async def _open(config: MeshConfig) -> None:
     [
         (MeshConfig(listen="7447"), "mesh.listen: '7447' is not an endpoint; expected tcp/HOST:PORT"),
         (MeshConfig(listen="tcp/127.0.0.1:99999"), "is not an endpoint"),
+        (MeshConfig(listen="tcp/127.0.0.1:0"), "is not an endpoint"),
+        (MeshConfig(connect=("tcp/127.0.0.1:0",)), "mesh.connect: 'tcp/127.0.0.1:0' is not an endpoint"),
         (MeshConfig(listen="tcp/0.0.0.0:7447"), "not the address of one interface"),
         (MeshConfig(listen="tcp/203.0.113.9:7447"), "is not an address of this computer"),
         (MeshConfig(connect=("udp/127.0.0.1:7447",)), "mesh.connect: 'udp/127.0.0.1:7447' is not an endpoint"),

@@ -214,7 +214,7 @@ def test_a_mission_without_a_place_on_earth_is_refused():
 
 
 @pytest.mark.parametrize(
-    "url", ["", "239.2.3.1:6969", "udp://239.2.3.1", "http://a:1", "file:///tmp/x", "tcp://:1", "udp://a:99999"]
+    "url", ["", "239.2.3.1:6969", "udp://239.2.3.1", "http://a:1", "file:///tmp/x", "tcp://:1", "udp://a:99999", "udp://a:0"]
 )
 def test_an_address_that_is_none_is_refused(url):
     with pytest.raises(TakError, match=r"give udp, tcp, tls://HOST:PORT"):

@@ -1,0 +1,50 @@
+"""Sizes of a mission against what vehicles and positions allow, and its heights against floor and ceiling."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agent.errors import ConfigError
+
+if TYPE_CHECKING:
+    from agent.config.mission import MissionConfig
+
+MIN_SEPARATION_M, MAX_SEPARATION_M = 1.0, 100.0  # below it, the vehicles' own size and the errors of their positions decide
+MIN_RADIUS_M, MAX_RADIUS_M = 1.0, 1000.0  # of a circle around a source
+MIN_SPEED_MPS, MAX_SPEED_MPS = 0.1, 50.0
+MAX_FENCE_MARGIN_M = 1000.0
+_LIMITS = {
+    ("limits", "separation_m"): (MIN_SEPARATION_M, MAX_SEPARATION_M),
+    ("limits", "speed_mps"): (MIN_SPEED_MPS, MAX_SPEED_MPS),
+    ("encirclement", "radius_m"): (MIN_RADIUS_M, MAX_RADIUS_M),
+    ("encirclement", "nearest_m"): (MIN_RADIUS_M, MAX_RADIUS_M),
+    ("area", "fence_margin_m"): (0.0, MAX_FENCE_MARGIN_M),
+}
+
+
+def check_sizes(mission: MissionConfig, where: str) -> None:
+    """Raise ConfigError where a size is beyond its limits; ``where`` is named in the text.
+
+    Apart from the types of the keys, which a flight record of any age must satisfy: these are limits of what is flown.
+    """
+    for (section, key), (least, most) in _LIMITS.items():
+        value = getattr(getattr(mission, section), key)
+        if not least <= value <= most:
+            raise ConfigError(f"{where}: {section}.{key} = {value:g} is outside {least:g} .. {most:g}")
+    area = mission.area
+    if area.floor_m >= area.ceiling_m:
+        raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
+    for name, height in (("survey", mission.survey.height_m), ("encirclement", mission.encirclement.height_m)):
+        if not area.floor_m <= height <= area.ceiling_m:
+            raise ConfigError(
+                f"{where}: {name}.height_m = {height:g} is outside area.floor_m .. area.ceiling_m "
+                f"({area.floor_m:g} .. {area.ceiling_m:g})"
+            )
+
+
+def check_names(mission: MissionConfig, where: str) -> None:
+    """Raise ConfigError where a file is named that may lie outside the mission file's folder."""
+    for key, name in (("ground.grid", mission.ground.grid), ("buildings.file", mission.buildings.file)):
+        if name is not None and (Path(name).name != name or name == ".."):
+            raise ConfigError(f"{where}: {key} = {name!r}: give the bare name of a file in the mission file's folder")

@@ -1,0 +1,43 @@
+"""Input files of users: read up to a limit, and text with or without a byte order mark."""
+
+from __future__ import annotations
+
+import codecs
+from pathlib import Path
+
+from agent.errors import ConfigError
+
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def read_bytes(path: Path, max_bytes: int, where: str, hint: str) -> bytes:
+    """Read a file; ``where`` and ``hint``: begin and end of the error that refuses a larger one.
+
+    Raises:
+        ConfigError: it cannot be read, or is larger than ``max_bytes``.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(max_bytes + 1)
+    except OSError as error:
+        raise ConfigError(f"{where}: cannot be read: {error.strerror}") from None
+    if len(data) > max_bytes:
+        raise ConfigError(f"{where}: more than {max_bytes // 1_000_000} MB: {hint}")
+    return data
+
+
+def text_of(data: bytes) -> str:
+    """Decode a text file: UTF-8, or UTF-16 with its byte order mark, as editors and spreadsheets on Windows write them.
+
+    Raises:
+        ValueError: another encoding; the text tells the first byte that is wrong, and nothing of the file.
+    """
+    try:
+        return data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8: {error.reason} at byte {error.start}") from None
+
+
+def read_text(path: Path) -> str:
+    """Read a text file. Raises OSError, and ValueError as ``text_of`` does."""
+    return text_of(path.read_bytes())
