@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -39,17 +40,23 @@ def cones(
     toa_bits: Annotated[
         int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
     ] = None,
+    measurement: Annotated[
+        int | None, typer.Option(min=1, help="Which of several appended measurements.", show_default="all, one after the other")
+    ] = None,
+    chip: Annotated[int | None, typer.Option(min=0, max=15, help="Which chip of a detector that has several.")] = None,
 ) -> None:
     """Turn the pixel hits of a file into Compton cones, and summarise the file.
 
-    The CSV has one line per cone: stamp_ns since the detector's clock was reset; axis_x, axis_y, axis_z in the camera's frame (x
+    The CSV has one line per cone: stamp_ns since the detector's clock was reset (of the first measurement, where a file holds
+    several); axis_x, axis_y, axis_z in the camera's frame (x
     along the pixel rows, y up, z out of the sensor), from the absorbed photon to the electron if cluster 1 was the electron
     (reading 1) and opposite to it in reading 2; opening angle, 1 sigma and probability of both readings; the clusters' energies,
     fitted to the line; their distance.
     """
     from agent.detector.command import run_cones  # noqa: PLC0415  scipy's import time belongs to this command alone
+    from agent.detector.files.t3pa import T3paReader  # noqa: PLC0415
 
-    run_cones(file, csv, nuclide, calibration, toa_bits)
+    run_cones(partial(T3paReader, file, toa_bits, measurement=measurement, chip=chip), csv, nuclide, calibration)
 
 
 @app.command()

@@ -17,7 +17,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.calibration import NOMINAL, Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import PixelHits, Readout
-from agent.detector.t3pa import T3paReader
+from agent.detector.files.t3pa import T3paReader
 
 EVENT_NS = 20_000
 COINCIDENCES = 0.1

@@ -14,11 +14,11 @@ from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
+from agent.detector.files.t3pa import T3paReader, readouts
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import CANDIDATES, lines_of
 from agent.detector.spectroscopy.recognition import Recogniser, Recognition
 from agent.detector.spectroscopy.residuals import told
-from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 from agent.outputs import replacing
 
@@ -62,7 +62,9 @@ class Summary:
     rows: int
     lost_rows: int
     noise_rows: int
-    torn: bool  # the file ends in the middle of a row, which is ignored
+    repaired_rows: int  # hits moved to the neighbouring period of the chip's counter
+    measurements: int  # of the file, one appended to the other
+    notes: tuple[str, ...]  # what the file lacks
     duration_s: float
     live_time_s: float
     hits: int
@@ -121,7 +123,9 @@ def analyse(
         rows=reader.rows,
         lost_rows=chain.lost_hits,
         noise_rows=chain.noise.masked_hits,
-        torn=reader.torn,
+        repaired_rows=chain.repaired_hits,
+        measurements=reader.measurements,
+        notes=reader.notes,
         duration_s=(parts[-1].end_ns - parts[0].start_ns) * 1e-9 if parts else 0.0,
         live_time_s=sum(part.live_time_s for part in parts),
         hits=sum(part.hits for part in parts),

@@ -21,7 +21,8 @@ class DetectorChain:
     """The chain of one detector. Readouts are given in order; the results do not depend on how the stream is cut into readouts.
 
     Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
-    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``noise`` is the mask of noisy
+    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` those that
+    its reader moved to the neighbouring period of the chip's counter; ``noise`` is the mask of noisy
     pixels with the count of masked hits. ``scale`` corrects the energies of the calibration: they are multiplied by it.
     """
 
@@ -51,7 +52,7 @@ class DetectorChain:
         self._end_ns = 0
         self._clock_ns = 0
         self._held_live_s = 0.0
-        self.lost_hits = 0
+        self.lost_hits = self.repaired_hits = 0
         self.noise = NoiseMask()
         self.scale = 1.0
 
@@ -66,6 +67,7 @@ class DetectorChain:
         self._clock_ns = readout.clock_ns
         self._end_ns = readout.end_ns
         self.lost_hits += readout.lost_hits
+        self.repaired_hits += readout.repaired_hits
         hits = readout.hits
         if len(self._held):
             hits = PixelHits.joined((self._held, hits))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,29 +13,30 @@ from rich.table import Table
 from agent.config.mission import AUTO, DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
+from agent.detector.files.t3pa import T3paReader
 from agent.detector.lines import lines_of
 from agent.detector.spectroscopy.residuals import told
-from agent.detector.t3pa import T3paReader
 from agent.outputs import check_output
 
 
-def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa_bits: int | None) -> None:
+def run_cones(opened: Callable[[], T3paReader], csv: Path, nuclide: str, calibration: Path | None) -> None:
     """Analyse a file, with a progress bar on stderr and the summary on stdout. Raises RadronError.
 
-    ``nuclide``: AUTO recognises it from the file's spectrum first.
+    ``opened``: returns a new reader of the file; ``nuclide``: AUTO recognises it from the file's spectrum first.
     """
     if nuclide != AUTO:
         lines_of(nuclide)
+    reader = opened()
+    file = reader.path
     check_output(csv, (file,))
     constants = Calibration.nominal() if calibration is None else load_calibration(calibration)
-    reader = T3paReader(file, toa_bits)
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
     terminal = Console(stderr=True)
     with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
         task = progress.add_task(file.name, total=reader.size_bytes)
         if nuclide == AUTO:
             found = recognise(
-                T3paReader(file, toa_bits),
+                opened(),
                 DetectionConfig(),
                 constants,
                 progress=lambda position: progress.update(task, completed=position),
@@ -49,10 +51,8 @@ def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa
             progress=lambda position: progress.update(task, completed=position),
         )
     Console().print(summary_table(file.name, nuclide, summary))
-    if summary.torn:
-        Console(stderr=True).print(
-            f"{file}: ends in the middle of a row, which was left out (an interrupted measurement?)", highlight=False
-        )
+    for note in summary.notes:
+        Console(stderr=True).print(f"{file}: {note}", highlight=False)
     Console().print(f"{summary.cones} cones in {csv}", highlight=False)
 
 
@@ -67,6 +67,10 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
     table.add_row("pixel hits", f"{summary.rows - summary.lost_rows:,}")
     if summary.lost_rows:
         table.add_row("overflow rows", f"{summary.lost_rows:,}")
+    if summary.measurements > 1:
+        table.add_row("measurements", f"{summary.measurements}, one after the other (--measurement N: one of them)")
+    if summary.repaired_rows:
+        table.add_row("moved by 409.6 us", f"{summary.repaired_rows:,} (beside a border of the chip's counter)")
     if summary.noise_rows:
         table.add_row("of noisy pixels", f"{summary.noise_rows:,}")
     table.add_row("duration, live", f"{summary.duration_s:.6g} s, {live:.6g} s")

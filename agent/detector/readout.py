@@ -54,7 +54,7 @@ class Readout(Struct, frozen=True):
     """Everything that a detector measured in [start_ns, end_ns), UTC. Readouts of one detector are contiguous.
 
     ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
-    reported as lost (overflow).
+    reported as lost (overflow), ``repaired_hits`` those that its reader moved to the neighbouring period of the chip's counter.
     """
 
     start_ns: int
@@ -63,6 +63,7 @@ class Readout(Struct, frozen=True):
     live_time_s: float
     hits: PixelHits
     lost_hits: int = 0
+    repaired_hits: int = 0
 
 
 def first_hits(readout: Readout, most: int) -> Readout:

@@ -58,6 +58,7 @@ class Camera:
         self._watch.look(readout.end_ns)
         self._chain.scale = self._watch.scale
         self._counters["pixel_hits_lost"] = self._chain.lost_hits
+        self._counters["pixel_hits_repaired"] = self._chain.repaired_hits
         self._counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
         self._counters["detections_dropped"] = self._observer.dropped
         self._counters["cones_withheld"] = self._observer.withheld

@@ -10,8 +10,9 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from agent.detector.files.t3pa import LOST_END
+from agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
 from agent.detector.readout import PixelHits, Readout
-from agent.detector.t3pa import DISORDER_NS, LOST_END
 
 STEP_NS = 20_000_000  # no clock is slewed by so much from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
@@ -24,6 +25,7 @@ class Block:
     hits: PixelHits
     lost_hits: int
     lost_ns: int
+    repaired_hits: int = 0
 
 
 @dataclass(slots=True)
@@ -37,6 +39,7 @@ class Acquisition:
     started_ns: int | None = None
     ended_ns: int | None = None
     blocks: deque[Block] = field(default_factory=deque)
+    repair: BorderRepair = field(default_factory=BorderRepair)
 
 
 class Utc:
@@ -93,7 +96,7 @@ class AcquisitionReader:
         found = PixelHits.joined(block.hits for block in blocks)
         hits = replace(found, tick=found.tick + offset)
         latest_ns = self._clock_ns + int(hits.tick.max()) * 25 // 16 if len(hits) else 0
-        end_ns = max(latest_ns - DISORDER_NS, now_ns - HOLD_NS)
+        end_ns = max(latest_ns - MAX_DISORDER_NS, now_ns - HOLD_NS)
         if ended_ns is not None:
             end_ns = min(ended_ns, started_ns + acquisition.length_ns)
         start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)
@@ -103,15 +106,16 @@ class AcquisitionReader:
         self._lost_ns += sum(block.lost_ns for block in blocks)
         dead_ns = min(self._lost_ns, end_ns - start_ns)
         self._lost_ns -= dead_ns
-        lost_hits = sum(block.lost_hits for block in blocks)
-        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, hits, lost_hits)
+        lost_hits, repaired = sum(block.lost_hits for block in blocks), sum(block.repaired_hits for block in blocks)
+        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, hits, lost_hits, repaired)
 
 
-def block_of(columns: list[NDArray[np.int64]]) -> Block:
-    """Pixels from Pixet's ``rawPixels``: matrix index, ToA, overflow, FToA and ToT, each (N,)."""
+def block_of(columns: list[NDArray[np.int64]], repair: BorderRepair) -> Block:
+    """Pixels from Pixet's ``rawPixels``: matrix index, ToA, overflow, FToA and ToT, each (N,); ``repair``: of the acquisition."""
     index, toa, overflow, ftoa, tot = columns[:5]
     hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
     lost_ns = 25 * int(toa[(overflow != 0) & (index == LOST_END)].sum())
-    tick = 16 * toa[hit] - ftoa[hit]
+    repaired = repair.repaired
+    tick = 16 * repair.joined(toa[hit]) - ftoa[hit]
     hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
-    return Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns)
+    return Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns, repair.repaired - repaired)

@@ -199,7 +199,7 @@ class PixetDetector:
             acquisition = self._acquisitions[-1]
             if acquisition.started_ns is None:
                 acquisition.started_ns = acquisition.called_ns
-            acquisition.blocks.append(block_of(columns))
+            acquisition.blocks.append(block_of(columns, acquisition.repair))
         except Exception as error:  # see above
             self._problem = f"the camera's data cannot be read: {type(error).__name__}: {error}"
 

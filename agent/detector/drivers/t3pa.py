@@ -7,8 +7,9 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
+from agent.detector.files.t3pa import Piece, T3paReader
+from agent.detector.files.toa import MAX_DISORDER_NS
 from agent.detector.readout import PixelHits, Readout
-from agent.detector.t3pa import DISORDER_NS, Piece, T3paReader
 from agent.errors import DetectorError
 
 SLICE_NS = 200_000_000
@@ -72,16 +73,17 @@ def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Ite
     pieces = iter(reader)
     clock_ns: int | None = None
     held = PixelHits.none()
-    latest_ns, lost_ns, lost_hits = start_ns, 0, 0
+    latest_ns, lost_ns, lost_hits, repaired = start_ns, 0, 0, 0
     piece: Piece | None = None
     while True:
         end_ns = start_ns + slice_ns
-        while clock_ns is None or latest_ns - DISORDER_NS < end_ns:
+        while clock_ns is None or latest_ns - MAX_DISORDER_NS < end_ns:
             piece = next(pieces, None)
             if piece is None:
                 break
             lost_ns += piece.lost_ns
             lost_hits += piece.overflow_rows
+            repaired += piece.repaired
             if not len(piece.hits):
                 continue
             if clock_ns is None:
@@ -92,6 +94,6 @@ def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Ite
             return
         now = held.tick < ((end_ns - clock_ns) * 16 + 24) // 25
         dead_ns = min(lost_ns, slice_ns)
-        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, held.take(now), lost_hits)
+        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, held.take(now), lost_hits, repaired)
         held = held.take(~now)
-        lost_ns, lost_hits, start_ns = lost_ns - dead_ns, 0, end_ns
+        lost_ns, lost_hits, repaired, start_ns = lost_ns - dead_ns, 0, 0, end_ns

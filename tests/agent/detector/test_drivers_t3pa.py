@@ -11,7 +11,7 @@ from detector_feed import until
 from agent.config.drone import DetectorConfig
 from agent.detector.drivers import open_detector
 from agent.detector.drivers.t3pa import RecordedDetector, playback
-from agent.detector.t3pa import T3paReader
+from agent.detector.files.t3pa import T3paReader
 from agent.errors import ConfigError, DetectorError
 
 HEADER = "Index\tMatrix Index\tToA\tToT\tFToA\tOverflow"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agent.detector.calibration import load_calibration
-from agent.detector.t3pa import T3paReader
+from agent.detector.files.t3pa import T3paReader
 from sim.cli import main
 from sim.radiation import beam
 from sim.radiation.events import Events

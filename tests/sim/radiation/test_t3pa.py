@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 
 from agent.detector.readout import PixelHits, Readout
-from agent.detector.t3pa import T3paReader
+from agent.detector.files.t3pa import T3paReader
 from sim.radiation.t3pa import T3paWriter
 
 

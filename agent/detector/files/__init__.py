@@ -1,0 +1,1 @@
+"""The camera's files: measurements of pixel hits, calibrations."""

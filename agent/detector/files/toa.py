@@ -1,0 +1,141 @@
+"""Times of arrival as the camera's readout writes them: counters that wrap, and hits put into a neighbouring period.
+
+The chip counts ToA in 14 bits, 409.6 us; the readout extends it by the number of the period. According to the manufacturer, hits
+near the border of two periods may get the number of the wrong one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.errors import DetectorError
+
+PERIOD_BITS = 14
+PERIOD = 1 << PERIOD_BITS  # 25 ns steps
+MAX_APART = 16  # 400 ns: hits of one event, with drift and time walk, are nearer to each other
+MAX_DISORDER_NS = 1_000_000  # a hit may follow a later one by so much: its time over threshold and the readout queue
+_LARGE_STEP = PERIOD // 2  # a ToA further back than this is a wrap, or a hit that the readout has delayed
+_MIN_WRAPS = 3  # large steps back among the first rows that show a counter of 14 bits; a late hit is only one
+_EXTENDED_BITS = 30  # of the readout's extension: wraps every 26.8 s
+_STEP_S = 25e-9
+_CONTEXT = 256  # hits of the call before, among which some of the same event may be
+
+
+def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return times of arrival (N,) in 25 ns steps with misplaced hits moved by one period.
+
+    A hit is misplaced if hits of the same event lie across the border of a neighbouring period, within ``MAX_APART``, and none do
+    across the border next to the hit itself.
+    """
+    phase = toa & (PERIOD - 1)
+    near = np.flatnonzero((phase < MAX_APART) | (phase >= PERIOD - MAX_APART))
+    border = toa[near]
+    later = phase[near] < MAX_APART  # behind a border
+    moved = _moved(border, later, PERIOD)
+    moved = -_moved(-moved, ~later, PERIOD)
+    repaired = toa.copy()
+    repaired[near] = moved
+    return repaired
+
+
+class BorderRepair:
+    """Applies ``joined_at_borders`` to the hits of one measurement as they come; ``repaired`` counts the hits that were moved.
+
+    The last hits of the call before are there for comparison; an event whose first hits are misplaced and whose other hits come
+    with the next call stays as it is.
+    """
+
+    def __init__(self) -> None:
+        self.repaired = 0
+        self._before = np.empty(0, np.int64)
+
+    def joined(self, toa: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the repaired times (N,) of the next hits, in 25 ns steps."""
+        count = len(self._before)
+        joined = joined_at_borders(np.concatenate((self._before, toa)))[count:]
+        self.repaired += int(np.count_nonzero(joined != toa))
+        self._before = joined[-_CONTEXT:]
+        return joined
+
+
+def _moved(toa: NDArray[np.int64], later: NDArray[np.bool_], period: int) -> NDArray[np.int64]:
+    """Return ``toa`` (N,) with those of ``later`` that only fit behind the next border moved there."""
+    before = np.sort(toa[~later])
+    after = toa[later]
+    orphaned = ~_has_partner(before, after) & _has_partner(before, after + period)
+    result = toa.copy()
+    result[later] = after + period * orphaned
+    return result
+
+
+def _has_partner(before: NDArray[np.int64], after: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return for each of ``after`` whether one of the sorted ``before`` precedes it by at most ``MAX_APART``."""
+    if not len(before):
+        return np.zeros(len(after), np.bool_)
+    place = np.searchsorted(before, after, side="right") - 1
+    return (place >= 0) & (after - before[place.clip(0)] <= MAX_APART)
+
+
+def wraps_in_chip(toa: NDArray[np.int64]) -> bool:
+    """Return whether the first times of a measurement (N,) are the chip's own counter, which wraps every 409.6 us."""
+    return bool(len(toa)) and int(toa.max()) < PERIOD and int(np.count_nonzero(np.diff(toa) < -_LARGE_STEP)) >= _MIN_WRAPS
+
+
+class Unwrapper:
+    """Continues the times of arrival of one measurement over the wraps of their counter.
+
+    ``bits``: of the counter; None: 30 bits, recognised by a step back of more than half of that range.
+    """
+
+    def __init__(self, path: Path, bits: int | None) -> None:
+        self._path = path
+        self._modulus = None if bits is None else 1 << bits
+        self._last: int | None = None  # the last value in the file
+        self._highest = 0
+        self._turns = 0
+
+    @property
+    def extended(self) -> bool:
+        """Whether the readout has extended the chip's own counter, so that hits may be in a wrong period."""
+        return self._modulus != PERIOD
+
+    def unwrapped(self, toa: NDArray[np.int64], line: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the continued times (N,) of the next rows; ``line``: their line numbers (N,).
+
+        Raises:
+            DetectorError: a time does not fit the counter, or falls back by what is neither a wrap nor disorder.
+        """
+        if len(toa) == 0:
+            return toa
+        steps = np.diff(toa, prepend=toa[0] if self._last is None else self._last)
+        if self._modulus is None:
+            self._recognise(toa, steps, line)
+        self._last = int(toa[-1])
+        self._highest = max(self._highest, int(toa.max()))
+        if self._modulus is None:
+            return toa
+        if self._highest >= self._modulus:
+            bits = self._modulus.bit_length() - 1
+            raise DetectorError(f"{self._path}: line {line[toa.argmax()]}: ToA does not fit a counter of {bits} bits")
+        turns = self._turns + np.cumsum((steps < -self._modulus // 2).astype(np.int64) - (steps > self._modulus // 2))
+        self._turns = int(turns[-1])
+        continued: NDArray[np.int64] = toa + turns * self._modulus
+        return continued
+
+    def _recognise(self, toa: NDArray[np.int64], steps: NDArray[np.int64], line: NDArray[np.int64]) -> None:
+        """Take the first step back that is no disorder for a wrap of 30 bits."""
+        back = int((steps * 25 < -100 * MAX_DISORDER_NS).argmax())
+        step = -int(steps[back])
+        if step * 25 <= 100 * MAX_DISORDER_NS:
+            return
+        highest = max(self._highest, int(toa[: back + 1].max()), int(toa[back]) + step)
+        if highest < 1 << _EXTENDED_BITS and step > 1 << (_EXTENDED_BITS - 1):
+            self._modulus = 1 << _EXTENDED_BITS
+            return
+        raise DetectorError(
+            f"{self._path}: line {line[back]}: ToA falls back by {step * _STEP_S:.3g} s, which is no wrap of its counter; "
+            "export each measurement to a file of its own"
+        )
