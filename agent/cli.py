@@ -35,7 +35,8 @@ def cones(
     csv: Annotated[Path, typer.Option(metavar="OUT", help="Where to write the cones, one per line.")],
     nuclide: Annotated[str, typer.Option(help="Whose lines to look for; auto: those that the spectrum shows.")] = "Cs-137",
     calibration: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder with a.txt, b.txt, c.txt, t.txt; else typical constants.")
+        Path | None,
+        typer.Option(metavar="PATH", help="Folder of a.txt, b.txt, c.txt, t.txt, or Pixet's XML; else typical constants."),
     ] = None,
     toa_bits: Annotated[
         int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")

@@ -18,8 +18,8 @@ import typer
 from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.fusion.bayes.response import edge_factor
 from agent.fusion.facing import Facing
 from sim.radiation.camera import Camera, SourceView

@@ -21,9 +21,9 @@ import numpy as np
 import typer
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent
+from agent.detector.files.calibration import Calibration
 from agent.detector.lines import lines_of
 from sim.radiation.events import Events, simulate
 from sim.radiation.nuclides import nuclide

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import NOMINAL, Calibration
 from agent.detector.chain import DetectorChain
-from agent.detector.readout import PixelHits, Readout
+from agent.detector.files.calibration import NOMINAL, Calibration
 from agent.detector.files.t3pa import T3paReader
+from agent.detector.readout import PixelHits, Readout
 
 EVENT_NS = 20_000
 COINCIDENCES = 0.1

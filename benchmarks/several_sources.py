@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
 from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import Detections
+from agent.detector.files.calibration import Calibration
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis
 from agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation

@@ -20,8 +20,8 @@ import typer
 from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.lines import CANDIDATES
 from agent.fusion.sources.spectra import MEAN_FACING
 from protocol.spectrum import BINS

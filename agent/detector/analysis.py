@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
+from agent.detector.files.calibration import Calibration
 from agent.detector.files.t3pa import T3paReader, readouts
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import CANDIDATES, lines_of

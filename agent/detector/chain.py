@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.clustering import FEW, cluster_few, cluster_many
 from agent.detector.detection import Detections
 from agent.detector.events import EnergySink, EventReader, Tally
+from agent.detector.files.calibration import Calibration
 from agent.detector.noise import NoiseMask
 from agent.detector.readout import TICK_NS, PixelHits, Readout
 
@@ -60,7 +60,8 @@ class DetectorChain:
         """Counts and cones of the next time interval.
 
         The interval starts where the previous one ended. It ends with the readout or, where an event is held back, just before
-        that event's first hit. Hits that arrive later than their own interval are counted in the present one.
+        that event's first hit. Hits that arrive later than their own interval are counted in the present one. Pixels without
+        a usable calibration leave the sensitivity: the live time is reduced by their share.
         """
         if self._start_ns is None:
             self._start_ns = readout.start_ns
@@ -111,7 +112,7 @@ class DetectorChain:
         """Close the interval; the live time is divided between it and the part held back, by length."""
         assert self._start_ns is not None
         start_ns, self._start_ns = self._start_ns, end_ns
-        live_time_s += self._held_live_s
+        live_time_s = live_time_s * self._calibration.good_share + self._held_live_s
         length = self._end_ns - start_ns
         self._held_live_s = live_time_s * (self._end_ns - end_ns) / length if length > 0 else 0.0
         live_time_s = max(live_time_s - self._held_live_s, 0.0)
@@ -123,12 +124,12 @@ class DetectorChain:
         if len(hits) == 0:
             return Tally()
         energy = self.scale * self._calibration.energy_kev(hits.index, hits.tot)
-        if energy.min() <= 0.0:  # possible from a pixel's calibration at a few counts
-            known = energy > 0.0
+        known = energy > 0.0  # not of a bad pixel, nor of a few counts for which a pixel's calibration gives no energy
+        if not known.all():
             self.lost_hits += int(len(hits) - known.sum())
             hits, energy = hits.take(known), energy[known]
         if len(hits) <= FEW:
-            few = cluster_few(hits.tick, hits.index, energy, self._gap).each()
+            few = cluster_few(hits, energy, self._gap).each()
             return self._events.read_few([one for one in few if one.energy_kev >= self._threshold_kev], self._clock_ns)
-        many = cluster_many(hits.tick, hits.index, energy, self._gap)
+        many = cluster_many(hits, energy, self._gap)
         return self._events.read_many(many.take(many.energy_kev >= self._threshold_kev), self._clock_ns)

@@ -6,7 +6,7 @@ with a sparse graph for many.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
+from agent.detector.readout import PIXEL_PITCH_MM, SATURATED_TOT, SENSOR_PIXELS, PixelHits
 
 FEW = 500  # up to so many hits the event-by-event algorithm is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge
@@ -27,7 +27,8 @@ class Cluster(NamedTuple):
     """Touching hits. Camera frame, mm; ticks are steps of 25/16 ns.
 
     tick: the earliest hit; pixels: number of hits; x_mm, y_mm: energy-weighted; delay: ticks from the earliest hit to the
-    energy-weighted mean time of arrival.
+    energy-weighted mean time of arrival. saturated: the counter of at least one hit was full, so that the energy is a lower
+    bound.
     """
 
     tick: int
@@ -36,6 +37,7 @@ class Cluster(NamedTuple):
     x_mm: float
     y_mm: float
     delay: float
+    saturated: bool = False
 
 
 class Clusters(Struct, frozen=True):
@@ -47,44 +49,40 @@ class Clusters(Struct, frozen=True):
     x_mm: NDArray[np.float64]
     y_mm: NDArray[np.float64]
     delay: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.tick)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Clusters:
         """The chosen clusters."""
-        return Clusters(
-            self.tick[which], self.energy_kev[which], self.pixels[which], self.x_mm[which], self.y_mm[which], self.delay[which]
-        )
+        return Clusters(*(column[which] for column in self._columns))
 
     def each(self) -> list[Cluster]:
         """The clusters one by one."""
-        columns = (self.tick, self.energy_kev, self.pixels, self.x_mm, self.y_mm, self.delay)
-        return [Cluster(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+        return [Cluster(*row) for row in zip(*(column.tolist() for column in self._columns), strict=True)]
+
+    @property
+    def _columns(self) -> tuple[NDArray[Any], ...]:
+        return self.tick, self.energy_kev, self.pixels, self.x_mm, self.y_mm, self.delay, self.saturated
 
 
-def cluster_few(
-    tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
-) -> Clusters:
-    """Clusters of the hits, whose arrays (N,) are sorted by tick. Hits that touch join when at most ``gap_ticks`` apart."""
-    return _clusters(tick, index, energy_kev, *_labels_by_event(tick, index, gap_ticks))
+def cluster_few(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
+    """Clusters of the hits, which are sorted by tick, with their energies (N,).
+
+    Hits that touch join when at most ``gap_ticks`` apart.
+    """
+    return _clusters(hits, energy_kev, *_labels_by_event(hits.tick, hits.index, gap_ticks))
 
 
-def cluster_many(
-    tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
-) -> Clusters:
+def cluster_many(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
     """The same as ``cluster_few``, faster for many hits."""
-    return _clusters(tick, index, energy_kev, *_labels(tick, index, gap_ticks))
+    return _clusters(hits, energy_kev, *_labels(hits.tick, hits.index, gap_ticks))
 
 
-def _clusters(
-    tick: NDArray[np.int64],
-    index: NDArray[np.uint16],
-    energy_kev: NDArray[np.float64],
-    label: NDArray[np.intp],
-    count: int,
-) -> Clusters:
+def _clusters(hits: PixelHits, energy_kev: NDArray[np.float64], label: NDArray[np.intp], count: int) -> Clusters:
     """Clusters from the sums over the hits (N,) with each label."""
+    tick, index = hits.tick, hits.index
     first = _first(label, count)
     first.sort()  # in order of time, like the hits
     place = np.empty(count, np.intp)
@@ -99,6 +97,7 @@ def _clusters(
         x_mm=(_sum_by(label, energy_kev * (index & 255), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
         y_mm=(_sum_by(label, energy_kev * (index >> 8), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
         delay=_sum_by(label, energy_kev * (tick - earliest[label]), count) / energy,
+        saturated=np.bincount(label[hits.tot >= SATURATED_TOT], minlength=count) > 0,
     )
 
 

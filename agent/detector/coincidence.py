@@ -71,4 +71,5 @@ def _joined(parent: Cluster, satellite: Cluster) -> Cluster:
         energy_kev=parent.energy_kev + satellite.energy_kev,
         pixels=parent.pixels + satellite.pixels,
         delay=parent.delay + (parent.tick - tick),
+        saturated=parent.saturated or satellite.saturated,
     )

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from agent.config.mission import AUTO, DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
-from agent.detector.calibration import Calibration, load_calibration
+from agent.detector.files.calibration import PIXELS, Calibration, load_calibration
 from agent.detector.files.t3pa import T3paReader
 from agent.detector.lines import lines_of
 from agent.detector.spectroscopy.residuals import told
@@ -51,6 +51,8 @@ def run_cones(opened: Callable[[], T3paReader], csv: Path, nuclide: str, calibra
             progress=lambda position: progress.update(task, completed=position),
         )
     Console().print(summary_table(file.name, nuclide, summary))
+    if constants.bad_pixels:
+        Console(stderr=True).print(f"{calibration}: {constants.bad_pixels:,} of {PIXELS:,} pixels are masked", highlight=False)
     for note in summary.notes:
         Console(stderr=True).print(f"{file}: {note}", highlight=False)
     Console().print(f"{summary.cones} cones in {csv}", highlight=False)

@@ -33,7 +33,10 @@ class Tally:
 
 
 class EventReader:
-    """Classifies events: full-energy events, coincidences, and the coincidences that make a cone."""
+    """Classifies events: full-energy events, coincidences, and the coincidences that make a cone.
+
+    An event with a saturated hit is counted, but has no energy: it is in no spectrum, no line's window, and makes no cone.
+    """
 
     def __init__(
         self, config: DetectionConfig, nuclide: str | tuple[str, ...] | None, on_energies: EnergySink | None = None
@@ -51,7 +54,7 @@ class EventReader:
         tally = Tally()
         energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]
         if self._on_energies is not None:
-            self._on_energies(energies)
+            self._on_energies([energy for energy in energies if energy is not None])
         return tally
 
     def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
@@ -60,26 +63,27 @@ class EventReader:
         gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
         alone = gap[:-1] & gap[1:]
         tally = self.read_few(clusters.take(~alone).each(), clock_ns)
-        energy = clusters.energy_kev[alone]
+        tally.hits += int(np.count_nonzero(alone))
+        energy = clusters.energy_kev[alone & ~clusters.saturated]
         full = np.zeros(len(energy), np.bool_)
         for window in self._windows.each:
             full |= np.abs(energy - window.energy_kev) <= window.half_kev
-        tally.hits += len(energy)
         tally.spectrum.add_singles(energy)
         tally.photopeak += int(np.count_nonzero(full))
         if self._on_energies is not None:
             self._on_energies(energy)
         return tally
 
-    def _read(self, event: list[Cluster], clock_ns: int, tally: Tally) -> float:
-        """Add one event to the tally; returns its energy in keV."""
-        if len(event) == 1:
-            energy = event[0].energy_kev
-        else:
+    def _read(self, event: list[Cluster], clock_ns: int, tally: Tally) -> float | None:
+        """Add one event to the tally; returns its energy in keV, or None where a hit is saturated."""
+        if len(event) > 1:
             event = merge_satellites(event)
-            energy = sum(cluster.energy_kev for cluster in event)
-        line = self._windows.line_of(energy)
         tally.hits += len(event)
+        if any(cluster.saturated for cluster in event):
+            tally.coincidences += len(event) == 2
+            return None
+        energy = sum(cluster.energy_kev for cluster in event)
+        line = self._windows.line_of(energy)
         tally.photopeak += line is not None
         if len(event) <= 2:
             tally.spectrum.add(energy, coincidence=len(event) == 2)

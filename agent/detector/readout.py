@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 SENSOR_PIXELS = 256
 PIXEL_PITCH_MM = 0.055
 SENSOR_THICKNESS_MM = 2.0
+SATURATED_TOT = 1022  # the counter of 10 bits is full: the energy is a lower bound
 TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
 
 

@@ -13,7 +13,7 @@ from msgspec import Struct
 from agent.computing import Computing
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.detector.calibration import NAMES
+from agent.detector.files.calibration import NAMES
 from agent.errors import ConfigError, FlightRecordError
 from agent.fusion.registry import deferred_named, estimator_named
 from agent.mission.memory import Memory

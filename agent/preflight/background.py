@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.readout import Readout
 from agent.detector.repeats import Repeats
 from agent.vehicle.interface import Finding

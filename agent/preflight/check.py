@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.detector.calibration import load_calibration
 from agent.detector.drivers import open_detector
+from agent.detector.files.calibration import PIXELS, load_flight_calibration
 from agent.detector.readout import Detector
 from agent.errors import RadronError
 from agent.outputs import try_folder
@@ -288,10 +288,11 @@ class Preflight:
         if folder is None:
             return Finding("calibration", "ok", "that of the nominal camera: no folder configured")
         try:
-            load_calibration(Path(folder))
+            calibration = load_flight_calibration(Path(folder))
         except RadronError as error:
             return Finding("calibration", "failed", str(error))
-        return Finding("calibration", "ok", folder)
+        bad = f"; {calibration.bad_pixels:,} of {PIXELS:,} pixels are masked" if calibration.bad_pixels else ""
+        return Finding("calibration", "ok", folder + bad)
 
     def _space(self) -> Finding:
         folder = self._drone.recorder.folder

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agent.config.mission import MissionConfig
-from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration, load_flight_calibration
 from agent.detector.readout import Readout
 from agent.detector.repeats import Repeats
 from agent.detector.spectroscopy.nuclidewatch import NuclideWatch
@@ -25,12 +25,12 @@ class Camera:
     """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:
-        """``calibration``: folder with the camera's files; None: the nominal camera.
+        """``calibration``: the camera's folder or file; None: the nominal camera.
 
         Raises:
             DetectorError: they cannot be read.
         """
-        constants = load_calibration(Path(calibration)) if calibration else Calibration.nominal()
+        constants = load_flight_calibration(Path(calibration)) if calibration else Calibration.nominal()
         self._watch = NuclideWatch(mission.nuclide)
         self._repeats = Repeats()
         self._chain = DetectorChain(mission.detection, mission.nuclide, constants, self._watch.add)

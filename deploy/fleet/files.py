@@ -21,7 +21,7 @@ import msgspec
 from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
-from agent.detector.calibration import load_calibration
+from agent.detector.files.calibration import load_calibration
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from agent.config.loading import convert, load_mission, merged, read_toml
 from agent.config.mission import MissionConfig
-from agent.detector.calibration import NAMES
+from agent.detector.files.calibration import NAMES
 from agent.errors import ConfigError
 from deploy.fleet.config import FleetConfig, FleetDrone
 

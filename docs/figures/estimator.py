@@ -26,8 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # the checkout tha
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.frames.transform import Transform
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.estimator import BayesEstimator

@@ -86,7 +86,7 @@ def parse_rows(path: Path, layout: Layout, lines: list[bytes], line: int) -> tup
     if not lines:
         return table, numbers
     present = [column for column, place in enumerate(layout.places) if place is not None]
-    places = [layout.places[column] for column in present]
+    places = [place for place in layout.places if place is not None]
     try:
         read = np.loadtxt(lines, np.int64, delimiter=layout.delimiter, comments=None, ndmin=2, usecols=places)
     except (ValueError, OverflowError):

@@ -44,8 +44,8 @@ def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
 class BorderRepair:
     """Applies ``joined_at_borders`` to the hits of one measurement as they come; ``repaired`` counts the hits that were moved.
 
-    The last hits of the call before are there for comparison; an event whose first hits are misplaced and whose other hits come
-    with the next call stays as it is.
+    The last hits of the call before are compared with. Misplaced hits stay where the rest of their event comes with the next
+    call.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,8 @@ def _has_partner(before: NDArray[np.int64], after: NDArray[np.int64]) -> NDArray
     if not len(before):
         return np.zeros(len(after), np.bool_)
     place = np.searchsorted(before, after, side="right") - 1
-    return (place >= 0) & (after - before[place.clip(0)] <= MAX_APART)
+    preceded: NDArray[np.bool_] = (place >= 0) & (after - before[place.clip(0)] <= MAX_APART)
+    return preceded
 
 
 def wraps_in_chip(toa: NDArray[np.int64]) -> bool:

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.imaging import DirectionScan
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError

@@ -3,6 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.detector.clustering import cluster_few, cluster_many
+from agent.detector.readout import SATURATED_TOT, PixelHits
 
 
 def hits(rows):
@@ -11,6 +12,10 @@ def hits(rows):
     tick = np.array([row[0] for row in rows], np.int64)
     index = np.array([256 * row[2] + row[1] for row in rows], np.uint16)
     return tick, index
+
+
+def pixels(tick, index, tot=50):
+    return PixelHits(tick, index, np.broadcast_to(np.uint16(tot), len(tick)))
 
 
 def brute_force(tick, index, gap):
@@ -40,7 +45,7 @@ def expected_clusters(tick, index, energy, gap):
 
 
 def as_rows(clusters):
-    return np.array([tuple(cluster) for cluster in clusters])
+    return np.array([tuple(cluster)[:-1] for cluster in clusters])
 
 
 corner = st.sampled_from([0, 1, 2, 3, 253, 254, 255])
@@ -53,8 +58,8 @@ def test_both_implementations_follow_the_definition(rows, gap):
     tick, index = hits(rows)
     energy = np.linspace(5.0, 60.0, len(tick))
     expected = expected_clusters(tick, index, energy, gap)
-    np.testing.assert_allclose(as_rows(cluster_few(tick, index, energy, gap).each()), expected, atol=1e-9)
-    np.testing.assert_allclose(as_rows(cluster_many(tick, index, energy, gap).each()), expected, atol=1e-9)
+    np.testing.assert_allclose(as_rows(cluster_few(pixels(tick, index), energy, gap).each()), expected, atol=1e-9)
+    np.testing.assert_allclose(as_rows(cluster_many(pixels(tick, index), energy, gap).each()), expected, atol=1e-9)
 
 
 def test_both_implementations_agree_on_a_crowded_sensor():
@@ -63,8 +68,8 @@ def test_both_implementations_agree_on_a_crowded_sensor():
         tick = np.sort(rng.integers(0, 20_000, density))
         index = rng.integers(0, 1024, density).astype(np.uint16)
         energy = rng.uniform(5.0, 60.0, density)
-        few = as_rows(cluster_few(tick, index, energy, 64.0).each())
-        many = as_rows(cluster_many(tick, index, energy, 64.0).each())
+        few = as_rows(cluster_few(pixels(tick, index), energy, 64.0).each())
+        many = as_rows(cluster_many(pixels(tick, index), energy, 64.0).each())
         assert len(few) < density
         np.testing.assert_allclose(few, many, atol=1e-9)
 
@@ -72,7 +77,7 @@ def test_both_implementations_agree_on_a_crowded_sensor():
 def test_properties_of_a_cluster():
     tick, index = hits([(100, 10, 20), (104, 11, 20), (102, 11, 21), (5000, 10, 20)])
     energy = np.array([30.0, 20.0, 50.0, 7.0])  # in the order of time
-    clusters = cluster_few(tick, index, energy, 64.0)
+    clusters = cluster_few(pixels(tick, index), energy, 64.0)
     assert len(clusters) == 2
     assert clusters.tick.tolist() == [100, 5000]
     assert clusters.pixels.tolist() == [3, 1]
@@ -87,7 +92,7 @@ def test_the_last_column_does_not_touch_the_first_of_the_next_row():
     tick, index = hits([(0, 255, 10), (1, 0, 11), (2, 0, 10), (3, 255, 11)])
     energy = np.array([1.0, 2.0, 4.0, 8.0])
     for cluster in (cluster_few, cluster_many):
-        assert cluster(tick, index, energy, 64.0).energy_kev.tolist() == [9.0, 6.0]
+        assert cluster(pixels(tick, index), energy, 64.0).energy_kev.tolist() == [9.0, 6.0]
 
 
 def test_all_eight_neighbours_touch_whichever_comes_first():
@@ -96,4 +101,11 @@ def test_all_eight_neighbours_touch_whichever_comes_first():
             tick, index = hits(rows)
             energy = np.array([1.0, 2.0])
             for cluster in (cluster_few, cluster_many):
-                assert cluster(tick, index, energy, 64.0).pixels.tolist() == [2]
+                assert cluster(pixels(tick, index), energy, 64.0).pixels.tolist() == [2]
+
+
+def test_a_cluster_with_a_full_counter_is_marked():
+    tick, index = hits([(100, 10, 20), (104, 11, 20), (5000, 10, 20)])
+    tot = np.array([50, SATURATED_TOT, 50], np.uint16)
+    for cluster in (cluster_few, cluster_many):
+        assert cluster(PixelHits(tick, index, tot), np.array([30.0, 600.0, 7.0]), 64.0).saturated.tolist() == [True, False]

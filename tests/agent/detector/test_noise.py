@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.noise import BEAT_NS, NoiseMask
 from agent.detector.readout import PixelHits, Readout
 

@@ -7,8 +7,8 @@ import pytest
 from detector_feed import readout_at
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.readout import PixelHits, Readout, first_hits
 from agent.shell.node import MOST_HITS
 from agent.shell.problems import LATE_STEP_S

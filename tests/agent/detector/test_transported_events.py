@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.imaging import DirectionScan
 
 event_readout = pytest.importorskip("event_readout")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.detector.calibration import load_calibration
+from agent.detector.files.calibration import load_calibration
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage

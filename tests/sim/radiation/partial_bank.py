@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.calibration import Calibration
+from agent.detector.files.calibration import Calibration
 from agent.detector.readout import Readout
 from sim.radiation.bank import EventBank, bin_of, build_bank
 from sim.radiation.events import Events

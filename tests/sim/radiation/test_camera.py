@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.readout import Readout
 from agent.errors import ConfigError
 from sim.radiation import emission

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.calibration import Calibration, load_calibration
+from agent.detector.files.calibration import Calibration, load_calibration
 from agent.detector.readout import Readout
 from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
 from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP, Electronics

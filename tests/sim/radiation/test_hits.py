@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.calibration import load_calibration
+from agent.detector.files.calibration import load_calibration
 from agent.detector.files.t3pa import T3paReader
 from sim.cli import main
 from sim.radiation import beam

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.detector.calibration import Calibration
+from agent.detector.files.calibration import Calibration
 from agent.detector.readout import Readout
 from sim.radiation import emission
 from sim.radiation.calibration import NOMINAL_A, PixelCalibration

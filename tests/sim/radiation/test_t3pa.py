@@ -3,8 +3,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.detector.readout import PixelHits, Readout
 from agent.detector.files.t3pa import T3paReader
+from agent.detector.readout import PixelHits, Readout
 from sim.radiation.t3pa import T3paWriter
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.detector.calibration import NOMINAL
+from agent.detector.files.calibration import NOMINAL
 from agent.detector.readout import PixelHits, Readout
 from sim.radiation.events import Events
 from sim.radiation.timepix3 import energies_kev

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.detector.lines import GAMMAS, LINES_KEV
 from agent.detector.spectroscopy import recognition, residuals
 from agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.errors import ConfigError
 from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
 from agent.fusion.facing import Facing

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
-from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
 from agent.fusion.sources.spectra import KNOWN, MEAN_FACING, PER_MM2, REFERENCE_BQ, Spectra, pooled
 from protocol.spectrum import BINS, EDGES_KEV
 

@@ -1,0 +1,148 @@
+"""Energy calibration of each pixel, from time over threshold: ToT = a E + b - c / (E - t)."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.files.pixetxml import read_pixet_xml
+from agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from agent.errors import DetectorError
+
+NAMES = ("a", "b", "c", "t")
+NOMINAL = (1.6, 24.0, 60.0, 1.8)  # a (counts/keV), b (counts), c (counts keV), t (keV)
+MAX_BAD_SHARE = 0.2  # of the pixels, beyond which a calibration is refused
+RANGE_KEV = (10.0, 1500.0)  # energies for which a pixel's time over threshold must be finite and rising
+PIXELS = SENSOR_PIXELS**2
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Converts each pixel's time over threshold, in 25 ns counts, into energy.
+
+    With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t: E = t +
+    (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index, or (1, 4) for all; of
+    a bad pixel it is NaN. bad_pixels: their number; thickness_mm: of the sensor.
+    """
+
+    table: FloatArray
+    bad_pixels: int = field(default=0)
+    thickness_mm: float = field(default=SENSOR_THICKNESS_MM)
+
+    @property
+    def good_share(self) -> float:
+        """The share of the pixels that have an energy."""
+        return 1.0 - self.bad_pixels / PIXELS
+
+    def energy_kev(self, index: NDArray[np.uint16], tot: NDArray[np.uint16]) -> FloatArray:
+        """Energies in keV, (N,), from matrix indices and time over threshold, (N,) each; NaN for bad pixels."""
+        rows = self.table if len(self.table) == 1 else self.table.take(index, axis=0)
+        t, start, curvature, slope = rows.T
+        y = tot - start
+        energy: FloatArray = t + (y + np.sqrt(np.maximum(y * y + curvature, 0.0))) * slope
+        return energy
+
+    @classmethod
+    def of(
+        cls,
+        a: FloatArray,
+        b: FloatArray,
+        c: FloatArray,
+        t: FloatArray,
+        bad: NDArray[np.bool_] | None = None,
+        thickness_mm: float = SENSOR_THICKNESS_MM,
+    ) -> Calibration:
+        """From the four constants of every pixel, (65536,) each by matrix index, or (1,) for all; E and t in keV.
+
+        ``bad``: pixels (65536,) to be left out; None: none.
+        """
+        with np.errstate(all="ignore"):  # of bad pixels
+            table = np.column_stack((t, a * t + b, 4.0 * a * c, 0.5 / a))
+        if bad is not None:
+            table[bad] = np.nan
+        return cls(table, 0 if bad is None else int(np.count_nonzero(bad)), thickness_mm)
+
+    @classmethod
+    def nominal(cls) -> Calibration:
+        """Typical constants, the same for every pixel: for a camera without its own calibration."""
+        a, b, c, t = (np.array([value]) for value in NOMINAL)
+        return cls.of(a, b, c, t)
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read a camera's calibration: a folder or Pixet's configuration.
+
+    The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first; the
+    configuration is an XML file as the camera's manufacturer delivers it. Bad pixels are masked.
+
+    Raises:
+        DetectorError: a file is missing, is not a calibration, or more than a fifth of its pixels are bad.
+    """
+    masked, thickness_mm = np.zeros(PIXELS, np.bool_), SENSOR_THICKNESS_MM
+    if path.is_dir():
+        a, b, c, t = (_load_matrix(path / f"{name}.txt") for name in NAMES)
+    elif path.is_file():
+        found = read_pixet_xml(path)
+        a, b, c, t = found.constants
+        masked, thickness_mm = found.masked, found.thickness_mm
+    else:
+        raise DetectorError(
+            f"{path}: no such file or folder; a calibration is a folder with a.txt, b.txt, c.txt and t.txt, or Pixet's XML file"
+        )
+    bad = masked | bad_pixels(a, b, c, t)
+    if bad.mean() > MAX_BAD_SHARE:
+        raise DetectorError(
+            f"{path}: {np.count_nonzero(bad):,} of {PIXELS:,} pixels are masked or have no energy that rises with the time over "
+            f"threshold from {RANGE_KEV[0]:g} to {RANGE_KEV[1]:g} keV; at most {MAX_BAD_SHARE:.0%} may"
+        )
+    return Calibration.of(a, b, c, t, bad, thickness_mm)
+
+
+def load_flight_calibration(path: Path) -> Calibration:
+    """Read the calibration of a camera that is to fly.
+
+    Raises:
+        DetectorError: as ``load_calibration``, or the sensor has a thickness for which the estimators have no response.
+    """
+    calibration = load_calibration(path)
+    if abs(calibration.thickness_mm - SENSOR_THICKNESS_MM) > 0.01 * SENSOR_THICKNESS_MM:
+        raise DetectorError(
+            f"{path}: a sensor of {calibration.thickness_mm:g} mm; the estimators know the response of {SENSOR_THICKNESS_MM:g} mm"
+            " only; its files can be read with radron-agent cones"
+        )
+    return calibration
+
+
+def bad_pixels(a: FloatArray, b: FloatArray, c: FloatArray, t: FloatArray) -> NDArray[np.bool_]:
+    """Return which pixels (N,) have no time over threshold that is finite and rises over ``RANGE_KEV``.
+
+    The slope is a + c / (E - t)^2: c = 0 is a straight line; a negative c must be outweighed at the lowest energy. Zeros in b, c
+    and t together mean that the pixel was not calibrated.
+    """
+    finite = np.isfinite(a) & np.isfinite(b) & np.isfinite(c) & np.isfinite(t)
+    with np.errstate(invalid="ignore", over="ignore"):
+        above = RANGE_KEV[0] - t
+        rising = (a > 0.0) & (above > 0.0) & (a * above * above + c > 0.0)
+    empty = (b == 0.0) & (c == 0.0) & (t == 0.0)
+    bad: NDArray[np.bool_] = ~(finite & rising) | empty
+    return bad
+
+
+def _load_matrix(path: Path) -> FloatArray:
+    try:
+        with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file: its shape is reported below
+            matrix = np.loadtxt(file, dtype=np.float64, ndmin=2)
+    except OSError as error:
+        raise DetectorError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, UnicodeDecodeError) as error:
+        raise DetectorError(f"{path}: not a matrix of numbers: {error}") from None
+    if matrix.shape != (SENSOR_PIXELS, SENSOR_PIXELS):
+        found = f"{matrix.shape[0]} x {matrix.shape[1]}" if matrix.size else "nothing"
+        raise DetectorError(f"{path}: holds {found}; {SENSOR_PIXELS} lines of {SENSOR_PIXELS} numbers are needed")
+    return matrix.ravel()
