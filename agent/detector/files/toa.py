@@ -6,6 +6,7 @@ near the border of two periods may get the number of the wrong one.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from pathlib import Path
 
 import numpy as np
@@ -25,19 +26,22 @@ _CONTEXT = 256  # hits of the call before, among which some of the same event ma
 
 
 def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return times of arrival (N,) in 25 ns steps with misplaced hits moved by one period.
+    """Return times of arrival (N,) in 25 ns steps, in the order of the readout, with misplaced hits moved by one period.
 
-    A hit is misplaced if hits of the same event lie across the border of a neighbouring period, within ``MAX_APART``, and none do
-    across the border next to the hit itself.
+    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to those across its own if
+
+    - the time falls back by that period from one to the other in the order of the readout, and none across its own border was
+      read out nearer to it, or
+    - neither has hits across its own border.
     """
     phase = toa & (PERIOD - 1)
     near = np.flatnonzero((phase < MAX_APART) | (phase >= PERIOD - MAX_APART))
-    border = toa[near]
-    later = phase[near] < MAX_APART  # behind a border
-    moved = _moved(border, later, PERIOD)
-    moved = -_moved(-moved, ~later, PERIOD)
+    if len(near) < 2:
+        return toa
     repaired = toa.copy()
-    repaired[near] = moved
+    later = phase[near] < MAX_APART  # behind a border
+    repaired[near[later]] = _moved(repaired[near], near, later)
+    repaired[near[~later]] = -_moved(-repaired[near], -near, ~later)
     return repaired
 
 
@@ -61,23 +65,38 @@ class BorderRepair:
         return joined
 
 
-def _moved(toa: NDArray[np.int64], later: NDArray[np.bool_], period: int) -> NDArray[np.int64]:
-    """Return ``toa`` (N,) with those of ``later`` that only fit behind the next border moved there."""
-    before = np.sort(toa[~later])
-    after = toa[later]
-    orphaned = ~_has_partner(before, after) & _has_partner(before, after + period)
-    result = toa.copy()
-    result[later] = after + period * orphaned
-    return result
+def _moved(toa: NDArray[np.int64], row: NDArray[np.intp], later: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the times of the hits behind a border, (M,), those moved behind the next one that belong there.
+
+    ``toa``, ``row``: times and rows of all hits beside a border (N,); ``later``: which of them are behind one.
+    """
+    order = np.argsort(toa, kind="stable")
+    before, after = order[~later[order]], order[later[order]]
+    times, befores = toa.tolist(), toa[before].tolist()
+    rows = row.tolist()
+    moved = dict(zip(after.tolist(), toa[after].tolist(), strict=True))
+    afters = list(moved.values())
+    for hit, time in moved.items():
+        here = _nearest(befores, before, time, rows, rows[hit])
+        there = _nearest(befores, before, time + PERIOD, rows, rows[hit])
+        if there is None:
+            continue
+        fell_back = rows[there] < rows[hit] and (here is None or rows[hit] - rows[there] < abs(rows[hit] - rows[here]))
+        first_after = bisect_left(afters, times[there])
+        alone = first_after == len(afters) or afters[first_after] - times[there] > MAX_APART
+        if fell_back or (here is None and alone):
+            moved[hit] = time + PERIOD
+    return np.array([moved[hit] for hit in np.flatnonzero(later).tolist()], np.int64)
 
 
-def _has_partner(before: NDArray[np.int64], after: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return for each of ``after`` whether one of the sorted ``before`` precedes it by at most ``MAX_APART``."""
-    if not len(before):
-        return np.zeros(len(after), np.bool_)
-    place = np.searchsorted(before, after, side="right") - 1
-    preceded: NDArray[np.bool_] = (place >= 0) & (after - before[place.clip(0)] <= MAX_APART)
-    return preceded
+def _nearest(befores: list[int], place: NDArray[np.intp], time: int, rows: list[int], row: int) -> int | None:
+    """Return the hit read out nearest to ``row`` among those that precede ``time`` by at most ``MAX_APART``, or None.
+
+    ``befores``: sorted times of the hits before a border; ``place``: which hits these are.
+    """
+    first, last = bisect_left(befores, time - MAX_APART), bisect_right(befores, time)
+    hits = place[first:last].tolist()
+    return min(hits, key=lambda hit: abs(rows[hit] - row)) if hits else None
 
 
 def wraps_in_chip(toa: NDArray[np.int64]) -> bool:

@@ -23,8 +23,14 @@ def test_an_event_just_behind_a_border_stays_where_no_other_fits() -> None:
 
 
 def test_a_hit_before_the_border_put_a_period_too_late_is_moved_back() -> None:
-    event = np.array([2 * PERIOD - 2, 2 * PERIOD + 3, 3 * PERIOD - 4])
-    np.testing.assert_array_equal(joined_at_borders(event), [2 * PERIOD - 2, 2 * PERIOD + 3, 2 * PERIOD - 4])
+    event = np.array([3 * PERIOD - 4, 2 * PERIOD - 2, 2 * PERIOD + 3])
+    np.testing.assert_array_equal(joined_at_borders(event), [2 * PERIOD - 4, 2 * PERIOD - 2, 2 * PERIOD + 3])
+
+
+def test_events_beside_two_successive_borders_stay_apart() -> None:
+    """The first one lies across its border; the second one before the next border, one period later but for 150 ns."""
+    toa = np.array([2 * PERIOD - 2, 2 * PERIOD + 3, 3 * PERIOD - 4, 3 * PERIOD - 3])
+    np.testing.assert_array_equal(joined_at_borders(toa), toa)
 
 
 @given(
