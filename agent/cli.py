@@ -29,22 +29,29 @@ app.command()(status)
 app.command()(watch)
 
 
+Recording = Annotated[Path, typer.Argument(metavar="FILE.t3pa", help="A Timepix3 measurement, as Advacam's software exports it.")]
+CameraConstants = Annotated[
+    Path | None,
+    typer.Option(metavar="PATH", help="Folder of a.txt, b.txt, c.txt, t.txt, or Pixet's XML; else typical constants."),
+]
+ToaBits = Annotated[
+    int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
+]
+Measurement = Annotated[
+    int | None, typer.Option(min=1, help="Which of several appended measurements.", show_default="all, one after the other")
+]
+Chip = Annotated[int | None, typer.Option(min=0, max=15, help="Which chip of a detector that has several.")]
+
+
 @app.command()
 def cones(
-    file: Annotated[Path, typer.Argument(metavar="FILE.t3pa", help="A Timepix3 measurement, as Advacam's software exports it.")],
+    file: Recording,
     csv: Annotated[Path, typer.Option(metavar="OUT", help="Where to write the cones, one per line.")],
     nuclide: Annotated[str, typer.Option(help="Whose lines to look for; auto: those that the spectrum shows.")] = "Cs-137",
-    calibration: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Folder of a.txt, b.txt, c.txt, t.txt, or Pixet's XML; else typical constants."),
-    ] = None,
-    toa_bits: Annotated[
-        int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
-    ] = None,
-    measurement: Annotated[
-        int | None, typer.Option(min=1, help="Which of several appended measurements.", show_default="all, one after the other")
-    ] = None,
-    chip: Annotated[int | None, typer.Option(min=0, max=15, help="Which chip of a detector that has several.")] = None,
+    calibration: CameraConstants = None,
+    toa_bits: ToaBits = None,
+    measurement: Measurement = None,
+    chip: Chip = None,
 ) -> None:
     """Turn the pixel hits of a file into Compton cones, and summarise the file.
 
@@ -58,6 +65,26 @@ def cones(
     from agent.detector.files.t3pa import T3paReader  # noqa: PLC0415
 
     run_cones(partial(T3paReader, file, toa_bits, measurement=measurement, chip=chip), csv, nuclide, calibration)
+
+
+@app.command()
+def inspect(
+    file: Recording,
+    calibration: CameraConstants = None,
+    toa_bits: ToaBits = None,
+    measurement: Measurement = None,
+    chip: Chip = None,
+    png: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the page into this file (needs matplotlib).")] = None,
+    json: Annotated[Path | None, typer.Option(metavar="JSON", help="Write all numbers into this file.")] = None,
+) -> None:
+    """Tell what a file of the camera holds: format, times, rates, pixels, clusters, spectrum, lost data.
+
+    Reads .t3pa and .t3p, and a frame of time over threshold (..._ToT.txt with its .dsc).
+    """
+    from agent.detector.files.t3pa import T3paReader  # noqa: PLC0415  scipy's import time belongs to this command alone
+    from agent.detector.inspection_page import run_inspect  # noqa: PLC0415
+
+    run_inspect(T3paReader(file, toa_bits, measurement=measurement, chip=chip), calibration, png, json)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Reader of the real camera's files, Advacam's ``.t3pa``, in pieces, so that memory does not grow with the file.
+"""Reader of the real camera's files, Advacam's ``.t3pa`` and ``.t3p``, in pieces, so that memory does not grow with the file.
 
 Text with a header row that names the columns (Index, Matrix Index, ToA, ToT, FToA, Overflow). Time in ns is 25 ToA - (25/16)
 FToA; FToA has 5 bits. Rows with Overflow = 1 are no hits: matrix index 0x74 marks the start of lost data, 0x75 its end, with the
@@ -17,6 +17,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.detector.files.binary import binary_tables, is_binary
 from agent.detector.files.table import CHIP_PIXELS, INDEX, NO_INDEX, OVERFLOW, TOA, Layout, find_layout, parse_rows
 from agent.detector.files.toa import MAX_DISORDER_NS, PERIOD_BITS, BorderRepair, Unwrapper, wraps_in_chip
 from agent.detector.readout import PixelHits, Readout
@@ -25,6 +26,7 @@ from agent.errors import DetectorError
 LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 MAX_UNNUMBERED_ROWS = 5_000_000  # of a file without Index, which is held in memory to be sorted
 _PIECE_BYTES = 1 << 22
+_HEADER_BYTES = 1024
 _TORN = "ends in the middle of a row, which was left out (an interrupted measurement?)"
 _MIN_FIRST_BYTES = 1 << 16  # rows among which a counter of 14 bits shows itself by its wraps
 _PAUSE_TICKS = 16 * 400  # 10 us between two appended measurements, so that no event joins hits of both
@@ -113,7 +115,12 @@ class T3paReader:
     def _tables(self) -> Iterator[tuple[Table, Table]]:
         """The rows with their line numbers, in pieces; of a file without Index all at once, in order of time."""
         with self.path.open("rb") as file:
-            header = file.readline(1024)
+            if is_binary(file.read(_HEADER_BYTES)):
+                file.seek(0)
+                yield from self._records(file)
+                return
+            file.seek(0)
+            header = file.readline(_HEADER_BYTES)
             lines = file.readlines(max(self._piece_bytes, _MIN_FIRST_BYTES))
             layout = find_layout(self.path, header, next((text for text in lines if text.strip()), b""))
             self.notes = layout.notes
@@ -131,6 +138,12 @@ class T3paReader:
             yield self._of_chip(table, numbers)
             line += len(lines)
             lines = file.readlines(self._piece_bytes)
+
+    def _records(self, file: BinaryIO) -> Iterator[tuple[Table, Table]]:
+        for table, numbers, torn in binary_tables(self.path, file):
+            self.notes = (_TORN,) if torn else ()
+            self.position_bytes = file.tell()
+            yield self._of_chip(table, numbers)
 
     def _of_chip(self, table: Table, numbers: Table) -> tuple[Table, Table]:
         """The rows of the chosen chip, with matrix indices of that chip."""

@@ -54,6 +54,10 @@ def find_layout(path: Path, header: bytes, row: bytes) -> Layout:
         DetectorError: a required column is missing.
     """
     text = header.decode("utf-8-sig", errors="replace").strip().lower()
+    if re.match(r"frame \d+ *\(", text):
+        raise DetectorError(
+            f"{path}: a cluster log (.clog), whose hits have no time of their own; export the measurement as .t3pa"
+        )
     delimiter = _delimiter(text)
     names = _names(text, delimiter)
     missing = [name for name in COLUMNS[MATRIX:] if name not in names]
@@ -94,11 +98,12 @@ def parse_rows(path: Path, layout: Layout, lines: list[bytes], line: int) -> tup
     if len(read) != len(lines):
         raise _broken(path, layout, lines, numbers)
     table[:, present] = read
-    _check_ranges(path, table, numbers)
+    check_ranges(path, table, numbers)
     return table, numbers
 
 
-def _check_ranges(path: Path, table: NDArray[np.int64], numbers: NDArray[np.int64]) -> None:
+def check_ranges(path: Path, table: NDArray[np.int64], numbers: NDArray[np.int64], what: str = "line") -> None:
+    """Raise DetectorError for the first row of a table (N, 6) whose numbers are out of range; ``numbers``: of its lines (N,)."""
     _, matrix, toa, tot, ftoa, overflow = table.T
     rules = (
         ((matrix >= 0) & (matrix < MAX_CHIPS * CHIP_PIXELS), f"the matrix index is not in 0 .. {MAX_CHIPS * CHIP_PIXELS - 1}"),
@@ -109,7 +114,7 @@ def _check_ranges(path: Path, table: NDArray[np.int64], numbers: NDArray[np.int6
     )
     for good, problem in rules:
         if not good.all():
-            raise DetectorError(f"{path}: line {numbers[good.argmin()]}: {problem}")
+            raise DetectorError(f"{path}: {what} {numbers[good.argmin()]}: {problem}")
 
 
 def _broken(path: Path, layout: Layout, lines: list[bytes], numbers: NDArray[np.int64]) -> DetectorError:

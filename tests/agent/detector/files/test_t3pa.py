@@ -203,6 +203,31 @@ def test_a_missing_file(path):
         T3paReader(path)
 
 
+RECORD = np.dtype([("matrix", "<u4"), ("toa", "<u8"), ("overflow", "u1"), ("ftoa", "u1"), ("tot", "<u2")])
+
+
+def test_binary_records_are_read_like_rows(tmp_path):
+    """Pixet's .t3p, with a record torn off at its end."""
+    rows = [(5, 100, 30, 3, 0), (0x75, 400, 0, 0, 1), (6, 16 << 30, 31, 0, 0)]
+    path = tmp_path / "hits.t3p"
+    records = np.array([(index, toa, overflow, ftoa, tot) for index, toa, tot, ftoa, overflow in rows], RECORD)
+    path.write_bytes(records.tobytes() + b"\1\2\3")
+    reader = T3paReader(path)
+    pieces = list(reader)
+    assert np.concatenate([piece.hits.tick for piece in pieces]).tolist() == [1597, 256 << 30]
+    assert sum(piece.lost_ns for piece in pieces) == 10_000
+    assert (reader.rows, reader.measurements, len(reader.notes)) == (3, 1, 1)
+
+
+def test_other_formats_are_refused_by_name(path):
+    path.write_text("Frame 1 (1533.2, 0.1 s)\n[23, 45, 123, 22.3] [24, 45, 99, 23.0]\n")
+    with pytest.raises(DetectorError, match=r"a cluster log \(.clog\), .* export the measurement as .t3pa"):
+        read(path)
+    path.write_bytes(bytes(range(256)) * 64)
+    with pytest.raises(DetectorError, match=r"neither a .t3pa nor a .t3p file"):
+        read(path)
+
+
 CAMERA = Path(__file__).parents[5] / "shared" / "camera"  # files of real cameras, which are not part of the project
 BORDER = 1 << 14  # of a period of the chip's counter, 25 ns steps
 
