@@ -40,7 +40,8 @@ class Px4Config(Section, frozen=True, kw_only=True):
 class FleetDrone(Section, frozen=True, kw_only=True):
     """One drone. Tables of its own, such as ``[drones.vehicle]``, replace single keys of those at the top level.
 
-    ``address``: its IPv4 address in the mesh. ``calibration``: folder with its camera's a.txt, b.txt, c.txt and t.txt.
+    ``address``: its IPv4 address in the mesh. ``calibration``: folder with its camera's a.txt, b.txt, c.txt and t.txt, or
+    Pixet's XML file.
     """
 
     id: DroneId

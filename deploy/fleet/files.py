@@ -21,13 +21,14 @@ import msgspec
 from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
-from agent.detector.files.calibration import load_calibration
+from agent.detector.files.calibration import load_flight_calibration
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
 
 # On board: what systemd hands over, and what is kept on the data partition.
 CREDENTIALS, DATA = "/run/credentials/radron-agent.service", "/var/lib/radron"
 UPDATES = "/var/lib/radron-update"
+_CALIBRATION = PurePosixPath("calibration")
 
 
 def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
@@ -49,10 +50,11 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
     }
     files = {PurePosixPath(name): text.encode() for name, text in texts.items()}
     files |= _mission(fleet)
-    folder = fleet.calibration(drone)
-    if folder is not None:
-        load_calibration(folder)
-        files |= {PurePosixPath("calibration") / name: (folder / name).read_bytes() for name in CALIBRATION_FILES}
+    calibration = fleet.calibration(drone)
+    if calibration is not None:
+        load_flight_calibration(calibration)
+        names = CALIBRATION_FILES if calibration.is_dir() else ("",)  # the file itself
+        files |= {_CALIBRATION / name: (calibration / name).read_bytes() for name in names}
     return files
 
 
@@ -74,7 +76,7 @@ def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
         state=f"{DATA}/state",
         updates=UPDATES,
         camera_rpy_deg=drone.camera_rpy_deg,
-        calibration=None if drone.calibration is None else "calibration",
+        calibration=None if drone.calibration is None else str(_CALIBRATION),
         mesh=PeerMeshConfig(endpoints=endpoints, identity=CREDENTIALS, others=fleet.config.others),
         vehicle=_watching(drone),
         detector=drone.detector,

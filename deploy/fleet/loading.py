@@ -128,10 +128,11 @@ def _check_network(fleet: Fleet) -> None:
 
 def _check_sensors(fleet: Fleet, drone: FleetDrone) -> None:
     where = f"{fleet.path}: drones: {drone.id}"
-    folder = fleet.calibration(drone)
-    missing = [] if folder is None else [name for name in CALIBRATION_FILES if not (folder / name).is_file()]
-    if missing:
-        raise ConfigError(f"{where}: calibration: {folder} lacks {', '.join(missing)}")
+    path = fleet.calibration(drone)
+    if path is not None and not path.is_file():
+        missing = [name for name in CALIBRATION_FILES if not (path / name).is_file()]
+        if missing:
+            raise ConfigError(f"{where}: calibration: {path} lacks {', '.join(missing)}")
     autopilot_of(drone, where)
 
 

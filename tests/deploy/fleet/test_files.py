@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from base64 import b64encode
 from pathlib import Path, PurePosixPath
 
+import numpy as np
 import pytest
 from fleets import FLEET, KEY, MISSION, PIXELS, make_fleet
 
+from agent.detector.files.calibration import load_calibration
 from agent.errors import ConfigError
 from agent.shell.overrides import load_drone
 from deploy.cli import main
@@ -36,6 +39,22 @@ def test_the_agent_reads_its_drone_file(tmp_path: Path) -> None:
     assert drone.state is not None
     assert drone.recorder.folder is not None
     assert all(place.startswith("/var/lib/radron/") for place in (drone.state, drone.recorder.folder))
+
+
+def test_the_calibration_of_a_camera_may_be_the_file_of_its_maker(tmp_path: Path) -> None:
+    path = make_fleet(tmp_path)
+    constants = {
+        name: b64encode(np.full(65536, value, "<f8").tobytes()).decode()
+        for name, value in zip("abct", (1.6, 24.0, 60.0, 1.8), strict=True)
+    }
+    chip = "".join(f"<calib{name}>{text}</calib{name}>" for name, text in constants.items())
+    (tmp_path / "camera.xml").write_text(f"<xml><chip>{chip}</chip></xml>")
+    path.write_text(path.read_text().replace('"cameras/1"', '"camera.xml"'))
+    fleet = load_fleet(path)
+    write_files(tmp_path / "board", files_of(fleet, fleet.drone("d1")))
+    drone, _ = load_drone(tmp_path / "board/drone.toml", {})
+    assert drone.calibration is not None
+    assert load_calibration(Path(drone.calibration)).bad_pixels == 0
 
 
 def test_a_drone_reports_the_parameters_that_the_fleet_file_judges(tmp_path: Path) -> None:
