@@ -166,11 +166,12 @@ class Trace:
     hypothesis, NaN where the estimator does not give them. bound_m: (T,) least median error for the trajectories flown so far
     (``sim.scoring.bound``), NaN without a source, and with several. own_error_m, own_bound_m: (T,) error in the first vehicle's
     own frame, NaN where unknown; and its bound. source_bq: true activity of the source that is nearest to the estimate at the
-    end, None without one. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise
-    around the hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as
-    long as its agent lives, then the first one whose agent does. truths: all true sources. estimates: as the first drone
-    published them, each source with its nuclide. left_m, glare_m: (C, 2) places where a search for several sources has not
-    excluded a further one at the end: those where it would have gone on, and those beside sources that outshine it.
+    end, None without one. spacing_error_deg: (T, N), of the n drones that track at a time, two or more, the signed deviation
+    from 360/n of the gap to the next one, counter-clockwise around the hypothesis; NaN for the others. judged: (T,) index of
+    the drone that is called the first one above: drone 0 as long as its agent lives, then the first one whose agent does.
+    truths: all true sources. estimates: as the first drone published them, each source with its nuclide. left_m, glare_m: (C,
+    2) places where a search for several sources has not excluded a further one at the end: those where it would have gone on,
+    and those beside sources that outshine it.
     """
 
     time_s: NDArray[np.float64]

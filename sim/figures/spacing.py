@@ -16,7 +16,8 @@ WITHIN_DEG = 5.0
 
 
 def spacing_figure(trace: Trace, name: str) -> Figure:
-    """Upper: speed of each drone; lower: deviation of each gap from uniform; vertical lines at steps of the hypothesis.
+    """Upper: speed of each drone; lower: deviation from uniform of each gap between drones that track; vertical lines at steps of
+    the hypothesis.
 
     Jumps in quick succession are updates of a filter, and get no lines.
     """
@@ -65,7 +66,7 @@ def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]])
     if error.shape[1] < 2 or not np.isfinite(error).any():
         return ["speed of each drone"]
     if len(steps) == 0:
-        widest = np.max(np.abs(error[np.isfinite(error).all(axis=1)]), axis=1)
+        widest = np.nanmax(np.abs(error[np.isfinite(error).any(axis=1)]), axis=1)
         return [f"the gap farthest from uniform is {float(np.median(widest)):.1f} deg from it in the median"]
     settled = settling_times(trace.time_s, error, steps, WITHIN_DEG)
     settled = settled[~np.isnan(settled)]

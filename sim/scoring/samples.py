@@ -55,13 +55,14 @@ class Row:
             row.activity_bq = np.nan if judged.activity_bq is None else judged.activity_bq
             row.activity_sigma_bq = np.nan if judged.activity_sigma_bq is None else judged.activity_sigma_bq
             row.evidence = np.nan if judged.evidence is None else judged.evidence
-        if judged is not None and all(stage in TRACKING for stage in stages):
-            row.spacing_error_deg[:] = spacing_error_deg(position, judged.position)
+        circling = [stage in TRACKING for stage in stages]
+        if judged is not None and sum(circling) > 1:
+            row.spacing_error_deg[circling] = spacing_error_deg(position[circling], judged.position)
         return row
 
 
 def spacing_error_deg(position: Array, centre: Array) -> Array:
-    """(N,): each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap, degrees."""
+    """(N,): each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap of N, degrees."""
     angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
     count = len(angle)
     order = np.argsort(angle, kind="stable")

@@ -176,10 +176,10 @@ def hypothesis_steps(time_s: Array, hypothesis_m: Array, at_least_m: float) -> A
 def settling_times(time_s: Array, error: Array, steps_s: Array, within: float) -> Array:
     """Time from each step until all members have settled: no |error| is above ``within`` from then until the next step.
 
-    time_s: (T,) s; error: (T, N), NaN counts as not settled; steps_s: (J,) s. Returns (J,) s, infinite where the end of the
-    interval is not settled, NaN where no sample follows the step.
+    time_s: (T,) s; error: (T, N), NaN for a member that is not there; rows without any member count as not settled. steps_s: (J,)
+    s. Returns (J,) s, infinite where the end of the interval is not settled, NaN where no sample follows the step.
     """
-    outside = ~np.all(np.abs(error) <= within, axis=1)
+    outside = (np.abs(error) > within).any(axis=1) | np.isnan(error).all(axis=1)
     ends = np.append(steps_s[1:], np.inf)
     settled = np.full(len(steps_s), np.nan)
     for index, (start, end) in enumerate(zip(steps_s, ends, strict=True)):

@@ -219,6 +219,16 @@ def test_the_stabilisation_figure_has_a_line_at_every_step_and_says_how_fast() -
     assert "worst 9." in title or "worst 10" in title
 
 
+def test_the_spacing_is_drawn_on_with_those_that_are_left() -> None:
+    trace = synthetic.synthetic_flight().trace
+    third = len(trace.time_s) // 3
+    trace.spacing_error_deg[third:] = [30.0, np.nan, -30.0]
+    speed, spacing = spacing_figure(trace, "near").axes
+    ends_s = [line.get_xdata()[np.isfinite(line.get_ydata())][-1] for line in spacing.lines[:3]]
+    assert ends_s == [trace.time_s[-1], trace.time_s[third - 1], trace.time_s[-1]]
+    assert "is 30.0 deg from it in the median" in speed.get_title(loc="left").replace("\n", " ")
+
+
 def test_an_unquiet_filter_gets_no_lines() -> None:
     flight = synthetic.synthetic_flight()
     flight.trace.hypothesis_m[400:500:3] += 8.0

@@ -1,5 +1,7 @@
 """Whole missions in one process: they end well, and the same seed gives the same flight."""
 
+from types import SimpleNamespace
+
 import msgspec
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from protocol.messages import Stage
 from sim.faults.agents import Kill
 from sim.lockstep.flight import fly, watched
 from sim.scenario import load_scenario, override
-from sim.scoring.samples import spacing_error_deg
+from sim.scoring.samples import Row, spacing_error_deg
 
 WALL = {"wall_s": 0.0, "realtime_factor": 0.0}
 
@@ -300,3 +302,16 @@ def test_spacing_error():
     angle = np.radians([10.0, 130.0, 260.0])
     position = 12.0 * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     np.testing.assert_allclose(spacing_error_deg(position, np.zeros(2)), [0.0, 10.0, -10.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("second", "spacing_deg"),
+    [(Stage.TRACK, [0.0, 10.0, -10.0]), (Stage.RETURN, [70.0, np.nan, -70.0]), (Stage.LANDED, [70.0, np.nan, -70.0])],
+)
+def test_the_spacing_is_that_of_the_drones_that_track(second, spacing_deg):
+    """It ended where one of them dropped out."""
+    angle = np.radians([10.0, 130.0, 260.0])
+    position = 12.0 * np.stack((np.cos(angle), np.sin(angle), np.zeros(3)), axis=1)
+    belief = SimpleNamespace(position=np.zeros(3), covariance=np.eye(3), activity_bq=None, activity_sigma_bq=None, evidence=None)
+    row = Row.of(0.0, position, np.zeros((3, 3)), None, [Stage.TRACK, second, Stage.TRACK], [belief] * 3)
+    np.testing.assert_allclose(row.spacing_error_deg, spacing_deg, atol=1e-9)

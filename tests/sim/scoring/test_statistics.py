@@ -150,6 +150,8 @@ def test_settling_is_when_all_are_back_for_good() -> None:
     assert math.isnan(settling_times(time, error, np.array([30.0]), 5.0)[0])
     assert settling_times(time, np.zeros((20, 2)), np.array([5.0]), 5.0).tolist() == [0.0]
     assert settling_times(time, np.full((20, 2), np.nan), np.array([5.0]), 5.0).tolist() == [math.inf]
+    one_left = np.column_stack((np.where(time < 12.0, -20.0, 0.0), np.full(20, np.nan)))
+    assert settling_times(time, one_left, np.array([5.0]), 5.0).tolist() == [7.0]
 
 
 def test_coverage_counts_the_runs_whose_region_holds_the_truth() -> None:
