@@ -74,8 +74,8 @@ class Records:
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """Why records could not be read to their ends."""
-        return tuple(flight.flaw for flight in self._flights if flight.flaw is not None)
+        """What the records lack, by file; known once they have been read."""
+        return tuple(flaw for flight in self._flights for flaw in flight.incomplete)
 
     def messages(self) -> Iterator[Heard]:
         """All messages that the drones received and sent, in the order of their times; what several recorded comes once."""

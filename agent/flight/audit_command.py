@@ -10,7 +10,7 @@ from rich.console import Console
 from agent.errors import FlightRecordError
 from agent.flight.audit import Audited, audit, mission_of
 from agent.flight.progress import progress_bar
-from agent.flight.reader import REMOVED, RecordedFlight
+from agent.flight.reader import REMOVED, UNFINISHED, RecordedFlight
 from agent.outputs import printable
 from protocol.identity import utc
 
@@ -29,8 +29,7 @@ def run_audit(path: Path) -> None:
     for line in lines(flight.header.drone.id, found):
         print(line)
     if flight.truncated:
-        note = "the records end without a proper end: the process was killed, or is still writing"
-        terminal.print(f"{path}: {note}", markup=False, soft_wrap=True)
+        terminal.print(f"{path}: {UNFINISHED}", markup=False, soft_wrap=True)
     lacks = [f"its end: {flight.flaw}"] if flight.flaw is not None else []
     if flight.lacks_beginning:
         lacks.insert(0, f"its beginning: {REMOVED}")

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from agent.flight.former import FORMER
 from agent.flight.progress import progress_bar
-from agent.flight.reader import RecordedFlight
+from agent.flight.reader import UNFINISHED, RecordedFlight
 from agent.flight.refold import refold, sentence
 from agent.flight.replay import ReplayReport, replay
 
@@ -41,7 +41,7 @@ def verdict(report: ReplayReport) -> str:
     made = sum(report.compared.values())
     text = f"{report.drone}, {report.duration_s:.1f} s"
     if report.truncated:
-        text += " (the records end without a proper end: the process was killed, or is still writing)"
+        text += f" ({UNFINISHED})"
     if report.first is None:
         text += f": all {made} results are identical, bit for bit"
     else:

@@ -30,8 +30,8 @@ def run_identify(path: Path, picture: Path | None) -> None:
         records = read(flight, lambda done: show(_READING * done))
         found = identify(records, flight.header.drone.vehicle.response, lambda done: show(_READING + (1.0 - _READING) * done))
     print(section(found, flight.header.drone.id), end="")
-    if flight.flaw is not None:
-        terminal.print(f"only a part of the flight could be read: {flight.flaw}", markup=False)
+    for flaw in flight.incomplete:
+        terminal.print(f"only a part of the flight could be read: {flaw}", markup=False, soft_wrap=True)
     if picture is not None and figure is not None:
         _draw(figure, records.pieces(), picture)
 

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Collection, Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
-from zstandard import ZstdError
 
 from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
+from agent.flight.mcapfile import DAMAGE, UnfinishedError, items, messages
 from agent.flight.segment import HEADER
 from agent.flight.topics import OUT
 
-# MemoryError: a length with a flipped bit, up to 4 GB; OverflowError: one beyond that
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError, MemoryError, OverflowError)
-
-
-_RECORD = struct.Struct("<BQ")  # of a chunk: opcode and length
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then its data
 _Raw = tuple[int, str, memoryview, int, int]  # sequence, topic, data, log and publish time
 
+UNFINISHED = "the records end without a proper end: the process was killed, or is still writing"
 REMOVED = "its first file was removed to keep the folder within its limit"
 
 
@@ -79,6 +67,13 @@ class RecordedFlight:
                 f"{self.files[0]}: it cannot be replayed, as the beginning of the flight is missing: {reason}"
             )
 
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """What the records lack, as sentences about a file; known once they have been read."""
+        beginning = (f"{self.files[0].name}: the beginning is missing: {REMOVED}",) if self.lacks_beginning else ()
+        end = (f"{self.files[-1].name}: {UNFINISHED}; the end may be missing",) if self.truncated and self.flaw is None else ()
+        return (*beginning, *((self.flaw,) if self.flaw is not None else ()), *end)
+
     def records(self, topics: Collection[str] | None = None) -> Iterator[FlightRecord]:
         """All records in order, or those of some topics, up to the end, a gap or damage."""
         self.read_bytes, self.truncated, self.flaw = 0, False, None
@@ -118,38 +113,23 @@ class RecordedFlight:
         self.truncated = False
         with file.open("rb") as stream:
             try:
-                for item in StreamReader(stream, emit_chunks=True, validate_crcs=True).records:
+                for item in items(stream):
                     self.read_bytes = before + stream.tell()
                     if isinstance(item, Chunk):
-                        yield from _in_chunk(item, topics)
+                        for channel, sequence, data, log_ns, publish_ns in messages(item, topics):
+                            yield sequence, topics[channel], data, log_ns, publish_ns
                     elif isinstance(item, Channel):
                         topics[item.id] = item.topic
                     elif isinstance(item, Message):
                         yield item.sequence, topics[item.channel_id], memoryview(item.data), item.log_time, item.publish_time
-            except _DAMAGE as error:
-                if stream.read(1):
-                    self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}".removesuffix(": ")
-                else:  # the file ended too early
-                    self.truncated = True
+            except UnfinishedError:
+                self.truncated = True
+            except DAMAGE as error:
+                self.flaw = f"{file.name} is damaged: {_reason(error)}"
 
 
-def _in_chunk(chunk: Chunk, topics: dict[int, str]) -> Iterator[_Raw]:
-    """The messages of a chunk. The library makes an object of each, in ten times the time."""
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    data = memoryview(stream.read(size))
-    place = 0
-    while place < size:
-        opcode, length = _RECORD.unpack_from(data, place)
-        begin = place + _RECORD.size
-        place = begin + length
-        if place > size:
-            raise ValueError("a record is longer than its chunk")
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, begin)
-            yield sequence, topics[channel], data[begin + _MESSAGE.size : place], log_ns, publish_ns
-        elif opcode == Opcode.CHANNEL:
-            found = Channel.read(ReadDataStream(BytesIO(data[begin:place])))
-            topics[found.id] = found.topic
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 def _files(path: Path) -> list[Path]:
@@ -180,18 +160,19 @@ def _header(file: Path) -> FlightHeader:
     calibration = {}
     with file.open("rb") as stream:
         try:
-            for item in StreamReader(stream, validate_crcs=True).records:
+            for item in items(stream):
                 if isinstance(item, Metadata) and item.name == HEADER:
                     header = msgspec.json.decode(item.metadata["header"], type=FlightHeader)
                 elif isinstance(item, Attachment):
                     calibration[item.name] = item.data.decode()
-                elif isinstance(item, Message):
+                elif isinstance(item, Chunk | Message):
                     break
         except msgspec.ValidationError as error:
             raise FlightRecordError(f"{file}: made by another version of radron: {error}") from None
-        except _DAMAGE as error:
+        except DAMAGE as error:
             if header is None:
-                raise FlightRecordError(f"{file}: not a recorded flight: {error}") from None
+                reason = "it is empty" if file.stat().st_size == 0 else _reason(error)
+                raise FlightRecordError(f"{file}: not a recorded flight: {reason}") from None
     if header is None:
         raise FlightRecordError(f"{file}: not a flight recorded by radron-agent")
     return msgspec.structs.replace(header, calibration=calibration)

@@ -17,7 +17,7 @@ from msgspec import Struct
 from agent.errors import FlightRecordError
 from agent.flight import topics
 from agent.flight.former import FORMER, FormerCommand, read_message
-from agent.flight.reader import RecordedCall, RecordedFlight
+from agent.flight.reader import UNFINISHED, RecordedCall, RecordedFlight
 from agent.fusion.registry import estimator_named
 from agent.mission.worldmodel import WorldModel
 from protocol.entries import Entry
@@ -111,7 +111,7 @@ def sentence(found: Refolded) -> str:
         text += f", {len(found.differences_m)} differ: by {median(found.differences_m):.3g} m in the median"
         text += f", {max(found.differences_m):.3g} m at most"
     if found.truncated:
-        text += ". The records end without a proper end"
+        text += f" ({UNFINISHED})"
     return text if found.flaw is None else f"{text}. Read up to there only: {found.flaw}"
 
 

@@ -14,6 +14,7 @@ from agent.flight.header import FlightHeader
 from agent.flight.topics import ENCODINGS
 
 HEADER = "radron"  # name of the metadata record that every segment begins with
+OWNER_ONLY = 0o600  # the header holds the key of this boot's nonces
 CHUNK_BYTES = 256_000  # half a second is mostly less, and is flushed then
 CALIBRATION_TYPE = "text/plain"  # of the attachments
 
@@ -32,7 +33,7 @@ class Segment:
 
     def __init__(self, path: Path, header: FlightHeader, number: int) -> None:
         self.path = path
-        self._file = path.open("xb")
+        self._file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, OWNER_ONLY), "wb")
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels: dict[str, int] = {}
         try:

@@ -51,7 +51,7 @@ class Located:
 @dataclass(frozen=True, slots=True)
 class Source:
     """Where the facts come from. ``versions``: of the software. ``commands``: each with a drone that it was for, from that one's
-    record, or else as a station has ``heard`` it. ``flaws``: why records could not be read to their ends.
+    record, or else as a station has ``heard`` it. ``flaws``: what the records lack.
     """
 
     versions: dict[str, str]

@@ -9,9 +9,10 @@ import pytest
 from recorded_flights import HEADER
 
 from agent.errors import FlightRecordError
-from agent.flight.reader import RecordedFlight
+from agent.flight.reader import UNFINISHED, RecordedFlight
 from agent.flight.recorder import FlightRecorder
 from agent.flight.topics import HYPOTHESIS
+from station.findings.facts import of_records
 from station.hub import Hub
 from station.picture.frame import Frame
 from station.picture.history import CONES_MS
@@ -88,6 +89,16 @@ def test_records_of_two_missions_are_not_mixed(flights, tmp_path):
     FlightRecorder(tmp_path, 100, HEADER).close()
     with pytest.raises(FlightRecordError, match="of another mission than"):
         Records([flights[0], tmp_path])
+
+
+def test_half_a_record_is_said_to_lack_its_end(flights, tmp_path):
+    (whole,) = flights[0].glob("*.mcap")
+    half = tmp_path / whole.name
+    half.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    for file, lacks in ((half, (f"{whole.name}: {UNFINISHED}; the end may be missing",)), (whole, ())):
+        records = Records([file])
+        assert sum(1 for _ in records.messages()) > 100
+        assert of_records([file], records).flaws == lacks
 
 
 def test_a_record_of_the_former_protocol_is_shown():

@@ -100,7 +100,7 @@ def test_a_length_with_a_flipped_bit_is_damage_and_takes_no_memory(tmp_path):
         assert [record.data for record in flight.records()] == [b"{}"]
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
-    assert flight.flaw == f"{file.name} is damaged: MemoryError"
+    assert flight.flaw == f"{file.name} is damaged: EndOfFile"
 
 
 def test_a_length_that_no_memory_has_is_damage(tmp_path):
