@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,7 @@ import typer
 
 from agent import version
 from agent.commands import command, doctor, preflight, revoke, run, status, upload, watch
-from agent.errors import RadronError
-from protocol.errors import ProtocolError
+from agent.terminal import run_command
 
 _HELP = "One drone of the swarm, on board."
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -140,11 +138,4 @@ def identify(
 
 def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
-    try:
-        app()
-    except (RadronError, ProtocolError) as error:
-        print(f"radron-agent: {error}", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
-        print(f"radron-agent: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+    run_command("radron-agent", app)

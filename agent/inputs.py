@@ -26,6 +26,12 @@ def read_bytes(path: Path, max_bytes: int, where: str, hint: str) -> bytes:
     return data
 
 
+def refuse_stream(path: Path) -> None:
+    """Raise ConfigError for a pipe or device where a file is read more than once; a missing file is the reader's concern."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise ConfigError(f"{path}: is a pipe or a device, which can be read only once; save it to a file, and name that")
+
+
 def text_of(data: bytes) -> str:
     """Decode a text file: UTF-8, or UTF-16 with its byte order mark, as editors and spreadsheets on Windows write them.
 

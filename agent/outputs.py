@@ -16,8 +16,10 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
 
     Raises:
         OutputError: ``path`` is one of the ``inputs`` (also by a link), a folder, a device or another special file, a link to
-            nowhere, protected, or its folder is missing or not writable.
+            nowhere, protected, or its folder is missing or not writable; or ``-``.
     """
+    if str(path) == "-":
+        raise OutputError("-: standard output is not supported; give the name of a file")
     folder = _followed(path).parent
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file")
@@ -51,6 +53,15 @@ def _followed(path: Path) -> Path:
     if not there:
         raise OutputError(f"{path}: is a link to {path.readlink()}, which cannot be written; remove the link")
     return target
+
+
+def cache_folder() -> Path:
+    """$XDG_CACHE_HOME/radron, by default ~/.cache/radron; of a user without a home directory, a folder of its own in /tmp."""
+    caches = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(caches or Path.home() / ".cache") / "radron"
+    except RuntimeError:  # neither HOME nor an entry in the user database, as in a container with --user
+        return Path(tempfile.gettempdir()) / f"radron-{os.getuid()}"
 
 
 def try_folder(folder: Path) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from agent.errors import RadronError
+from agent.terminal import run_command
 from deploy.computer import command as computer
 from deploy.fleet import command as fleet
 from deploy.image import command as image
 from deploy.pki import command as pki
 from deploy.update import command as update
-from protocol.errors import ProtocolError
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
 app.add_typer(pki.app, name="pki")
@@ -43,14 +41,7 @@ def options(
 
 def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
-    try:
-        app()
-    except (RadronError, ProtocolError) as error:
-        print(f"radron-deploy: {error}", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
-        print(f"radron-deploy: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+    run_command("radron-deploy", app)
 
 
 if __name__ == "__main__":

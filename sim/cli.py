@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 
 import typer
 
 from agent import version
-from agent.errors import RadronError
-from protocol.errors import ProtocolError
+from agent.terminal import run_command
 from sim.commands.consistency import consistency
 from sim.commands.faults import faults
 from sim.commands.flights import campaign, run, scenarios, table
@@ -40,11 +38,4 @@ def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
-    try:
-        app()
-    except (RadronError, ProtocolError) as error:
-        print(f"radron-sim: {error}", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
-        print(f"radron-sim: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+    run_command("radron-sim", app)

@@ -138,7 +138,7 @@ def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
         ConfigError: unknown name, unreadable file, an invalid key or value.
     """
     path = Path(name_or_path)
-    if path.suffix != ".toml":
+    if path.suffix != ".toml" and path.parent == Path():
         if name_or_path not in shipped():
             raise ConfigError(
                 f"unknown scenario {name_or_path!r}; shipped: {', '.join(shipped())}; or give the path of a .toml file"

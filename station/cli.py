@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from agent import version
-from agent.errors import RadronError
-from protocol.errors import ProtocolError
+from agent.terminal import run_command
 
 if TYPE_CHECKING:
     from starlette.routing import WebSocketRoute
@@ -265,12 +264,6 @@ def main() -> None:
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     try:
-        app()
-    except (RadronError, ProtocolError) as error:
-        print(f"radron-station: {error}", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:
-        print(f"radron-station: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+        run_command("radron-station", app)
     except KeyboardInterrupt:
         sys.exit(0)

@@ -14,6 +14,7 @@ from agent.flight.header import FlightHeader
 from agent.flight.mcapfile import DAMAGE, UnfinishedError, items, messages
 from agent.flight.segment import HEADER
 from agent.flight.topics import OUT
+from agent.inputs import refuse_stream
 
 _Raw = tuple[int, str, memoryview, int, int]  # sequence, topic, data, log and publish time
 
@@ -52,6 +53,7 @@ class RecordedFlight:
         Raises:
             FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the
                 flight is missing.
+            ConfigError: a pipe or a device.
         """
         self.files = _files(path)
         self.size_bytes = sum(file.stat().st_size for file in self.files)
@@ -143,6 +145,7 @@ def _files(path: Path) -> list[Path]:
         if not found:
             raise FlightRecordError(f"{path}: holds no .mcap files")
         return found
+    refuse_stream(path)
     if not path.is_file():
         raise FlightRecordError(f"{path}: no such file")
     return sorted({path, *(file for file in path.parent.glob("*.mcap") if _flight(file) == _flight(path))})

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agent.errors import RadronError
+from agent.terminal import run_command
 from agent.update.records import REPORT, Records, own_release, read_report
 from agent.update.slots import Slots
 from protocol.onboard import Report
@@ -22,14 +22,7 @@ if TYPE_CHECKING:
 def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
     options = _options(sys.argv[1:])
-    try:
-        options.run(options)
-    except RadronError as error:
-        print(f"radron-update: {error}", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:
-        print(f"radron-update: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+    run_command("radron-update", lambda: options.run(options))
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from agent.outputs import cache_folder
 from deploy.image.errors import ImageError
 from deploy.pki.command import KeyOption, PkiOption, drone_issuer
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from deploy.image.target import Target
 
 app = typer.Typer(no_args_is_help=True, help="The onboard computer's disk (docs/nuc.md).")
-CACHE = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "radron/image"
 SnapshotOption = Annotated[
     str | None, typer.Option(metavar="TIME", help="Debian's archive as it was then, such as 20261101T000000Z.")
 ]
+CACHE = cache_folder() / "image"
 CacheOption = Annotated[Path, typer.Option("--cache", metavar="FOLDER", help="For packages and intermediate files, 2 GB.")]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import os
 import shutil
 import sys
 import tempfile
@@ -18,6 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from agent.outputs import cache_folder
 from sim.radiation.bank import EventBank, build_bank
 from sim.radiation.nuclides import Nuclide, nuclide
 from sim.radiation.timepix3 import Response, response
@@ -25,11 +25,6 @@ from sim.radiation.truth import CameraTruth
 
 # A bank is valid for the code that made it.
 _MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3", "transport")
-
-
-def cache_folder() -> Path:
-    """$XDG_CACHE_HOME/radron, by default ~/.cache/radron."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "radron"
 
 
 def load_bank(name: str, truth: CameraTruth) -> EventBank:

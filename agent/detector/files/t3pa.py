@@ -22,6 +22,7 @@ from agent.detector.files.table import CHIP_PIXELS, INDEX, NO_INDEX, OVERFLOW, T
 from agent.detector.files.toa import MAX_DISORDER_NS, PERIOD_BITS, BorderRepair, Unwrapper, wraps_in_chip
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import DetectorError
+from agent.inputs import refuse_stream
 
 LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 MAX_UNNUMBERED_ROWS = 5_000_000  # of a file without Index, which is held in memory to be sorted
@@ -93,6 +94,7 @@ class T3paReader:
         self._repair = BorderRepair()
         self._offset: int | None = 0  # ticks added to a measurement; None: until its first hit is known
         self._latest = 0
+        refuse_stream(path)
         try:
             self.size_bytes = path.stat().st_size
             with path.open("rb"):

@@ -1,0 +1,38 @@
+"""What all commands have in common: errors in one line, on any terminal."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Callable
+
+from agent.errors import RadronError
+from protocol.errors import ProtocolError
+
+USER_ERROR = 2  # exit code of errors that the user can fix
+_BROKEN_PIPE = 141  # as the shell has it of a process that SIGPIPE ends
+
+
+def run_command(name: str, command: Callable[[], object]) -> None:
+    """Run a command; errors that the user can fix end in one line that ``name`` begins, and exit code 2.
+
+    What the terminal's encoding lacks is written as an escape: a report of doses ended in a traceback for want of a letter.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        command()
+    except (RadronError, ProtocolError) as error:
+        _end(name, str(error))
+    except BrokenPipeError:  # the reader has gone, such as `head`; nothing more can be written, not even on exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(_BROKEN_PIPE)
+    except OSError as error:  # mostly the disk: full, missing or no permission
+        _end(name, f"{error.filename or 'input or output'}: {error.strerror or error}")
+
+
+def _end(name: str, text: str) -> None:
+    print(f"{name}: {text}", file=sys.stderr)
+    sys.exit(USER_ERROR)
