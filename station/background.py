@@ -123,6 +123,8 @@ class MbTiles:
             raise BackgroundError(f"{path}: holds tiles of the format {kind!r}; images are needed: {', '.join(IMAGES)}")
         if low is None:
             raise BackgroundError(f"{path}: holds no tile")
+        if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high <= DEEPEST):
+            raise BackgroundError(f"{path}: its zoom levels are {low!r} to {high!r}; at most 0 to {DEEPEST} are shown")
         self._kind = IMAGES[kind]
         self.levels = TileLevels(low, high, _MARKUP.sub("", unescape(str(told.get("attribution", ""))))[:200])
 
@@ -132,7 +134,7 @@ class MbTiles:
         if not _exists(z, x, y):
             return None
         found = self._file.execute(rows, (z, x, 2**z - 1 - y)).fetchone()
-        return (bytes(found[0]), self._kind) if found is not None else None
+        return (found[0], self._kind) if found is not None and isinstance(found[0], bytes) else None
 
 
 class FolderTiles:

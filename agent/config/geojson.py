@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -90,8 +91,9 @@ def _check_place(where: str, document: Any, features: list[Feature], place: tupl
     latitude, longitude = place
     shapes = shapely.force_2d([feature.geometry for feature in features])
     here = shapely.points([longitude - _TURN_DEG, longitude, longitude + _TURN_DEG], latitude)
-    away = float(shapely.distance(here[:, None], shapes).min())
-    swapped = float(shapely.distance(shapely.Point(latitude, longitude), shapes).min())
+    with np.errstate(over="ignore"):  # of coordinates that are refused below
+        away = float(shapely.distance(here[:, None], shapes).min())
+        swapped = float(shapely.distance(shapely.Point(latitude, longitude), shapes).min())
     if away > MIN_DISTANCE_DEG and swapped < MAX_SHARE_SWAPPED * away:
         raise ConfigError(f"{where}: latitude and longitude are swapped: GeoJSON has the longitude first; swap them")
     x, y = abs(shapely.get_coordinates(shapes)).max(axis=0).tolist()

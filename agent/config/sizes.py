@@ -14,6 +14,7 @@ MIN_SEPARATION_M, MAX_SEPARATION_M = 1.0, 100.0  # below it, the vehicles' own s
 MIN_RADIUS_M, MAX_RADIUS_M = 1.0, 1000.0  # of a circle around a source
 MIN_SPEED_MPS, MAX_SPEED_MPS = 0.1, 50.0
 MAX_FENCE_MARGIN_M = 1000.0
+MAX_NAME = 200  # letters
 _LIMITS = {
     ("limits", "separation_m"): (MIN_SEPARATION_M, MAX_SEPARATION_M),
     ("limits", "speed_mps"): (MIN_SPEED_MPS, MAX_SPEED_MPS),
@@ -44,7 +45,9 @@ def check_sizes(mission: MissionConfig, where: str) -> None:
 
 
 def check_names(mission: MissionConfig, where: str) -> None:
-    """Raise ConfigError where a file is named that may lie outside the mission file's folder."""
+    """Raise ConfigError for a name that is no line of text, and for a file that may lie outside the mission file's folder."""
+    if len(mission.name) > MAX_NAME or not mission.name.isprintable():
+        raise ConfigError(f"{where}: name: give one line of at most {MAX_NAME} letters: reports, maps and terminals show it")
     for key, name in (("ground.grid", mission.ground.grid), ("buildings.file", mission.buildings.file)):
         if name is not None and (Path(name).name != name or name == ".."):
             raise ConfigError(f"{where}: {key} = {name!r}: give the bare name of a file in the mission file's folder")

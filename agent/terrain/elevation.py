@@ -69,14 +69,16 @@ def _ascii(name: str, data: bytes) -> Raster:
         west, south = (head[f"{axis}llcenter"] if f"{axis}llcenter" in head else head[f"{axis}llcorner"] for axis in "xy")
         _check_size(name, rows, columns)
         heights = np.array(" ".join(lines[len(head) :]).split(), dtype=np.float64).reshape(rows, columns)
-    except (ValueError, KeyError, IndexError) as error:
+    except (ValueError, KeyError, IndexError, OverflowError) as error:
         raise ConfigError(
             f"ground.grid: {name}: not an ESRI ASCII grid (ncols, nrows, xllcorner, yllcorner, cellsize, then nrows times ncols "
             f"heights) and not a GeoTIFF: {str(error)[:MAX_REASON]}"
         ) from None
     heights[heights == head.get("nodata_value", np.nan)] = np.nan
-    if not cell > 0.0:
-        raise ConfigError(f"ground.grid: {name}: cellsize = {cell:g}; it must be above 0")
+    if not (cell > 0.0 and np.isfinite([cell, west, south]).all()):
+        raise ConfigError(
+            f"ground.grid: {name}: cellsize = {cell:g}, west = {west:g}, south = {south:g}; give finite numbers, above 0"
+        )
     origin = np.array([west + shift, south + shift + (rows - 1) * cell])
     return Raster(_plausible(heights), np.diag([cell, -cell]), origin)
 
@@ -88,7 +90,10 @@ def _geotiff(name: str, data: bytes) -> Raster:
     try:
         with tifffile.TiffFile(BytesIO(data)) as tiff:
             page = tiff.pages.first
-            _check_size(name, *page.shape[:2])
+            if len(page.shape) != 2:
+                bands = "a grid of heights has one band: gdal_translate -b 1"
+                raise ConfigError(f"ground.grid: {name}: {len(page.shape)} dimensions; {bands}")
+            _check_size(name, *page.shape)
             keys: dict[str, object] = page.geotiff_tags or {}
             keys |= {name: page.tags[tag].value for name, tag in _PLACEMENT_TAGS.items() if tag in page.tags}
             nodata = float(page.tags[_NODATA_TAG].value) if _NODATA_TAG in page.tags else np.nan
@@ -102,8 +107,6 @@ def _geotiff(name: str, data: bytes) -> Raster:
             f"ground.grid: {name}: this GeoTIFF cannot be read: {str(error)[:MAX_REASON]}; "
             "convert it: gdal_translate -ot Float32 -co COMPRESS=DEFLATE"
         ) from None
-    if heights.ndim != 2:
-        raise ConfigError(f"ground.grid: {name}: {heights.ndim} dimensions; a grid of heights has one band: gdal_translate -b 1")
     if _code(keys, "ProjLinearUnitsGeoKey") not in (None, _METRE):
         raise ConfigError(f"ground.grid: {name}: the unit of its coordinates is not the metre; convert it: gdalwarp -t_srs")
     heights[heights == nodata] = np.nan

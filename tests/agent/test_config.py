@@ -64,6 +64,8 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ("radius_m", "radius", ["unknown key 'encirclement.radius'", "did you mean 'radius_m'?", "allowed: law, radius_m"]),
         ("[area]", "[arena]", ["unknown key 'arena'", "did you mean 'area'?"]),
         ("origin_m", "origin", ["unknown key 'drones[1].origin'", "did you mean 'origin_m'?"]),
+        ('name = "harbour"', 'name = "har\\nbour"', ["name: give one line of at most 200 letters"]),
+        ('name = "harbour"', f'name = "{"x" * 201}"', ["name: give one line of at most 200 letters"]),
         ('name = "harbour"', "", ["the key 'name' is missing"]),
         ('id = "uav1"', "", ["the key 'drones[0].id' is missing"]),
         ("radius_m = 10", "radius_m = -1", ["encirclement.radius_m", "> 0"]),

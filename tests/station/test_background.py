@@ -1,6 +1,7 @@
 """Vector layers and tiles under the map: read, placed, and refused in one line."""
 
 import json
+import sqlite3
 
 import msgspec
 import pymap3d
@@ -108,6 +109,24 @@ def test_what_holds_no_images_is_told(tmp_path):
         with pytest.raises(BackgroundError, match=says):
             background(ON_EARTH, [], tmp_path / name)
     assert vectors.exists()
+
+
+def test_a_file_of_tiles_with_other_types_in_it_shows_nothing_and_takes_no_memory(tmp_path):
+    """SQLite's columns hold anything: an integer as a tile was as many bytes of memory."""
+
+    def made(name, *rows):
+        with sqlite3.connect(tmp_path / name) as file:
+            file.execute("CREATE TABLE metadata (name, value)")
+            file.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
+            file.execute("INSERT INTO metadata VALUES ('format', 'png')")
+            file.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", rows)
+        return MbTiles(tmp_path / name)
+
+    tiles = made("odd.mbtiles", (1, 0, 0, None), (1, 1, 0, 10**12), (1, 0, 1, b"image"))
+    assert [tiles.tile(1, *place) for place in ((0, 1), (1, 1), (0, 0))] == [None, None, (b"image", "image/png")]
+    for name, level in (("text.mbtiles", "x"), ("below.mbtiles", -1), ("beyond.mbtiles", 25)):
+        with pytest.raises(BackgroundError, match="its zoom levels are"):
+            made(name, (level, 0, 0, b"image"))
 
 
 def test_tiles_and_layers_are_served_to_those_who_are_let_in_and_nothing_beside_them(tmp_path):
