@@ -10,7 +10,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import lz4.frame
 from mcap.data_stream import ReadDataStream
@@ -29,7 +29,12 @@ DAMAGE = (McapError, ZstdError, RuntimeError, struct.error, zlib.error, ValueErr
 
 _FRAME = struct.Struct("<BQ")  # opcode and length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then its data
-_READERS = {Opcode.CHUNK: Chunk, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
+_READERS: dict[int, type[Any]] = {
+    Opcode.CHUNK: Chunk,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.ATTACHMENT: Attachment,
+}
 _ZEROS = "zeros in the place of a record, as after a power cut"
 RawMessage = tuple[int, int, memoryview, int, int]  # channel, sequence, data, log and publish time
 
