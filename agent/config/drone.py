@@ -72,6 +72,11 @@ class VehicleConfig(Section, frozen=True, kw_only=True):
     response: ResponseConfig = ResponseConfig()
     parameters: tuple[ParameterName, ...] = ()
 
+    @property
+    def by_satellites(self) -> bool:
+        """Whether the autopilot's only position source is its satellite receiver."""
+        return self.gnss and self.vision is None
+
 
 class SightingsConfig(Section, frozen=True, kw_only=True):
     """The TCP feed of a sensor for relative observations of other drones (a camera that sees their lamps, a ranging radio)."""

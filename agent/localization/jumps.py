@@ -63,8 +63,8 @@ class JumpDetector:
         return f"its localisation {self._jump} without announcing it"
 
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
-        """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain, or a turn
-        that differs from the one before by more than a vehicle can do and 3 sigma explain.
+        """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain, or, of a
+        frame whose axes are not fixed, a turn that differs from the one before by more than a vehicle can do and 3 sigma explain.
         """
         step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
         if step_s <= 0.0:  # the clock was set back: how long it took is not known
@@ -73,7 +73,8 @@ class JumpDetector:
             place + 0.5 * step_s * (before + after)
             for place, before, after in zip(last.position_m, last.velocity_mps, state.velocity_mps, strict=True)
         ]
-        jump_m, turn_rad = dist(expected, state.position_m), self._turned_rad(last, state, step_s)
+        jump_m = dist(expected, state.position_m)
+        turn_rad = 0.0 if state.axes_fixed else self._turned_rad(last, state, step_s)
         sigma_m = max(last.position_sigma_m, state.position_sigma_m)
         moved = jump_m > self._speed_mps * step_s + _SIGMAS * sigma_m + JUMP_M
         if moved or turn_rad:

@@ -43,6 +43,7 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     clock_sigma_m: float = 0.0  # what a wrong clock adds for others, who know by the stamp alone when it was here
     position_trusted: bool = True  # False: satellites lost or estimate inconsistent; the drone holds
     aided: bool = True  # False: it flies by its inertial sensors alone, as no satellites are received
+    axes_fixed: bool = False  # by satellites: a heading that jumps corrects the attitude, and does not turn the frame
 
     @property
     def stamped_sigma_m(self) -> float:

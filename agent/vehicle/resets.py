@@ -1,8 +1,10 @@
 """Jumps of the autopilot's local frame, detected by its count of resets and by the effect of the reset.
 
 PX4 counts in ODOMETRY every reset of its estimator: of position, velocity, height or heading. Many do not matter here (the
-velocity at takeoff). The frame changes with a reset in which position or heading jumps, or with which satellites are lost or
-found, because the autopilot then uses another position source.
+velocity at takeoff). The frame changes with a reset in which the position jumps, or with which satellites are lost or found,
+because the autopilot then uses another position source. A frame guided by vision also changes with a reset of the heading. The
+axes of one guided by satellites do not: a reset of the heading without one of the position corrects the attitude alone (PX4
+v1.16.1 does so in every takeoff).
 
 Positions come in another message (LOCAL_POSITION_NED), so the count may arrive a little before or after the position that jumped.
 A position that jumped is held back until the count explains it; if it does not, the position is passed on as it is.
@@ -31,8 +33,11 @@ class Resets:
     whether the position itself jumped at the last change of the frame.
     """
 
-    def __init__(self, count: int | None = None) -> None:
-        """``count``: before a restart of the agent; if it has changed since, the frame counts as another one."""
+    def __init__(self, count: int | None = None, *, axes_fixed: bool = False) -> None:
+        """``count``: before a restart of the agent; if it has changed since, the frame counts as another one. ``axes_fixed``: the
+        frame does not turn with the heading.
+        """
+        self._axes_fixed = axes_fixed
         self.count: int | None = None
         self._before, self._unseen = count, False
         self._waited_from_s: float | None = None  # for the first count
@@ -78,7 +83,7 @@ class Resets:
             return None
         # After a reset, a filter's position moves faster than its velocity for a moment: that is no second jump.
         moves, turns = self._jumps(stamp_s, position, velocity, yaw, turning)
-        if (moves or turns) and stamp_s - self._jump_s >= LATE_S:
+        if (moves or (turns and not self._axes_fixed)) and stamp_s - self._jump_s >= LATE_S:
             self._jump_s, self._moves = stamp_s, moves
         self._last = (stamp_s, position, velocity, yaw, turning)
         jumped, reset = stamp_s - self._jump_s < LATE_S, stamp_s - self._reset_s < LATE_S

@@ -68,8 +68,8 @@ class Telemetry:
     def __init__(self, config: VehicleConfig, launch: LaunchPlace | None, exact: bool = False) -> None:
         """``launch``: stored before a restart; ``exact``: the mission's local frame is known exactly."""
         self.launch = LaunchSurvey(launch, config.gnss, exact)
-        self._resets = Resets(launch.resets if launch is not None else None)
-        self._trust = PositionTrust(config.gnss and config.vision is None)
+        self._resets = Resets(launch.resets if launch is not None else None, axes_fixed=config.by_satellites)
+        self._trust = PositionTrust(config.by_satellites)
         self._config = config
         self._clock = BootClock()
         self._heartbeat: Heartbeat | None = None
@@ -254,6 +254,7 @@ class Telemetry:
             battery=self._batteries.level(arrival_s),
             position_trusted=self._trust.at(arrival_s),
             aided=self._trust.hears_satellites(arrival_s),
+            axes_fixed=self._config.by_satellites,
         )
 
     def _is_healthy(self, seen: Seen) -> bool:

@@ -60,6 +60,11 @@ def test_a_heading_that_jumps_against_a_spin_shows_as_the_spin_goes_on():
     assert turning(JumpDetector(8.0), [*turned[:6], *(yaw_rad + 0.67 for yaw_rad in turned[6:])]) == [0] * 7 + [1] * 3
 
 
+def test_heading_jump_turns_no_frame_whose_axes_are_fixed():
+    assert turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67]) == [0, 0, 1, 1]
+    assert turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67], axes_fixed=True) == [0] * 4
+
+
 @pytest.mark.parametrize("rate_rps", [6.0, -20.0])
 @pytest.mark.parametrize("part", [0.0, 0.6], ids=["at a stamp", "between two"])
 def test_a_spin_that_ends_on_the_ground_begins_no_epoch(rate_rps, part):

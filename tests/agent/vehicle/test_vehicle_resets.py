@@ -49,6 +49,16 @@ def test_a_jump_with_a_reset_is_another_frame_once(count_first: bool, metres: fl
     assert set(rest[rest.index(True) + 1 :]) == {False}
 
 
+@pytest.mark.parametrize("radians", [0.1, pi])
+def test_heading_reset_turns_no_frame_whose_axes_are_fixed(radians: float) -> None:
+    rig = Rig(Resets(axes_fixed=True))
+    rig.fly(0.5)
+    rig.count, rig.offset_rad = 8, radians
+    assert set(rig.fly(1.0)) == {False}  # nor is any position held back
+    rig.count, rig.offset_m = 9, 15.0
+    assert rig.fly(1.0).count(True) == 1
+
+
 def test_a_reset_that_moves_nothing_is_none() -> None:
     rig = Rig()
     rig.fly(0.5)

@@ -14,7 +14,7 @@ from mavsdk_json import fields_of
 from agent.config.drone import VehicleConfig
 from agent.vehicle.interface import GnssFix, LaunchPlace, VehicleCommand, VehicleState
 from agent.vehicle.mavlink.link import AUTOPILOT_COMPONENT, Received
-from agent.vehicle.mavlink.messages import DECODERS
+from agent.vehicle.mavlink.messages import DECODERS, Message
 from agent.vehicle.px4 import Px4Vehicle
 
 FOLDER = Path(__file__).parents[2] / "contract" / "recordings" / "messages"
@@ -32,9 +32,9 @@ class Packet(NamedTuple):
     data: bytes
 
 
-def packets(name: str) -> Iterator[Packet]:
+def packets(name: str, folder: Path = FOLDER) -> Iterator[Packet]:
     """Of one recording."""
-    data, place, first_us = lzma.decompress((FOLDER / f"{name}.xz").read_bytes()), 0, None
+    data, place, first_us = lzma.decompress((folder / f"{name}.xz").read_bytes()), 0, None
     while place < len(data):
         stamp_us, begin = int.from_bytes(data[place : place + _STAMP_BYTES], "big"), place + _STAMP_BYTES
         place = begin + _HEAD_BYTES + data[begin + 1] + _CHECKSUM_BYTES
@@ -86,16 +86,17 @@ class Replay:
 
     ``looks``: ten for each second of the recording; ``states``, ``fixes``: all, with their times."""
 
-    def __init__(self, name: str, **vehicle: Any) -> None:
-        """``vehicle``: what the drone file says of it."""
+    def __init__(self, name: str, *, exact: bool = False, **vehicle: Any) -> None:
+        """``exact``: the mission knows its frame exactly; ``vehicle``: what the drone file says of it."""
         self._name = name
         self.now_s, self._begun_ns = 1000.0, 1_795_313_620_000_000_000
         self.link = SilentLink(lambda: self.now_s - 1000.0)
         self.vehicle = Px4Vehicle(
             VehicleConfig(**vehicle),
             60.0,
-            _launch(name),
+            self._launch(name),
             clock_ns=lambda: self._utc_ns,
+            exact=exact,
             clock_s=lambda: self.now_s,
             link=self.link,  # type: ignore[arg-type]
         )
@@ -111,23 +112,26 @@ class Replay:
 
     def run(self, command: Callable[[float], VehicleCommand] | None = None) -> Replay:
         """Give the driver everything. ``command``: what it is given at each look, by its time; none: nothing."""
-        recorded = list(packets(self._name))
-        # The vehicle of a recording is the one that speaks most.
-        system = Counter(packet.system for packet in recorded if packet.component == AUTOPILOT_COMPONENT).most_common(1)[0][0]
         due_s = 0.0
-        for packet in recorded:
-            while packet.time_s >= due_s:
+        for time_s, messages in self._received():
+            while time_s >= due_s:
                 self.now_s = 1000.0 + due_s
                 self._look(due_s, command)
                 due_s += LOOK_S
-            self.now_s = 1000.0 + packet.time_s
-            if (packet.system, packet.component) != (system, AUTOPILOT_COMPONENT):
-                continue
-            found = fields_of(packet.data)
-            if found is not None and found[0] in DECODERS:
-                decoded = DECODERS[found[0]].decode(found[1])
-                self.vehicle._receive([Received(decoded, self._utc_ns, self.now_s)])
+            self.now_s = 1000.0 + time_s
+            for message in messages:
+                self.vehicle._receive([Received(message, self._utc_ns, self.now_s)])
         return self
+
+    def _received(self) -> Iterator[tuple[float, list[Message]]]:
+        """What the driver reads of each packet of the recording; the vehicle is the one that speaks most."""
+        recorded = list(packets(self._name))
+        system = Counter(packet.system for packet in recorded if packet.component == AUTOPILOT_COMPONENT).most_common(1)[0][0]
+        for packet in recorded:
+            is_own = (packet.system, packet.component) == (system, AUTOPILOT_COMPONENT)
+            found = fields_of(packet.data) if is_own else None
+            known = found is not None and found[0] in DECODERS
+            yield packet.time_s, [DECODERS[found[0]].decode(found[1])] if found is not None and known else []
 
     def _look(self, time_s: float, command: Callable[[float], VehicleCommand] | None) -> None:
         if command is not None:
@@ -148,19 +152,19 @@ class Replay:
                 found.append((round(time_s, 2), value))
         return found
 
-
-def _launch(name: str) -> LaunchPlace | None:
-    """The origin that the vehicle tells."""
-    for packet in packets(name):
-        found = fields_of(packet.data) if packet.component == AUTOPILOT_COMPONENT else None
-        if found is not None and found[0] == "GPS_GLOBAL_ORIGIN":
-            origin = json.loads(found[1])
-            return LaunchPlace(
-                north_m=0.0,
-                east_m=0.0,
-                down_m=0.0,
-                origin_latitude_deg=origin["latitude"] * 1e-7,
-                origin_longitude_deg=origin["longitude"] * 1e-7,
-                origin_altitude_m=origin["altitude"] * 1e-3,
-            )
-    return None
+    @staticmethod
+    def _launch(name: str) -> LaunchPlace | None:
+        """The origin that the vehicle tells."""
+        for packet in packets(name):
+            found = fields_of(packet.data) if packet.component == AUTOPILOT_COMPONENT else None
+            if found is not None and found[0] == "GPS_GLOBAL_ORIGIN":
+                origin = json.loads(found[1])
+                return LaunchPlace(
+                    north_m=0.0,
+                    east_m=0.0,
+                    down_m=0.0,
+                    origin_latitude_deg=origin["latitude"] * 1e-7,
+                    origin_longitude_deg=origin["longitude"] * 1e-7,
+                    origin_altitude_m=origin["altitude"] * 1e-3,
+                )
+        return None
