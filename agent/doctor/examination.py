@@ -17,6 +17,7 @@ from agent.preflight.background import Background
 from agent.preflight.check import Preflight
 from agent.preflight.chrony import NAME as CHRONY
 from agent.preflight.corrections import Corrections
+from agent.vehicle.demands import demands_of
 from agent.vehicle.interface import Finding
 
 _AREAS = {name: "swarm" for name in ("mission", "return layer", "certificate", "revoked", "state", "mesh")}
@@ -38,7 +39,7 @@ async def examine(
         write: also set the autopilot's parameters that are wrong.
         tell: is told what is being waited for.
     """
-    corrections = Corrections(drone, mission) if write else None
+    corrections = Corrections(demands_of(mission, drone, sets=False)) if write else None
     preflight = Preflight(drone, mission, Background(mission.detection), corrections)
     others = [member.id for member in mission.drones if member.id != drone.id]
     told = ""

@@ -35,7 +35,8 @@ from agent.shell.revoked import RevokedFile
 from agent.shell.selfreport import SOFTWARE
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import StateFile, unreadable
-from agent.vehicle.interface import AgentLost, Finding
+from agent.vehicle.demands import demands_of
+from agent.vehicle.interface import Finding
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
@@ -182,8 +183,7 @@ class Preflight:
         return Finding(name, "ok", f"{status.stage}, the same mission {status.mission}{notices}")
 
     async def _check_vehicle(self) -> None:
-        lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id), sets=False)
-        vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m, lost=lost)
+        vehicle = Px4Vehicle(demands_of(self._mission, self._drone, sets=False))
         correcting: asyncio.Task[None] | None = None
         try:
             await vehicle.connect()

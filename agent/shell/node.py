@@ -44,7 +44,8 @@ from agent.shell.selfreport import SelfReport, Updates, report_of
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import State, StateStore
 from agent.shell.uploads import UploadedMission
-from agent.vehicle.interface import AgentLost, GnssFix
+from agent.vehicle.demands import demands_of
+from agent.vehicle.interface import GnssFix
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import encode
 from protocol.identity import Identity
@@ -150,10 +151,9 @@ class Node:
         )
         self._closers += [self._mesh.close, self._uploaded.close]
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id, encrypted=self._identity is not None)
-        ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
-        lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id))
+        demands = demands_of(self._mission, self._drone, sets=True)
         launch = saved.launch_in(self._mission.mission_id)
-        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, launch, exact=exact, lost=lost)
+        self._vehicle = Px4Vehicle(demands, launch, exact=self._frame_is_exact)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(contained("telemetry", self._pilot.observe_vehicle, None))
         self._publish = contained("publications", self._mesh.publish, None)

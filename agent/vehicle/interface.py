@@ -133,16 +133,6 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
         return latitude_deg, longitude_deg, altitude_m
 
 
-class AgentLost(Struct, frozen=True):
-    """What an autopilot does without its agent: its reaction (return, land, hold), and the height of a return above the launch
-    place. ``sets``: the agent sets that height on the autopilot.
-    """
-
-    reaction: str
-    return_height_m: float
-    sets: bool = True
-
-
 class Finding(Struct, frozen=True):
     """One line of a preflight check. ``not yet``: may resolve by itself; ``failed``: needs action."""
 

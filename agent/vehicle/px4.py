@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Literal
 
-from agent.config.drone import VehicleConfig
+from agent.vehicle.demands import Demands
 from agent.vehicle.health import StatusMessages
-from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.mavlink.exposure import exposure
 from agent.vehicle.mavlink.link import Link, Received
 from agent.vehicle.mavlink.messages import (
@@ -26,8 +26,9 @@ from agent.vehicle.mavlink.messages import (
 )
 from agent.vehicle.mavlink.signed import SIGNED
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
-from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of, wire_value
+from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, float32, wire_value
 from agent.vehicle.requests import Act, Requests
+from agent.vehicle.rules import RETURN_ALTITUDE
 from agent.vehicle.setpoints import SetpointStream
 from agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
 from agent.vehicle.telemetry import Telemetry
@@ -51,37 +52,30 @@ class Px4Vehicle:
 
     def __init__(
         self,
-        config: VehicleConfig,
-        mission_ceiling_m: float,
+        demands: Demands,
         launch: LaunchPlace | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
         exact: bool = False,
         *,
         clock_s: Callable[[], float] = time.monotonic,
         link: Link | None = None,
-        lost: AgentLost | None = None,
     ) -> None:
         """Not connected yet.
 
         Args:
-            config: where the autopilot is.
-            mission_ceiling_m: a return must stay below it.
+            demands: of the mission, with how the autopilot is reached.
             launch: where the local frame lay before a restart in flight.
             clock_ns: UTC.
             exact: the mission's local frame is known exactly, so that it has only one epoch.
             clock_s: a clock that never goes back.
             link: to the autopilot; None: as in ``config``.
-            lost: what it does without the agent, by the mission; None: whatever it is set to.
         """
-        self._config = config
+        self._config = config = demands.vehicle
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._link = link or Link(config.address, clock_ns, clock_s, config.system_id, config.source)
         self.telemetry = self._telemetry = Telemetry(config, launch, exact)  # what it tells; to be read only
         self.messages = self._messages = StatusMessages()  # as well
-        rules = rules_of(config.gnss, config.vision is not None, lost.reaction if lost is not None else None)
-        height_m = lost.return_height_m if lost is not None and config.gnss else None
-        sets = lost is not None and lost.sets
-        self.parameters = Parameters(mission_ceiling_m, rules, height_m, sets=sets, others=config.parameters)
+        self.parameters = Parameters(demands, others=config.parameters)
         self._requests, self._setpoints, self._streams = Requests(), SetpointStream(self._link), Streams(self._link)
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None

@@ -42,6 +42,7 @@ from sim.faults.machines import (
     Disarm,
     Drag,
     Gust,
+    HeadingReset,
     MavlinkImpaired,
     MavlinkLoss,
     MotorFailure,
@@ -57,12 +58,18 @@ AnyFault = (
     | Partition | Cut | Loss | Lag | Stall | Throttle | Reorder | Duplicate | Corrupt | RadioRange | Flood
     | Lie | Equivocating | Forged | CopiedKey | OldCommand
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
-    | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery
+    | SatellitesLost | PositionJump | HeadingReset | Drag | Gust | MotorFailure | Battery
     | MavlinkLoss | MavlinkImpaired | StreamLost | Takeover | Disarm | Refusal
 )  # fmt: skip
 
 LIVE_ONLY = (StreamLost, Disarm, MavlinkImpaired, Stall, Throttle)  # kinds that need the real MAVLink, or TCP
-DEALT_ONLY = (*LIVE_ONLY, Forged, CopiedKey, OldCommand)  # those that random missions leave out: their seeds would draw others
+DEALT_ONLY = (
+    *LIVE_ONLY,
+    Forged,
+    CopiedKey,
+    OldCommand,
+    HeadingReset,
+)  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 

@@ -82,6 +82,19 @@ class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
     announced: bool = False
 
 
+class HeadingReset(Fault, frozen=True, kw_only=True, tag="heading-reset"):
+    """The filter of a vehicle that flies by satellites resets its heading by ``turn_deg`` to either side, and nothing else, as
+    PX4 v1.16.1 does in every takeoff; position and local frame stay as they are. Within seconds the heading is right again.
+    """
+
+    family: ClassVar[Family] = "pose"
+    turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 6.0
+
+    def check(self) -> str | None:
+        """It happens once."""
+        return "for_s: a reset happens once; remove it" if self.for_s is not None else None
+
+
 class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
     """Spoofed satellites drag the vehicle's own position, and its fixes, away at ``speed_mps``, up to ``most_m``, in a direction
     drawn from the seed. Its velocity stays as the inertial sensors measure it. When it is over, the position jumps back.

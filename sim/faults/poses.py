@@ -1,4 +1,5 @@
-"""Faults of the vehicles' own positions: satellites lost, jumps, and spoofed satellites. The vehicles fly by what they estimate.
+"""Faults of the vehicles' own poses: satellites lost, jumps, headings that are reset, and spoofed satellites. The vehicles fly by
+what they estimate.
 
 A spoofed position and a jump move the vehicle's local frame (``sim.world.movingframes``); without satellites the errors of its
 filter grow, as those of a real PX4 (``sim.vehicle.px4.filter.deadreckoning``).
@@ -12,7 +13,7 @@ from math import cos, hypot, pi, radians, sin
 import numpy as np
 
 from sim.faults.base import Fault
-from sim.faults.machines import Drag, PositionJump, SatellitesLost
+from sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
 from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
 from sim.vehicle.autopilot import Autopilot
@@ -27,9 +28,10 @@ _DRIFT_MPS, _DRIFT_MPS2 = 0.6, 0.25  # the driver's bound of the drift
 PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # what preflight asks for
 
 
-def with_dead_reckoning(faults: Sequence[Fault], small: Localization) -> Localization | FilterErrors:
-    """Errors of the vehicles' filters: the small ones alone, where no vehicle loses its satellites."""
-    return FilterErrors(small) if any(isinstance(fault, SatellitesLost) for fault in faults) else small
+def with_filter_errors(faults: Sequence[Fault], small: Localization, step_s: float) -> Localization | FilterErrors:
+    """Errors of the vehicles' filters: the small ones alone, where no vehicle loses its satellites or resets its heading."""
+    grow = any(isinstance(fault, SatellitesLost | HeadingReset) for fault in faults)
+    return FilterErrors(small, step_s) if grow else small
 
 
 class _Doubt:
@@ -77,6 +79,7 @@ class PoseFaults:
     ) -> None:
         self._schedule, self._frames, self._errors = schedule, frames, errors
         self._autopilots, self._step_s = autopilots, step_s
+        self._turns = any(isinstance(fault, PositionJump) and fault.turn_deg > 0.0 for fault in schedule.faults)
         self._reckonings: dict[int, DeadReckoning] = {}  # of vehicles that have lost their satellites
         self._doubts: dict[int, _Doubt] = {}
         self._jumps: dict[tuple[Active, int], Jump] = {}
@@ -92,6 +95,10 @@ class PoseFaults:
         """Whether a vehicle's driver hears its satellites, as far as it flies by them."""
         doubt = self._doubts.get(drone)
         return doubt is None or doubt.aided
+
+    def axes_fixed(self, drone: int) -> bool:
+        """Whether a vehicle's frame cannot turn: it flies by satellites, and no fault of this flight turns it nevertheless."""
+        return self._frames.flies_by_satellites(drone) and not self._turns
 
     def sigma_m(self, drone: int, usual_m: float) -> float:
         """1 sigma of a vehicle's horizontal position as its driver states it."""
@@ -121,6 +128,10 @@ class PoseFaults:
             jump = Jump(fault.jump_m * _direction(rng), turn_rad, fault.announced)
             self._jumps[one, drone] = jump
             self._jump(drone, jump)
+        elif isinstance(fault, HeadingReset):
+            if self._frames.flies_by_satellites(drone):
+                assert isinstance(self._errors, FilterErrors)
+                self._errors.turn(drone, radians(fault.turn_deg) * float(rng.choice((-1.0, 1.0))))
         elif isinstance(fault, Drag):
             self._courses[one, drone], self._dragged_m[one, drone] = _direction(rng), 0.0
         elif isinstance(fault, SatellitesLost) and self._frames.flies_by_satellites(drone):

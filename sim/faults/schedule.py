@@ -30,9 +30,10 @@ class Active:
 
 
 class Schedule:
-    """The faults of a flight over its time. ``begun``, ``ended``: by the last ``advance``."""
+    """The faults of a flight over its time. ``faults``: all of them; ``begun``, ``ended``: by the last ``advance``."""
 
     def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
+        self.faults = tuple(faults)
         entries = [Active(fault, drones, seed) for fault in faults]
         self._waiting = sorted(entries, key=lambda one: one.fault.at_s, reverse=True)  # the next one is the last
         self._active: list[Active] = []

@@ -71,5 +71,6 @@ class Telemetry:
                     battery=onboard.vehicles.battery(drone),
                     position_trusted=onboard.poses.trusted(drone),
                     aided=onboard.poses.aided(drone),
+                    axes_fixed=onboard.poses.axes_fixed(drone),
                 )
             )

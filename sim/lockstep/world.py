@@ -19,7 +19,7 @@ from sim.faults.disk import check_playable
 from sim.faults.forgers import Forgers, OldCommands
 from sim.faults.network import FaultyRadio
 from sim.faults.onboard import OnboardFaults
-from sim.faults.poses import with_dead_reckoning
+from sim.faults.poses import with_filter_errors
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
@@ -88,7 +88,7 @@ class World:
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
-        self._localization = with_dead_reckoning(scenario.fault, errors)
+        self._localization = with_filter_errors(scenario.fault, errors, TICK_NS * 1e-9)
         self._autopilots = autopilots(mission, self._frames.local(position), self._frames.yaw_rad, TICK_NS * 1e-9)
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)

@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import common
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.config.mission import DatumConfig, DroneInMission
 from agent.pilot import Pilot
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import GnssFix, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.mavlink.link import Link
 from agent.vehicle.mavlink.messages import DECODERS
@@ -113,8 +114,7 @@ class _Agent:
         gnss = rng.random() < 0.8
         self._pilot = Pilot(_MISSION, DroneConfig(id="d1"), boot="1" * 16, nonce_key=b"")
         self._vehicle = Px4Vehicle(
-            VehicleConfig(gnss=gnss),
-            CEILING_M,
+            Demands(VehicleConfig(gnss=gnss), CEILING_M),
             None,
             self._now_ns,
             rng.random() < 0.5,

@@ -18,6 +18,8 @@ ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the 
     (("copied-key", {}),),
     (("copied-key", {}), ("takeover", {"mode": "hold"})),
     (("copied-key", {}), ("takeover", {"mode": "return"})),
+    (("heading-reset", {}),),
+    (("heading-reset", {}), ("satellites-lost", {"for_s": 1.8})),
 )
 
 

@@ -30,7 +30,14 @@ HAND = 5  # faults of a mission
 _CALM = 2  # missions of ten that have none
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
-_WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
+_WITHOUT_END = (
+    "late",
+    "motor",
+    "revoked",
+    "old-command",
+    "heading-reset",
+    "camera-dead",
+)  # a dead camera: an agent needs a while to be sure
 _SEEN_BY_FRAMES = {"position-jump", "clock"}  # they matter most where frames are estimated
 _SEEN_BY_TIME = {"clock"}  # and these where the source moves
 _UNHEARD_S = (1.5, 3.0)  # before and after a clock is set back

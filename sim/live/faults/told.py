@@ -5,7 +5,7 @@ from __future__ import annotations
 from sim.faults.agents import Lag, Partition, RadioRange, Throttle
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import Battery, Disarm, Gust, MavlinkImpaired, MotorFailure, PositionJump, StreamLost
+from sim.faults.machines import Battery, Disarm, Gust, HeadingReset, MavlinkImpaired, MotorFailure, PositionJump, StreamLost
 from sim.vehicle.px4.faults import VehicleFault
 
 
@@ -22,6 +22,8 @@ def vehicle_told(fault: VehicleFault) -> str:
             return f"no {fault.message} from the autopilot any more"
         case PositionJump():
             return f"the filter is reset: the position jumps by {fault.jump_m:g} m"
+        case HeadingReset():
+            return f"the filter resets its heading by {fault.turn_deg:g} degrees"
         case Disarm():
             return "somebody disarms it before it takes off"
     return "the autopilot refuses changes of mode, and arming"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from sim.vehicle.px4.release import ReleaseName
+
 Address = tuple[str, int]
 
 
@@ -30,9 +32,11 @@ class Px4Config(Struct, frozen=True, kw_only=True):
     onboard: where it sends its onboard link, ("127.0.0.1", 14540 + i) by PX4's custom; answers return to the sending socket.
     ground_station: likewise for the ground-station link, 14550 for all vehicles; None: no such link.
     parameters: values that replace ``parameters.DEFAULTS``.
+    release: version of PX4.
     """
 
     onboard: Address
     ground_station: Address | None = None
     parameters: dict[str, float] = {}
     faults: Faults = Faults()
+    release: ReleaseName = "1.17"

@@ -17,6 +17,7 @@ from sim.vehicle.px4.config import Px4Config
 from sim.vehicle.px4.events import Announcement
 from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
 from sim.vehicle.px4.filter.estimate import Estimate, Geodetic
+from sim.vehicle.px4.filter.heading import TakeoffAlignment
 from sim.vehicle.px4.filter.vision import Correction, Pose, Vision
 from sim.vehicle.px4.mavlink.contacts import Contacts
 from sim.vehicle.px4.mavlink.dialect import Event
@@ -27,6 +28,7 @@ from sim.vehicle.px4.mavlink.status import gps_global_origin
 from sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
+from sim.vehicle.px4.release import RELEASES
 from sim.vehicle.px4.state import ORIGIN_S, Reading, State
 
 HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight the home altitude is random within +-1 m of the true one, redrawn every 2 s
@@ -51,7 +53,7 @@ class Px4Face:
         clock_ns: Callable[[], int],
     ) -> None:
         """Standing at ``place``, its first estimate, with its heading ``yaw_rad``, local ENU."""
-        system_id = index + 1
+        system_id, release = index + 1, RELEASES[config.release]
         self.parameters = parameters = Parameters(system_id, config.parameters)
         self._faults = faults = config.faults
         self.setpoints = SetpointLog()
@@ -65,11 +67,14 @@ class Px4Face:
             self.reckoning,
             origin,
             position_sigma_m,
+            release.software,
             system_id,
             estimate=place,
             home_altitude_m=place.place.altitude_m,
         )
         self.vision = Vision(parameters, rng.spawn(1)[0])
+        height_m = release.heading_reset_m
+        self._alignment = TakeoffAlignment(height_m, rng.spawn(1)[0]) if height_m is not None else None
         self._contacts = Contacts(parameters, self._announce)
         self._requests = Requests(
             system_id, self._state, parameters, self.setpoints, self.vision, self._contacts, self._announce, self._boot_ns
@@ -174,6 +179,12 @@ class Px4Face:
         state = self._state
         needs_them = self.by_satellites and state.has_origin and not by_vision and not self.vision.wanted
         return self.reckoning.step(not needs_them or state.reading is not None, self.commander.armed)
+
+    def align_heading(self) -> float | None:
+        """Return the angle (rad) by which its filter resets its heading now, and nothing else; None where it does not."""
+        if self._alignment is None or self.vision.wanted or not self.by_satellites:
+            return None
+        return self._alignment.step(self.commander.landed, self._state.now.position_enu_m[2])
 
     def take_external_places(self) -> tuple[Geodetic | None, Geodetic | None]:
         """Position and local origin that somebody has sent to it, each returned once."""

@@ -1,5 +1,5 @@
 """Faults of emulated vehicles: gusts, a failed motor, a battery that is low or lies, an autopilot that refuses, whose position
-jumps, that falls silent, or that is disarmed.
+jumps or heading is reset, that falls silent, or that is disarmed.
 
 They do to emulated autopilots what ``sim.faults.vehicles`` does to those of lockstep, but for what the emulation does by itself:
 its failsafes react to the battery.
@@ -13,14 +13,15 @@ from math import cos, pi, radians, sin
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import EMPTY_MPS, Battery, Disarm, Gust, MotorFailure, PositionJump, Refusal, StreamLost
+from sim.faults.machines import EMPTY_MPS, Battery, Disarm, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
 from sim.geometry import Array, Vector3
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.battery import Battery as Cells
 from sim.vehicle.px4.face import Px4Face
 
-VehicleFault = Gust | MotorFailure | Battery | Refusal | StreamLost | PositionJump | Disarm
+VehicleFault = Gust | MotorFailure | Battery | Refusal | StreamLost | PositionJump | HeadingReset | Disarm
 ResetFilter = Callable[[int, Vector3, float], None]
+TurnHeading = Callable[[int, float], None]
 _ACTION = "COM_LOW_BAT_ACT"
 _ONLY_WARN = 0.0  # as on the link, where an integer is sent as its bits
 
@@ -33,13 +34,15 @@ class EmulatedFaults:
         faces: Sequence[Px4Face],
         motion: Multirotors,
         reset: ResetFilter,
+        turn: TurnHeading,
         step_s: float,
         rng: np.random.Generator,
     ) -> None:
         """``reset``: resets a vehicle's filter, so that its own position jumps by a shift (world, m) and its heading by an angle
-        (rad); ``rng``: draws the directions of gusts and jumps.
+        (rad); ``turn``: resets its heading alone, by an angle (rad); ``rng``: draws the directions of gusts and jumps.
         """
-        self._faces, self._motion, self._reset, self._step_s, self._rng = faces, motion, reset, step_s, rng
+        self._faces, self._motion, self._reset, self._turn = faces, motion, reset, turn
+        self._step_s, self._rng = step_s, rng
         self._active: list[tuple[int, VehicleFault]] = []
         self._pushes: dict[tuple[int, VehicleFault], Array] = {}
         self._jumps: dict[tuple[int, VehicleFault], tuple[Array, float]] = {}  # shift, angle
@@ -62,9 +65,12 @@ class EmulatedFaults:
             case StreamLost():
                 self._mute(drone, fault.message, muted=True)
             case PositionJump():
-                side = 1.0 if self._rng.random() < 0.5 else -1.0
-                self._jumps[drone, fault] = fault.jump_m * self._direction(), side * radians(fault.turn_deg)
+                turn_rad = self._side() * radians(fault.turn_deg)
+                self._jumps[drone, fault] = fault.jump_m * self._direction(), turn_rad
                 self._jump(drone, *self._jumps[drone, fault])
+            case HeadingReset():
+                if self._faces[drone].by_satellites:
+                    self._turn(drone, self._side() * radians(fault.turn_deg))
             case Disarm():
                 self._faces[drone].disarm_before_takeoff()
 
@@ -124,6 +130,10 @@ class EmulatedFaults:
         face.battery = self._true.pop(drone, face.battery)
         if drone in self._actions:
             face.parameters.set(_ACTION, self._actions.pop(drone))
+
+    def _side(self) -> float:
+        """Left or right, drawn."""
+        return 1.0 if self._rng.random() < 0.5 else -1.0
 
     def _direction(self) -> Array:
         """A horizontal unit vector, drawn."""

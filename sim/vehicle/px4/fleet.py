@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import Reframing
+from sim.vehicle.guidance import REST, Reframing
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.face import Px4Face
@@ -90,7 +90,7 @@ class Px4Fleet:
             clock_ns: UTC.
         """
         count = len(configs)
-        self._motion, self._error, self._localized = motion, FilterErrors(error), localized
+        self._motion, self._error, self._localized = motion, FilterErrors(error, step_s), localized
         self._step_s = step_s
         self._steps = 0
         self._went_s: float | None = None
@@ -110,7 +110,7 @@ class Px4Fleet:
         ]
         for drone, face in enumerate(self.faces):
             face.set_truth_source(partial(self._estimator.truth, drone))
-        self._faults = EmulatedFaults(self.faces, motion, self._reset_filter, step_s, rng.spawn(1)[0])
+        self._faults = EmulatedFaults(self.faces, motion, self._reset_filter, self._turn_heading, step_s, rng.spawn(1)[0])
         self._equipped = [-1] * count  # count of parameter changes that each is equipped with
 
     async def start(self) -> None:
@@ -180,6 +180,11 @@ class Px4Fleet:
         x, y, z = (self._frames.matrix[drone].T @ np.array(shift_m)).tolist()
         self.faces[drone].reset(self._frames.correct(drone, place, (x, y, z), turn_rad))
 
+    def _turn_heading(self, drone: int, turn_rad: float) -> None:
+        """A vehicle's filter resets its heading by ``turn_rad``, and nothing else: its local frame stays where it is."""
+        self._error.turn(drone, turn_rad)
+        self.faces[drone].reset(Reframing(0.0, REST))
+
     def _ground_m(self) -> Array:
         """World z (N,) of the ground below each vehicle."""
         if self._terrain.flat:
@@ -227,6 +232,9 @@ class Px4Fleet:
                 if reset:
                     face.reset(reframing)
             self._reckon(drone, face, by_vision)
+            turned_rad = face.align_heading()
+            if turned_rad is not None:
+                self._turn_heading(drone, turned_rad)
             face.update_position_known(by_vision)
 
     def _reckon(self, drone: int, face: Px4Face, by_vision: bool) -> None:

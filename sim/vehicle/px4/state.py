@@ -40,6 +40,7 @@ class State:
     reckoning: DeadReckoning
     origin: Geodetic  # of the local frame
     position_sigma_m: tuple[float, float]
+    software: int  # version number, as AUTOPILOT_VERSION carries it
     uid: int = 0
     boot_s: float = 0.0
     utc_ns: int = 0

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 from agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
 from agent.config.loading import convert
 from agent.config.mission import MissionConfig
-from agent.preflight.corrections import MOST_ATTEMPTS, Corrections, correction
+from agent.preflight.corrections import MOST_ATTEMPTS, Corrections
+from agent.vehicle.demands import demands_of
 from agent.vehicle.mavlink.messages import ParameterValue
-from agent.vehicle.parameters import FLOAT, INT32, rules_of, value_of, wire_value
+from agent.vehicle.parameters import FLOAT, INT32, value_of, wire_value
 from agent.vehicle.px4 import Px4Vehicle
+from agent.vehicle.rules import correction, rules_of
 
 DRONES = [{"id": "d1", "origin_m": [5, 5, 0]}, {"id": "d2", "origin_m": [9, 5, 0]}]
 AREA = {"polygon_m": [[0, 0], [60, 0], [60, 60], [0, 60]]}
@@ -41,17 +43,18 @@ def mission(agent_lost: str = "return") -> MissionConfig:
 def test_a_correction_passes_the_check_that_failed(kind: Kind, agent_lost: str, before: float) -> None:
     vision = VisionConfig(address="127.0.0.1:1") if kind.vision else None
     drone, plan = DroneConfig(id="d2", vehicle=VehicleConfig(gnss=kind.gnss, vision=vision)), mission(agent_lost)
-    for rule in rules_of(kind.gnss, kind.vision, agent_lost):
-        wanted = correction(rule.name, before, drone, plan)
+    demands = demands_of(plan, drone, sets=False)
+    for rule in rules_of(demands):
+        wanted = correction(rule.name, before, demands)
         if rule.name in BY_HAND:
             assert wanted is None
         else:
             assert wanted is not None
-            assert rule.check(wanted, plan.area.ceiling_m) is None
+            assert rule.check(wanted, demands) is None
 
 
 def test_the_autopilots_fence_lies_outside_the_agents() -> None:
-    wanted = correction("GF_MAX_HOR_DIST", 0.0, DroneConfig(id="d1"), mission())
+    wanted = correction("GF_MAX_HOR_DIST", 0.0, demands_of(mission(), DroneConfig(id="d1"), sets=False))
     assert wanted == 128.0  # to the farthest corner 77.8 m, the margin 30 m, and 20 m
 
 
@@ -84,7 +87,7 @@ class Deaf:
 def test_a_wrong_parameter_is_waited_for_while_it_may_still_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("agent.preflight.corrections.AGAIN_S", 0.0)
     monkeypatch.setattr("agent.preflight.corrections._ANSWER_S", 0.3)
-    vehicle, corrections = Deaf(), Corrections(DroneConfig(id="d1"), mission())
+    vehicle, corrections = Deaf(), Corrections(demands_of(mission(), DroneConfig(id="d1"), sets=False))
     assert corrections.tries("COM_OF_LOSS_T")
     assert not corrections.tries("EKF2_HGT_REF")  # only a person can choose
 

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
+from agent.vehicle.demands import Demands
 from agent.vehicle.mavlink.exposure import exposure, take_only_from
 from agent.vehicle.px4 import Px4Vehicle
 
@@ -139,7 +140,7 @@ def test_without_the_vehicle_nobody_else_is_taken_for_it() -> None:
 
     async def course() -> None:
         forging = asyncio.create_task(asyncio.to_thread(_forge, int(address.rpartition(":")[2]), "127.0.0.2", 1, ended))
-        vehicle = Px4Vehicle(VehicleConfig(address=address, source="127.0.0.1", connect_timeout_s=0.5), 60.0)
+        vehicle = Px4Vehicle(Demands(VehicleConfig(address=address, source="127.0.0.1", connect_timeout_s=0.5), 60.0))
         try:
             with pytest.raises(VehicleError, match=rf"no autopilot on {address} from 127\.0\.0\.1 within 0\.5 s; is it powered"):
                 await vehicle.connect()

@@ -10,6 +10,7 @@ import pytest
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import Request, VehicleCommand
 from agent.vehicle.mavlink.claim import claim_port
 from agent.vehicle.px4 import Px4Vehicle
@@ -23,7 +24,7 @@ def free_port() -> int:
 
 async def refusal(address: str, timeout_s: float = 0.5) -> str:
     """The error with which a connection fails, which is one line."""
-    vehicle = Px4Vehicle(VehicleConfig(address=address, connect_timeout_s=timeout_s), 60.0)
+    vehicle = Px4Vehicle(Demands(VehicleConfig(address=address, connect_timeout_s=timeout_s), 60.0))
     with pytest.raises(VehicleError) as caught:
         await vehicle.connect()
     text = str(caught.value)
@@ -56,7 +57,7 @@ def test_a_port_in_use_is_told() -> None:
 def test_a_second_agent_on_the_same_port_is_refused() -> None:
     async def scenario() -> None:
         address = f"udpin://127.0.0.1:{free_port()}"
-        first = Px4Vehicle(VehicleConfig(address=address, connect_timeout_s=5.0), 60.0)
+        first = Px4Vehicle(Demands(VehicleConfig(address=address, connect_timeout_s=5.0), 60.0))
         connecting = asyncio.create_task(first.connect())
         await asyncio.sleep(0)  # it listens as soon as it is connecting
         deadline_s = time.monotonic() + 10.0
@@ -97,7 +98,7 @@ def test_a_failed_connection_leaves_no_thread_and_frees_the_port() -> None:
 
 def test_commands_before_a_connection_and_after_the_end_do_nothing() -> None:
     async def scenario() -> None:
-        vehicle = Px4Vehicle(VehicleConfig(address=f"udpin://127.0.0.1:{free_port()}"), 60.0)
+        vehicle = Px4Vehicle(Demands(VehicleConfig(address=f"udpin://127.0.0.1:{free_port()}"), 60.0))
         vehicle.command(VehicleCommand(Request.TAKEOFF))
         assert vehicle.problems == ("no heartbeat from the autopilot yet",)
         assert {finding.verdict for finding in await vehicle.findings()} == {"not yet"}

@@ -14,6 +14,7 @@ from recorded_px4 import packets
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import FlightMode, VehicleState
 from agent.vehicle.mavlink.claim import claim_port, holders
 from agent.vehicle.px4 import Px4Vehicle
@@ -45,7 +46,7 @@ def test_recorded_bytes_lead_to_the_recorded_states_whoever_else_speaks() -> Non
         recorded = [packet for packet in packets("A_boot_nogcs_armtries") if packet.component == 1]
         system, port = recorded[0].system, free_port()
         config = VehicleConfig(address=f"udpin://127.0.0.1:{port}", connect_timeout_s=8.0, system_id=system)
-        vehicle = Px4Vehicle(config, 60.0)
+        vehicle = Px4Vehicle(Demands(config, 60.0))
         states: list[VehicleState] = []
         problems: set[str] = set()
         vehicle.on_state(states.append)
@@ -103,7 +104,7 @@ def test_an_autopilot_with_another_number_is_not_ours() -> None:
     async def scenario() -> None:
         port = free_port()
         config = VehicleConfig(address=f"udpin://127.0.0.1:{port}", connect_timeout_s=0.6, system_id=7)
-        connecting = asyncio.create_task(Px4Vehicle(config, 60.0).connect())
+        connecting = asyncio.create_task(Px4Vehicle(Demands(config, 60.0)).connect())
         voice = mavlink.MAVLink(None, 3, 1)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             while not connecting.done():

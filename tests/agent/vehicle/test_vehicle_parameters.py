@@ -1,10 +1,15 @@
 """PX4's parameters: read with retries, checked with PX4's own enumerations, reported with the value to set."""
 
 import math
+import re
 import struct
+from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from agent.config.drone import VehicleConfig, VisionConfig
+from agent.vehicle.demands import Demands
 from agent.vehicle.mavlink.messages import ParameterValue
 from agent.vehicle.parameters import (
     ASK_AGAIN_S,
@@ -13,12 +18,10 @@ from agent.vehicle.parameters import (
     MOST_ASKS,
     NEGATIVE,
     REFRESH_S,
-    RETURN_ALTITUDE,
-    RULES,
     Parameters,
-    rules_of,
     value_of,
 )
+from agent.vehicle.rules import RETURN_ALTITUDE, RULES, rules_of
 
 GOOD = {
     "COM_OF_LOSS_T": 1.0,
@@ -30,7 +33,19 @@ GOOD = {
     "MPC_Z_V_AUTO_UP": 3.0,
     "GF_ACTION": 3,
     "GF_MAX_HOR_DIST": 200.0,
+    "COM_DISARM_LAND": 2.0,
+    "MPC_XY_VEL_MAX": 12.0,
+    "MPC_Z_VEL_MAX_UP": 3.0,
+    "MPC_TILTMAX_AIR": 45.0,
+    "MPC_ACC_HOR": 3.0,
+    "MPC_JERK_AUTO": 4.0,
+    "MPC_LAND_SPEED": 0.7,
+    "RTL_TYPE": 0,
+    "RTL_MIN_DIST": 10.0,
+    "MPC_XY_CRUISE": 5.0,
+    "EKF2_NOAID_TOUT": 2_000_000,
 }
+MISSION = Demands(VehicleConfig(), 60.0, speed_mps=8.0, climb_mps=2.0, acceleration_mps2=4.0)
 
 
 def message(name: str, value: float) -> ParameterValue:
@@ -42,7 +57,7 @@ def message(name: str, value: float) -> ParameterValue:
 
 
 def known(**changed: float) -> Parameters:
-    parameters = Parameters(ceiling_m=60.0)
+    parameters = Parameters(MISSION)
     parameters.due(0.0)
     for name, value in (GOOD | changed).items():
         parameters.receive(message(name, value))
@@ -83,6 +98,19 @@ def test_a_sane_vehicle_has_nothing_to_mend() -> None:
         ("GF_ACTION", 1, "3 (return)"),
         ("GF_ACTION", 4, "3 (return)"),
         ("GF_MAX_HOR_DIST", 0.0, "distance"),
+        ("COM_DISARM_LAND", 0.0, "2 s"),
+        ("COM_DISARM_LAND", -1.0, "2 s"),
+        ("COM_DISARM_LAND", 60.0, "at most 10"),
+        ("MPC_XY_VEL_MAX", 2.0, "8 m/s or more"),
+        ("MPC_Z_VEL_MAX_UP", 1.0, "2 m/s or more"),
+        ("MPC_TILTMAX_AIR", 15.0, "23 degrees or more"),
+        ("MPC_ACC_HOR", 2.0, "3 m/s2 or more"),
+        ("MPC_JERK_AUTO", 2.0, "4 m/s3 or more"),
+        ("MPC_LAND_SPEED", 0.3, "0.5 m/s or more"),
+        ("MPC_XY_CRUISE", 1.0, "3 to 6 m/s"),
+        ("RTL_TYPE", 1, "0 (home)"),
+        ("RTL_MIN_DIST", 25.0, "12 m"),
+        ("EKF2_NOAID_TOUT", 5_000_000, "2000000"),
     ],
 )
 def test_what_is_not_sane_is_told_with_what_to_set(name: str, value: float, advice: str) -> None:
@@ -92,17 +120,17 @@ def test_what_is_not_sane_is_told_with_what_to_set(name: str, value: float, advi
 
 
 def test_unanswered_names_are_asked_again_and_then_reported() -> None:
-    parameters = Parameters(ceiling_m=60.0)
+    parameters = Parameters(MISSION)
     names = set(GOOD) | {"MIS_TAKEOFF_ALT"}
     for ask in range(MOST_ASKS):
         assert {finding.verdict for finding in parameters.findings()} == {"not yet"}
         assert set(parameters.due(ask * ASK_AGAIN_S)) == names
         assert parameters.due(ask * ASK_AGAIN_S + 0.1) == []
-    assert set(failed(parameters)) == {rule.name for rule in RULES}
+    assert set(failed(parameters)) == {rule.name for rule in rules_of(MISSION)}
 
 
 def test_others_are_read_and_not_judged() -> None:
-    parameters = Parameters(60.0, others=("SYS_HITL", "GF_ACTION"))
+    parameters = Parameters(MISSION, others=("SYS_HITL", "GF_ACTION"))
     assert parameters.due(0.0).count("GF_ACTION") == 1
     parameters.receive(message("SYS_HITL", 1))
     assert parameters.values == {"SYS_HITL": 1.0}
@@ -122,10 +150,11 @@ def test_a_wrong_value_is_read_again_so_that_mending_it_shows() -> None:
 
 VISION = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3, "EKF2_EV_CTRL": 9, "EKF2_GPS_CTRL": 0}
 VISION |= {"COM_LOW_BAT_ACT": 2, "EKF2_HGT_REF": 0, "EKF2_NOAID_TOUT": 1_000_000}
+VISION |= {name: GOOD[name] for name in GOOD if name.startswith(("MPC_", "COM_DIS")) and name not in VISION}
 
 
 def by_vision(gnss: bool, values: dict[str, float], **changed: float) -> Parameters:
-    parameters = Parameters(60.0, rules_of(gnss, vision=True))
+    parameters = Parameters(Demands(VehicleConfig(gnss=gnss, vision=VisionConfig(address="127.0.0.1:1")), 60.0))
     parameters.due(0.0)
     for name, value in (values | changed).items():
         parameters.receive(message(name, value))
@@ -144,7 +173,7 @@ def by_vision(gnss: bool, values: dict[str, float], **changed: float) -> Paramet
     ],
 )
 def test_without_satellites_the_vision_must_guide(name: str, value: float, advice: str) -> None:
-    assert {finding.verdict for finding in by_vision(False, VISION).findings()} == {"ok"}  # no fence, no return: it has no home
+    assert failed(by_vision(False, VISION)) == {}  # no fence, no return: it has no home
     assert advice in failed(by_vision(False, VISION, **{name: value}))[name]
 
 
@@ -152,11 +181,11 @@ def test_a_vehicle_with_satellites_and_vision_needs_both() -> None:
     both = GOOD | {"EKF2_EV_CTRL": 1, "EKF2_NOAID_TOUT": 5_000_000}
     assert {finding.verdict for finding in by_vision(True, both).findings()} == {"ok"}
     assert "bit 0" in failed(by_vision(True, both, EKF2_EV_CTRL=8))["EKF2_EV_CTRL"]
-    assert "EKF2_EV_CTRL" not in {finding.name for finding in Parameters(60.0, rules_of(True, False)).findings()}
+    assert "EKF2_EV_CTRL" not in {finding.name for finding in Parameters(MISSION).findings()}
 
 
 def test_the_return_altitude_is_set_to_the_drones_layer() -> None:
-    parameters = Parameters(60.0, return_height_m=13.125)
+    parameters = Parameters(replace(MISSION, return_height_m=13.125, sets=True))
     parameters.due(0.0)
     assert parameters.height_to_set(0.0) is None  # not known yet
     for name, value in GOOD.items():
@@ -171,7 +200,7 @@ def test_the_return_altitude_is_set_to_the_drones_layer() -> None:
 
 
 def test_preflight_tells_the_layer_and_sets_nothing() -> None:
-    parameters = Parameters(60.0, return_height_m=13.0, sets=False)
+    parameters = Parameters(replace(MISSION, return_height_m=13.0))
     for name, value in GOOD.items():
         parameters.receive(message(name, value))
     assert parameters.height_to_set(1.0) is None
@@ -180,7 +209,7 @@ def test_preflight_tells_the_layer_and_sets_nothing() -> None:
 
 
 def test_an_autopilot_that_does_not_take_its_layer_fails() -> None:
-    parameters = Parameters(60.0, return_height_m=13.0)
+    parameters = Parameters(replace(MISSION, return_height_m=13.0, sets=True))
     for name, value in GOOD.items():
         parameters.receive(message(name, value))
     asked = [parameters.height_to_set(ASK_AGAIN_S * turn) for turn in range(20)]
@@ -189,7 +218,18 @@ def test_an_autopilot_that_does_not_take_its_layer_fails() -> None:
 
 
 def test_the_reaction_to_a_lost_agent_is_the_one_that_the_others_expect() -> None:
-    parameters = Parameters(60.0, rules_of(gnss=True, vision=False, agent_lost="land"))
+    parameters = Parameters(replace(MISSION, agent_lost="land"))
     for name, value in GOOD.items():
         parameters.receive(message(name, value))
     assert "set it to 4 (land)" in failed(parameters)["COM_OBL_RC_ACT"]
+
+
+@pytest.mark.parametrize("page", ["drone.md", "localization.md"])
+def test_the_tables_of_the_documentation_list_the_parameters_with_rules(page: str) -> None:
+    """Each table its own: with satellites, and without."""
+    vehicle = VehicleConfig() if page == "drone.md" else VehicleConfig(gnss=False, vision=VisionConfig(address="127.0.0.1:1"))
+    text = (Path(__file__).parents[3] / "docs" / page).read_text()
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    listed = {name for row in rows for name in re.findall(r"`([A-Z][A-Z0-9_]+)`", row)}
+    assert listed == {rule.name for rule in rules_of(Demands(vehicle, 60.0))}
+    assert {rule.name for rule in RULES} >= listed

@@ -9,8 +9,8 @@ from agent.config.mission import DatumConfig
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from sim.campaign.faults.mission import Mission
 from sim.faults.base import Fault
-from sim.faults.machines import Drag, PositionJump, SatellitesLost
-from sim.faults.poses import PoseFaults, with_dead_reckoning
+from sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
+from sim.faults.poses import PoseFaults, with_filter_errors
 from sim.faults.schedule import Schedule
 from sim.lockstep.flight import watched
 from sim.scenario import parse_scenario
@@ -38,7 +38,7 @@ class World:
         self.schedule = Schedule(faults, names, 1)
         layout = [((0.0, 0.0, 0.0), 0.0), ((9.0, 0.0, 0.0), 0.0)]
         self.frames = MovingFrames(truth, names, layout, datum, STEP_S, random)
-        self.errors = with_dead_reckoning(faults, Localization(EXACT, 2, STEP_S, random.localization))
+        self.errors = with_filter_errors(faults, Localization(EXACT, 2, STEP_S, random.localization), STEP_S)
         self.autopilots = [Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S) for _ in names]
         self.poses = PoseFaults(self.schedule, self.frames, self.errors, self.autopilots, STEP_S)
         self.time_s = 0.0
@@ -104,6 +104,31 @@ def test_an_announced_jump_begins_an_epoch_and_the_target_keeps_its_place_in_the
     assert not world.poses.trusted(0)
     world.fly(4.0)
     assert world.poses.trusted(0)
+
+
+def test_reset_of_the_heading_turns_neither_frame_nor_position_and_passes() -> None:
+    world = World(HeadingReset(at_s=1.0, target="d1", turn_deg=10.0))
+    world.fly(1.0)
+    before = world.errors.yaw_error_rad.copy()
+    error = world.fly(0.1)
+    turned_deg = np.degrees(np.abs(world.errors.yaw_error_rad - before))
+    assert turned_deg == pytest.approx([10.0, 0.0], abs=0.7)  # the small errors of both headings vary, too
+    assert np.abs(error).max() < 1e-9
+    assert world.frames.epoch == [0, 0]
+    assert world.frames.yaw_rad[0] == 0.0
+    assert world.poses.axes_fixed(0)
+    assert world.poses.trusted(0)
+    world.fly(30.0)
+    assert abs(world.errors.yaw_error_rad[0]) < np.radians(4.0)
+
+
+def test_heading_of_a_vehicle_by_vision_is_not_reset() -> None:
+    world = World(HeadingReset(at_s=1.0, target="d1", turn_deg=10.0), vehicles={"d1": VehicleTruth(kind="slam")})
+    world.fly(0.9)
+    before = world.errors.yaw_error_rad.copy()
+    world.fly(0.2)
+    assert np.degrees(np.abs(world.errors.yaw_error_rad - before)) == pytest.approx([0.0, 0.0], abs=0.7)
+    assert not world.poses.axes_fixed(0)
 
 
 def test_spoofed_satellites_drag_position_and_fixes_alike() -> None:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agent.config.drone import DroneConfig, PeerMeshConfig, VisionConfig
+from agent.config.drone import DroneConfig, PeerMeshConfig, VehicleConfig, VisionConfig
 from agent.config.loading import load_mission, load_toml
-from agent.vehicle.parameters import rules_of
+from agent.vehicle.demands import demands_of
+from agent.vehicle.rules import rules_of
 from sim.live.crew import Guidance, crew_parameters
 from sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
 from sim.scenario import load_scenario, override, shipped
@@ -64,8 +65,11 @@ def test_a_crew_sets_what_the_agent_asks_for(name: str, drone: str, guidance: Gu
     scenario = load_scenario(name)
     assert Guidance.of(scenario.localization.vehicles.get(drone)) == guidance
     values = DEFAULTS | crew_parameters(scenario.mission, (10.0, 2.0, 0.0), guidance)
-    for rule in rules_of(guidance.gnss, guidance.vision):
-        assert rule.check(values[rule.name], scenario.mission.area.ceiling_m) is None, rule.name
+    vision = VisionConfig(address="127.0.0.1:1") if guidance.vision else None
+    vehicle = VehicleConfig(gnss=guidance.gnss, vision=vision)
+    demands = demands_of(scenario.mission, DroneConfig(id=drone, vehicle=vehicle), sets=False)
+    for rule in rules_of(demands):
+        assert rule.check(values[rule.name], demands) is None, rule.name
 
 
 def test_frames_begin_where_the_drones_are_launched() -> None:

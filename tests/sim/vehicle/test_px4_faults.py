@@ -7,7 +7,7 @@ import pytest
 from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import Battery, Gust, MotorFailure, PositionJump, Refusal, StreamLost
+from sim.faults.machines import Battery, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
 
 ACCEPTED, REJECTED = 0, 1
 ARM, LAND, RETURN = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -156,5 +156,24 @@ def test_a_message_that_is_not_sent_comes_again_when_the_fault_is_over():
         fleet.end_fault(0, again)
         await flight.run(1.0)
         assert stamp_ms() > before + 500
+
+    flown(scenario)
+
+
+def test_reset_of_the_heading_turns_the_attitude_and_moves_nothing():
+    async def scenario(flight, fleet):
+        def told():
+            place, attitude = flight.companion.last("LOCAL_POSITION_NED"), flight.companion.last("ATTITUDE")
+            return np.array((place.x, place.y)), attitude.yaw, flight.companion.last("ODOMETRY").reset_counter
+
+        (place, yaw_rad, count), north_rad = told(), float(fleet._frames.yaw_rad[0])
+        fleet.begin_fault(0, HeadingReset(at_s=0.0, turn_deg=10.0))
+        await flight.run(0.04)
+        after, turned_rad, _ = told()
+        assert abs(turned_rad - yaw_rad) == pytest.approx(np.radians(10.0), abs=0.03)
+        assert np.hypot(*(after - place)) < 0.1
+        assert float(fleet._frames.yaw_rad[0]) == north_rad
+        await flight.run(0.1)
+        assert told()[2] == count + 1
 
     flown(scenario)

@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.config.mission import MissionConfig
 from agent.pilot import Pilot
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import VehicleState
 from agent.vehicle.mavlink.link import Received
 from agent.vehicle.mavlink.messages import DECODERS, ExtendedState, Heartbeat
@@ -26,6 +27,7 @@ from protocol.messages import Action, Stage, Status
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Faults, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
+from sim.vehicle.px4.release import ReleaseName
 from sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
@@ -85,19 +87,19 @@ class Solo:
         parameters: dict[str, float] | None = None,
         faults: Faults = Faults(),  # noqa: B008 - frozen
         localization: LocalizationTruth = LocalizationTruth(),  # noqa: B008 - frozen
+        release: ReleaseName = "1.17",
     ) -> None:
         rng = np.random.default_rng(seed)
         self.motion = Multirotors(MultirotorTruth(), np.zeros((1, 3)), np.zeros(1), STEP_S, rng)
         error = Localization(localization, 1, STEP_S, rng)
-        config = Px4Config(onboard=("127.0.0.1", 1), parameters=PARAMETERS | (parameters or {}), faults=faults)
+        config = Px4Config(onboard=("127.0.0.1", 1), parameters=PARAMETERS | (parameters or {}), faults=faults, release=release)
         self.fleet = Px4Fleet([config], self.motion, error, STEP_S, rng, clock_ns=lambda: self.now_ns)
         self.face = self.fleet.faces[0]
         self._arrived: list[bytes] = []
         self.face.links[0].attach(self._arrived.append)
         self.asked: list[tuple[float, str, bytes]] = []
         self.vehicle = Px4Vehicle(
-            VehicleConfig(),
-            CEILING_M,
+            Demands(VehicleConfig(), CEILING_M),
             clock_ns=lambda: self.now_ns,
             exact=True,
             clock_s=lambda: self.time_s,

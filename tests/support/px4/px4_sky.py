@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import convert
 
 from agent.config.drone import VehicleConfig
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.px4 import Px4Vehicle
 from agent.vehicle.requests import REPEAT_S
@@ -62,7 +63,7 @@ class Sky:
 
     def new_vehicle(self, launch: LaunchPlace | None = None) -> Px4Vehicle:
         """Another driver at the same address, as of an agent that was started anew."""
-        self.vehicle = Px4Vehicle(self._config, CEILING_M, launch, self._clock_ns)
+        self.vehicle = Px4Vehicle(Demands(self._config, CEILING_M), launch, self._clock_ns)
         self.states = []
         self.vehicle.on_state(self.states.append)
         return self.vehicle

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from mavsdk_json import fields_of
 
 from agent.config.drone import VehicleConfig
+from agent.vehicle.demands import Demands
 from agent.vehicle.interface import GnssFix, LaunchPlace, VehicleCommand, VehicleState
 from agent.vehicle.mavlink.link import AUTOPILOT_COMPONENT, Received
 from agent.vehicle.mavlink.messages import DECODERS, Message
@@ -92,8 +93,7 @@ class Replay:
         self.now_s, self._begun_ns = 1000.0, 1_795_313_620_000_000_000
         self.link = SilentLink(lambda: self.now_s - 1000.0)
         self.vehicle = Px4Vehicle(
-            VehicleConfig(**vehicle),
-            60.0,
+            Demands(VehicleConfig(**vehicle), 60.0),
             self._launch(name),
             clock_ns=lambda: self._utc_ns,
             exact=exact,

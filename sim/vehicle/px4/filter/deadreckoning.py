@@ -36,6 +36,7 @@ RATIO_KEEP_S = 1.12  # decay time of test ratios without comparisons
 RESETS_FLYING, RESETS_STANDING = 4, 2
 EXTERNAL_SHARE, EXTERNAL_SHARE_BLIND = 0.3, 0.75  # share of the way to a position sent by somebody
 TOLD_RESETS, TOLD_RESETS_BLIND, TOLD_SLIDE_S = 1, 2, 2.2
+HEADING_S = 8.0  # time constant with which a heading that was reset becomes right again, as recorded (v1.16.1)
 
 
 class _Phase(Enum):
@@ -180,14 +181,20 @@ class DeadReckoning:
 
 
 class FilterErrors:
-    """Errors of N filters: the small ones of ``sim.world.localization``, whose interface this has, and those of dead
-    reckoning.
+    """Errors of N filters: the small ones of ``sim.world.localization``, whose interface this has, those of dead reckoning, and
+    those of headings that were reset.
     """
 
-    def __init__(self, small: Localization) -> None:
+    def __init__(self, small: Localization, step_s: float) -> None:
+        """``step_s``: time step."""
         self._small = small
         count = len(small.position_error_m)
         self._drift_m, self._drift_mps = np.zeros((count, 3)), np.zeros((count, 3))
+        self._turned_rad, self._turned_keep = np.zeros(count), exp(-step_s / HEADING_S)
+
+    def turn(self, drone: int, angle_rad: float) -> None:
+        """Reset a vehicle's heading by an angle, and nothing else; the filter finds the right one again within seconds."""
+        self._turned_rad[drone] += angle_rad
 
     def take(self, drone: int, reckoning: DeadReckoning) -> None:
         """Take the latest dead reckoning of one vehicle."""
@@ -216,7 +223,7 @@ class FilterErrors:
     @property
     def yaw_error_rad(self) -> Array:
         """(N,)."""
-        return self._small.yaw_error_rad
+        return self._small.yaw_error_rad + self._turned_rad
 
     @property
     def tilt_error(self) -> Array:
@@ -229,5 +236,6 @@ class FilterErrors:
         return self._small.height_error_m
 
     def step(self) -> None:
-        """Advance the small errors by one time step."""
+        """Advance the errors by one time step, but for the dead reckoning's."""
         self._small.step()
+        self._turned_rad *= self._turned_keep

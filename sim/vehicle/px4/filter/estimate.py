@@ -64,7 +64,7 @@ class Estimator:
         velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
         thrust_mps2 = np.array(frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error))
         angles, thrust = _attitudes(thrust_mps2, motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad)
-        rates = self._rates(angles)
+        rates = self._rates(np.column_stack([angles[:, :2], _from_north(motion.yaw_rad)]))
         heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
         places = self._origins + (world - frames.origin)[:, [1, 0, 2]] * self._scale
         return [
@@ -98,7 +98,9 @@ class Estimator:
         return moved
 
     def _rates(self, angles: Array) -> list[list[float]]:
-        """Differences of the angles: close to body rates, as a multirotor tilts little."""
+        """Differences of the angles (N, 3): close to body rates, as a multirotor tilts little. The heading is the true one: no
+        gyroscope sees a filter's reset.
+        """
         before = angles if self._angles is None else self._angles
         self._angles = angles
         turned: list[list[float]] = ((np.remainder(angles - before + np.pi, 2.0 * np.pi) - np.pi) / self._step_s).tolist()
@@ -131,5 +133,10 @@ def _attitudes(thrust_mps2: Array, yaw: Array) -> tuple[Array, Array]:
     left = -ax * np.sin(yaw) + ay * np.cos(yaw)
     roll = -np.arctan2(left, np.hypot(forward, up))
     pitch = -np.arctan2(forward, up)  # FRD: nose up is positive
-    north_yaw = np.remainder(1.5 * np.pi - yaw, 2.0 * np.pi) - np.pi
-    return np.column_stack([roll, pitch, north_yaw]), np.sqrt(ax**2 + ay**2 + up**2)
+    return np.column_stack([roll, pitch, _from_north(yaw)]), np.sqrt(ax**2 + ay**2 + up**2)
+
+
+def _from_north(yaw: Array) -> Array:
+    """Headings (N,) from north, clockwise, of headings from east, counter-clockwise; rad."""
+    north: Array = np.remainder(1.5 * np.pi - yaw, 2.0 * np.pi) - np.pi
+    return north

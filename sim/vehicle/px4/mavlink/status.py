@@ -224,7 +224,6 @@ def autopilot_version(state: State) -> Message:
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
-    version = 0x01_11_00_FF  # 1.17.0
     return mavlink.MAVLink_autopilot_version_message(
-        capabilities, version, 0, version, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, state.uid
+        capabilities, state.software, 0, state.software, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, state.uid
     )

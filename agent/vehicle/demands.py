@@ -1,0 +1,46 @@
+"""What a mission demands of the autopilot of one drone."""
+
+from __future__ import annotations
+
+from math import hypot
+
+from msgspec import Struct
+
+from agent.config.drone import DroneConfig, VehicleConfig
+from agent.config.mission import MissionConfig
+
+
+class Demands(Struct, frozen=True):
+    """The demands; without a mission only the ceiling.
+
+    vehicle: how the autopilot is reached, and flies. agent_lost: what the others expect it to do without its agent (return,
+    land, hold; None: any of them). return_height_m: of its return, above the launch place (None: whatever it is set to); sets:
+    the agent sets it. farthest_m: from its launch place to where the mission may lead it.
+    """
+
+    vehicle: VehicleConfig
+    ceiling_m: float
+    agent_lost: str | None = None
+    return_height_m: float | None = None
+    sets: bool = False
+    farthest_m: float = 0.0
+    speed_mps: float = 0.0
+    climb_mps: float = 0.0
+    acceleration_mps2: float = 0.0
+
+
+def demands_of(mission: MissionConfig, drone: DroneConfig, *, sets: bool) -> Demands:
+    """The demands of a mission on one of its drones. ``sets``: the agent sets the height of the return."""
+    area, limits, vehicle = mission.area, mission.limits, drone.vehicle
+    x0, y0, *_ = mission.member(drone.id).origin_m
+    return Demands(
+        vehicle,
+        area.ceiling_m,
+        agent_lost=mission.safety.agent_lost,
+        return_height_m=mission.return_height_m(drone.id),
+        sets=sets,
+        farthest_m=max(hypot(x - x0, y - y0) for x, y in area.polygon_m) + area.fence_margin_m,
+        speed_mps=limits.speed_mps,
+        climb_mps=limits.climb_mps,
+        acceleration_mps2=limits.acceleration_mps2,
+    )
