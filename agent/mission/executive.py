@@ -167,7 +167,8 @@ class Executive:
         unhearing = f"is not heard by {', '.join(absence.unhearing)}" if absence is not None and absence.unhearing else None
         low = LOW_BATTERY if self._reserve.is_low else None
         why = f"{coming_down}: {landed}" if landed else None
-        told = (unsteered, unheard, unhearing, low, why, self._navigator.response.problem)
+        standing = self._mission.standing_armed(now_ns)
+        told = (unsteered, standing, unheard, unhearing, low, why, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)
 
     def take_coverage(self, entry: Coverage, anew: bool) -> None:

@@ -10,6 +10,7 @@ from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
 from agent.mission.refusal import STAGE_AFTER, refusal
 from agent.mission.searching import Searching
 from agent.mission.situation import Situation
+from agent.mission.standing import StandingArmed
 from agent.mission.takeover import (
     COMING_DOWN,
     FLYING,
@@ -61,7 +62,7 @@ class Mission:
         self._aborted = False  # an operator has: until the next start nothing is commanded but to land
         self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
         self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
-        self._unsteered = Unsteered()
+        self._unsteered, self._standing = Unsteered(), StandingArmed()
         self._position_loss = PositionLoss()
         self._blind_ns: int | None = None  # the last time without recent telemetry, until some comes
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
@@ -74,6 +75,8 @@ class Mission:
         """The request of this stage to the autopilot; hold while the position cannot be trusted."""
         if self.released or self._lets_go:
             return Request.RELEASE
+        if self._standing.disarms:
+            return Request.DISARM
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
         if self._is_rising or (self.stage in (Stage.HOLD, Stage.LANDING) and self._braking.lasts):
@@ -115,6 +118,8 @@ class Mission:
             self.started_ns = stamp_ns if started_ns is None else started_ns
         if action in (Action.HOLD, Action.LAND):
             self._brake(situation)
+        if action in (Action.LAND, Action.ABORT):
+            self._standing.ordered()
         if action is Action.HOLD:
             self._enter(Stage.HOLD, situation.now_ns)
             return
@@ -138,6 +143,10 @@ class Mission:
     def unsteered(self, now_ns: int) -> str | None:
         """What is reported of a vehicle that does not follow this agent; None while it does."""
         return self._unsteered.problem(now_ns, released=self.released) if self.stage in FLYING else None
+
+    def standing_armed(self, now_ns: int) -> str | None:
+        """What is reported of a vehicle that has landed and is not disarmed."""
+        return self._standing.problem(now_ns) if self.stage in COMING_DOWN else None
 
     def searched_s(self, now_ns: int) -> float:
         """Duration of the present search, including holds; 0 before it."""
@@ -234,6 +243,7 @@ class Mission:
             return
         self._was_armed = self._was_armed or vehicle.armed
         self._braking.step(vehicle, now_ns)
+        self._standing.step(vehicle, now_ns, comes_down=self.stage in COMING_DOWN)
         is_to_arm = self.stage is Stage.TAKEOFF and not self._rises and not self._was_armed
         if not (is_to_arm or vehicle.armed or vehicle.in_air):
             self._enter(Stage.LANDED, now_ns)

@@ -19,25 +19,30 @@ _TOLD_NS = 10_000_000_000
 
 
 class Grounded:
-    """Takes the telemetry of one vehicle; ``armed`` and ``in_air`` fall only once that is confirmed.
+    """Takes the telemetry of one vehicle; ``armed`` and ``in_air`` fall only once that is confirmed. Until then it is as healthy
+    as it was: readiness to arm says nothing of a vehicle that is taken to fly.
 
     A vehicle that moves is not down, whatever it reports, as long as its position can be trusted.
     """
 
     def __init__(self) -> None:
         self._armed = self._in_air = False
+        self._healthy = True  # as of the newest telemetry that says it is armed or in the air
         self._since_ns: int | None = None  # since when it has reported to be disarmed or landed
         self._refused_ns: int | None = None
 
     def take(self, state: VehicleState) -> VehicleState:
         """The telemetry with what is believed of it."""
+        self._healthy = state.healthy if state.armed or state.in_air else self._healthy
         falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
         if not falls:
             self._since_ns = None
         elif self._since_ns is None or self._since_ns > state.stamp_ns:  # the clock was set back
             self._since_ns = state.stamp_ns
         if falls and self._since_ns is not None and not self._confirmed(state, self._since_ns):
-            return replace(state, armed=state.armed or self._armed, in_air=state.in_air or self._in_air)
+            up = state.armed or state.in_air
+            healthy = state.healthy if up else self._healthy
+            return replace(state, armed=state.armed or self._armed, in_air=state.in_air or self._in_air, healthy=healthy)
         self._armed, self._in_air, self._since_ns = state.armed, state.in_air, None
         return state
 

@@ -92,6 +92,7 @@ class Request(StrEnum):
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
+    DISARM = "disarm"  # on the ground; an autopilot in the air refuses
     RELEASE = "release"  # somebody else has taken over: send no commands
 
 

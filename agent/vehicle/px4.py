@@ -270,6 +270,8 @@ class Px4Vehicle:
                 self._link.send("PARAM_SET", fields)
             case Act.ARM:
                 self._link.send_command(_ARM, 1)
+            case Act.DISARM:
+                self._link.send_command(_ARM, 0)
             case Act.TAKE_OFF:
                 self._link.send_command(_TAKE_OFF)
             case Act.LAND:

@@ -45,6 +45,7 @@ class Act(Enum):
 
     SET_TAKEOFF_ALTITUDE = auto()
     ARM = auto()
+    DISARM = auto()
     TAKE_OFF = auto()
     OFFBOARD = auto()
     HOLD = auto()
@@ -103,6 +104,9 @@ class Requests:
         is_blind = now_s - max(seen.heartbeat_s, self._begun_s) > BLIND_S
         if request is Request.STAY:
             return self._asked(now_s, Act.HOLD if _must_hold(seen) and not is_blind else None, REPEAT_S)
+        if request is Request.DISARM:
+            stands = seen.armed and not seen.in_air and not is_blind
+            return self._asked(now_s, Act.DISARM if stands else None, REPEAT_S)
         if request not in _TARGETS:
             return None
         self._was_armed = self._was_armed or seen.armed  # however soon after the command a heartbeat shows it

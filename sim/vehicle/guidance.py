@@ -94,11 +94,14 @@ class Guidance:
         self.target = Target(position, REST, self.target.yaw)
         self._rest(position)
 
-    def brake(self, position: Vector3, velocity: Vector3, *, back: bool = False) -> None:
-        """Come to rest ahead, at the height of ``position``; ``back``: and fly back to it."""
+    def brake(self, position: Vector3, velocity: Vector3, acceleration: Vector3 = REST, *, back: bool = False) -> None:
+        """Come to rest ahead, at the height of ``position``, from this velocity and acceleration on; ``back``: and fly back to
+        it.
+        """
         self.stay(position)
         (x, y, z), (u, v, _), speed = position, velocity, hypot(velocity[0], velocity[1])
         self._velocity, self._flies_back = (u, v, 0.0), back
+        self._acceleration = (*_within(ACCELERATION_MPS2, acceleration[0], acceleration[1]), 0.0)
         if speed > 0.0 and back:
             self._acceleration = -ACCELERATION_MPS2 / speed * u, -ACCELERATION_MPS2 / speed * v, 0.0
         elif speed > 0.0:

@@ -14,7 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.geometry import Vector3
-from sim.vehicle.guidance import Guidance, Reframing, Target
+from sim.vehicle.guidance import REST, Guidance, Reframing, Target
 from sim.vehicle.px4 import events
 from sim.vehicle.px4.arming import ArmingChecks, Readiness
 from sim.vehicle.px4.battery import Warning
@@ -31,6 +31,7 @@ TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED: int = mavlink.MAV_RESULT_DENIED
 IDLE_S = 1.1  # in addition to COM_DISARM_PRFLT
 FORCE = 21196.0
+ACCELERATION_S = 0.1  # time constant of the measured acceleration
 MOTOR_FAILED = "Motor failure"
 
 Reply = Callable[[int], None]
@@ -73,7 +74,7 @@ class Commander:
         self._failsafes = Failsafes(parameters, step_s, announce)
         self._ground = LandDetector(step_s, rng)
         self._position = place
-        self._velocity: Vector3 = (0.0, 0.0, 0.0)
+        self._velocity = self._acceleration = REST
         self._drifting = self._failed = False
         self._time_s = 0.0
         self.armed_s = 0.0
@@ -223,7 +224,7 @@ class Commander:
 
     def step(self, time_s: float, position: Vector3, velocity: Vector3, contact: bool) -> None:
         """Advance to ``time_s``; ``contact``: the vehicle touches the ground."""
-        self._time_s, self._position, self._velocity = time_s, position, velocity
+        self._follow_motion(time_s, position, velocity)
         self._drifting = hypot(velocity[0], velocity[1]) > DRIFTING_MPS
         self.checks.step(time_s, self.fixless and not self.armed)
         while self._waiting:
@@ -232,6 +233,16 @@ class Commander:
         self._watch_failsafes()
         self._watch_ground(contact)
         self._fly()
+
+    def _follow_motion(self, time_s: float, position: Vector3, velocity: Vector3) -> None:
+        """Take the estimates; the acceleration follows from them by a low-pass."""
+        step_s = time_s - self._time_s
+        if step_s > 0.0:
+            share = step_s / (step_s + ACCELERATION_S)
+            pairs = zip(self._acceleration, self._velocity, velocity, strict=True)
+            x, y, z = (old + share * ((now - before) / step_s - old) for old, before, now in pairs)
+            self._acceleration = x, y, z
+        self._time_s, self._position, self._velocity = time_s, position, velocity
 
     @property
     def _stream_fresh(self) -> bool:
@@ -256,8 +267,8 @@ class Commander:
             return
         self.mode = mode
         self._taking_off = False
-        velocity = (0.0, 0.0, 0.0) if self.landed else self._velocity
-        self._steering.begin(mode, self._position, velocity, standing=self.landed, back=self.fallback.here)
+        velocity, acceleration = (REST, REST) if self.landed else (self._velocity, self._acceleration)
+        self._steering.begin(mode, self._position, velocity, acceleration, standing=self.landed, back=self.fallback.here)
         if mode is Mode.RETURN and self.armed:
             above_m = self._steering.return_m
             self._announce(events.return_begins(self.home_altitude_m + above_m, above_m))

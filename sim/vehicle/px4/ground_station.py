@@ -68,6 +68,7 @@ class _Received:
     true: _Track = field(default_factory=_Track)
     geodetic: tuple[float, float, float] | None = None
     truth_asks: int = 0
+    hears_truth: bool = False  # since the last heartbeat
     armed: bool = False
     flew: bool = False
     landed: bool = True
@@ -225,9 +226,11 @@ class GroundStation:
         )
         for drone, heard in enumerate(self._heard):
             self._send(drone, heartbeat)
-            if heard.link is not None and not heard.simulated and heard.truth_asks < _TRUTH_ASKS:
+            # A simulation that was booted again has to be asked again.
+            if heard.link is not None and not heard.hears_truth and (heard.simulated or heard.truth_asks < _TRUTH_ASKS):
                 heard.truth_asks += 1
                 self._send(drone, _truth_wanted(drone + 1))
+            heard.hears_truth = False
         self._heartbeat = asyncio.get_running_loop().call_later(HEARTBEAT_S, self._beat)
 
     def _send(self, drone: int, message: Any) -> None:
@@ -272,7 +275,7 @@ def _take_truth(heard: _Received, message: Any) -> None:
     if heard.flew and not heard.simulated:
         return
     place = (message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
-    heard.geodetic = heard.geodetic or place
+    heard.geodetic, heard.hears_truth = heard.geodetic or place, True
     position = np.array(pymap3d.geodetic2ned(*place, *heard.geodetic))
     heard.true.go(position, np.array([message.vx, message.vy, message.vz]) * 0.01, heard.flew)
     heard.true.attitude = tuple(message.attitude_quaternion)

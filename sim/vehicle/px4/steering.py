@@ -46,14 +46,23 @@ class Steering:
         """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
         return self.guidance.target
 
-    def begin(self, mode: Mode, position: Vector3, velocity: Vector3, *, standing: bool, back: bool = False) -> None:
-        """Fly another mode from now on; autonomous ones begin from the vehicle's position. ``back``: it flies back to there once
-        it has braked, as it does before a return anyway.
+    def begin(
+        self,
+        mode: Mode,
+        position: Vector3,
+        velocity: Vector3,
+        acceleration: Vector3,
+        *,
+        standing: bool,
+        back: bool = False,
+    ) -> None:
+        """Fly another mode from now on; autonomous ones begin from the vehicle's motion. ``back``: it flies back to where it is
+        once it has braked, as it does before a return anyway.
         """
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
         if mode in (Mode.HOLD, Mode.LAND, Mode.RETURN):
-            self.guidance.brake(position, velocity, back=back or mode is Mode.RETURN)
+            self.guidance.brake(position, velocity, acceleration, back=back or mode is Mode.RETURN)
         else:
             self.guidance.stay(position)
         if mode is Mode.TAKEOFF:

@@ -11,10 +11,13 @@ from protocol.messages import Action, Stage
 MOVING = replace(OFFBOARD, velocity_mps=(3.0, 0.0, 0.0))
 
 
-def held(vehicle, after_s, now=None):
-    """The request to an autopilot so long after a hold was commanded in flight; ``now``: the vehicle then."""
+def held(vehicle, after_s, now=None, slow_s=0.0):
+    """The request to an autopilot so long after a hold was commanded in flight; ``now``: the vehicle then, and for the last
+    ``slow_s``.
+    """
     mission = tracking()
     assert mission.command(Action.HOLD, 20 * SECOND, at(20.0, vehicle)) is None
+    mission.step(at(20.0 + after_s - slow_s, now or vehicle))
     mission.step(at(20.0 + after_s, now or vehicle))
     assert (mission.stage, mission.released) == (Stage.HOLD, False)
     return mission.request
@@ -22,7 +25,8 @@ def held(vehicle, after_s, now=None):
 
 def test_a_drone_that_is_told_to_hold_brakes_by_its_own_setpoints():
     assert held(MOVING, 1.0) is Request.OFFBOARD
-    assert held(MOVING, 1.0, OFFBOARD) is Request.HOLD  # at rest
+    assert held(MOVING, 2.0, OFFBOARD, slow_s=0.7) is Request.OFFBOARD  # slow, and still leaning against its way
+    assert held(MOVING, 2.0, OFFBOARD, slow_s=0.9) is Request.HOLD  # at rest
     assert held(OFFBOARD, 0.05) is Request.HOLD
     assert held(MOVING, 5.1) is Request.HOLD  # it never came to rest
 
@@ -37,12 +41,14 @@ def test_once_held_it_stays_held():
     mission.command(Action.HOLD, 20 * SECOND, at(20.0, MOVING))
     for now_s, vehicle in (
         (20.5, MOVING),
+        (20.6, OFFBOARD),
         (21.0, OFFBOARD),
+        (21.41, OFFBOARD),
         (21.5, replace(VEHICLE, velocity_mps=(1.0, 0.0, 0.0))),
         (22.0, MOVING),
     ):
         mission.step(at(now_s, vehicle))
-        assert mission.request is (Request.OFFBOARD if now_s == 20.5 else Request.HOLD)
+        assert mission.request is (Request.OFFBOARD if now_s < 21.1 else Request.HOLD)
     mission.step(at(22.0 + 2 * TAKEOVER_NS / SECOND, VEHICLE))
     assert not mission.released
     assert mission.command(Action.RESUME, 30 * SECOND, replace(CALM, now_ns=30 * SECOND)) is None

@@ -75,3 +75,14 @@ def test_the_mission_of_a_flying_drone_goes_on(ticks: int) -> None:
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, velocity_mps=FAST, **forged))
         one.step(now_ns)
         assert one.stage is Stage.SURVEY
+
+
+def test_vehicle_that_is_taken_to_fly_is_as_healthy_as_it_was(flying: Flight) -> None:
+    """Just disarmed, PX4 is not ready to arm in the mode of its landing: that is no failsafe in flight."""
+    down = flying.grounded.take(state(flying.now_ns + TICK_NS, **DOWN, healthy=False))
+    assert (down.armed, down.in_air, down.healthy) == (True, True, True)
+    failing = Grounded()
+    failing.take(state(START_NS, healthy=False))
+    assert not failing.take(state(START_NS + TICK_NS, **DOWN, healthy=True)).healthy
+    flying.after(STILL_NS / SECOND + 0.1, **DOWN, healthy=False)
+    assert not flying.grounded.take(state(flying.now_ns + TICK_NS, **DOWN, healthy=False)).healthy

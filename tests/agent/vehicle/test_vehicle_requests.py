@@ -281,3 +281,12 @@ def test_one_heartbeat_that_says_disarmed_does_not_end_a_request() -> None:
     desk.run(Request.RETURN, 4.0)
     desk.seen = steered
     assert desk.run(Request.RETURN, 4.0) == []
+
+
+def test_disarming_is_asked_for_on_the_ground_alone() -> None:
+    stands = replace(ON_GROUND, armed=True, mode=FlightMode.LAND)
+    desk = Desk(stands)
+    assert desk.run(Request.DISARM, 2.0 * REPEAT_S) == [Act.DISARM] * 2
+    desk.seen = ON_GROUND
+    assert desk.run(Request.DISARM, 5.0) == []
+    assert Desk(FLYING).run(Request.DISARM, 5.0) == []
