@@ -20,6 +20,7 @@ from agent.mission.takeover import (
     STEERED,
     ForeignStage,
     Takeover,
+    is_cut_short,
     is_elsewhere,
     is_failsafe,
 )
@@ -54,7 +55,7 @@ class Mission:
         self.tracking_since_ns: int | None = None
         gives_up = survey is not None and survey.then == "return"
         self._searching = Searching(track, gives_up=gives_up, can_lose=can_lose)
-        self._floor_m = floor_m
+        self._floor_m, self._takeoff_m = floor_m, survey.height_m if survey is not None else 0.0
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         # The stage after a hold, or after it has risen: the last one flown by setpoints, or commanded below the floor.
         self.resume = Stage.SURVEY
@@ -258,13 +259,14 @@ class Mission:
         self._watch_position(vehicle, now_ns, situation.battery_low)
         self._watch_battery(situation)
         steered, stays = self._is_steered, self._position_loss.stays
-        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, steered=steered, stays=stays):
+        cut_short = self.stage is Stage.TAKEOFF and not self._rises and is_cut_short(vehicle, self._takeoff_m)
+        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, steered=steered, stays=stays, cut_short=cut_short):
             self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
             return
         self._leave_failsafe(vehicle, now_ns)
         if self.stage is Stage.TAKEOFF:
-            if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
+            if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF] and not cut_short:
                 self._end_takeoff(vehicle, situation)
         elif self.stage is Stage.RETURN:
             if situation.at_home or situation.no_nearer:

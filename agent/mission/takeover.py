@@ -16,6 +16,9 @@ FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 TOUCHDOWN_NS = STILL_NS + TAKEOVER_NS
 REJOIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
+# An autopilot ends its takeoff by itself this far below its height at most: 0.5 to 1.0 m in 20 recorded takeoffs (NAV_MC_ALT_RAD
+# is 0.8 m). Nothing else tells its hold from a pilot's: mode, intended mode, landed state and events are the same.
+CUT_SHORT_M = 1.5
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown within this time
 
 MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong to a stage
@@ -55,6 +58,11 @@ def is_elsewhere(vehicle: VehicleState | None, request: Request) -> bool:
     if vehicle is None or not vehicle.healthy or vehicle.mode is FlightMode.MANUAL:
         return False
     return vehicle.mode is not _SHOWN_AS.get(request, vehicle.mode)
+
+
+def is_cut_short(vehicle: VehicleState, height_m: float) -> bool:
+    """Whether a takeoff to a height above the launch place has ended long before: somebody has chosen another mode."""
+    return vehicle.in_air and vehicle.position_trusted and vehicle.position_m[2] < height_m - CUT_SHORT_M
 
 
 class Takeover:
@@ -102,15 +110,26 @@ class Takeover:
             self._rejoining_until_ns = now_ns + REJOIN_NS
         return False
 
-    def step(self, vehicle: VehicleState, stage: Stage, since_ns: int, now_ns: int, *, steered: bool, stays: bool) -> bool:
+    def step(
+        self,
+        vehicle: VehicleState,
+        stage: Stage,
+        since_ns: int,
+        now_ns: int,
+        *,
+        steered: bool,
+        stays: bool,
+        cut_short: bool = False,
+    ) -> bool:
         """Whether the autopilot has stayed in a mode that was not requested in this stage, which began at ``since_ns``.
 
         A failsafe is given time to pass: after a gap in the setpoints the autopilot goes back to offboard by itself.
-        ``steered``: it is flown by setpoints; ``stays``: it holds because its position cannot be trusted.
+        ``steered``: it is flown by setpoints; ``stays``: it holds because its position cannot be trusted; ``cut_short``: its
+        takeoff has ended long before its height.
         """
         settled = not 0 <= now_ns - since_ns <= STALE_NS and not stays
         own = FlightMode.LAND if stage in COMING_DOWN else FlightMode.OFFBOARD
-        self._was_reached = self._was_reached or (settled and vehicle.mode is own)
+        self._was_reached = self._was_reached or (settled and vehicle.mode is own) or cut_short
         if vehicle.mode in ((FlightMode.OFFBOARD,) if steered else MODES[stage]):
             self._rejoining_until_ns = 0
         if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage, steered):
@@ -144,7 +163,7 @@ class Takeover:
             return mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND) and mode not in MODES[stage]
         if not self._was_reached:
             return False  # not yet in the mode of the stage
-        return steered or (stage in COMING_DOWN and vehicle.healthy)  # a failsafe holds for a while
+        return steered or stage is Stage.TAKEOFF or (stage in COMING_DOWN and vehicle.healthy)  # a failsafe holds for a while
 
 
 class ForeignStage:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pytest
 from linked_px4 import Solo
+from msgspec.structs import replace
+from one_pilot import MISSION
 
 from agent.vehicle.interface import FlightMode
 from agent.vehicle.requests import BLIND_S
 from protocol.messages import Action, Stage
 from sim.vehicle.px4.modes import Mode
 
+HIGH = replace(MISSION, survey=replace(MISSION.survey, height_m=8.0))
 SEEDS = range(3)  # each with other phases of all streams of telemetry
 
 
@@ -73,3 +76,18 @@ def test_a_human_pilot_keeps_a_vehicle_that_its_agent_does_not_hear(seed: int) -
     solo.deaf = False
     assert flies_by_hand(solo, 8.0)
     assert any("human pilot" in problem for problem in solo.told)
+
+
+@pytest.mark.parametrize("up_m", [1.0, 2.5, 5.0])
+def test_hold_that_a_human_pilot_chooses_in_a_takeoff_keeps_the_vehicle(up_m: float) -> None:
+    """PX4 ends its own takeoff in hold, too, and nothing but the height tells the two apart."""
+    solo = Solo(int(up_m), HIGH)
+    solo.ready()
+    solo.order(Action.START)
+    solo.until(lambda: solo.true_height_m > up_m, 40.0)
+    solo.face.commander.set_mode(Mode.HOLD)
+    solo.run(10.0)
+    assert solo.face.commander.mode is Mode.HOLD
+    assert any("human pilot" in problem for problem in solo.told)
+    solo.order(Action.RESUME)
+    solo.until(lambda: solo.states[-1].mode is FlightMode.OFFBOARD, 10.0)

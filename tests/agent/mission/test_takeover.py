@@ -183,11 +183,11 @@ def test_a_drone_brakes_by_setpoints_before_it_holds_or_lands(action) -> None:
     mission, fast = surveying(), replace(OFFBOARD, velocity_mps=(6.0, 0.0, 0.0))
     mission.command(action, 3 * SECOND, at(3.0, fast))
     asked = [mission.request]
-    for at_s, vehicle in ((4.0, replace(fast, velocity_mps=(2.0, 0.0, 0.0))), (5.0, OFFBOARD)):
+    for at_s, vehicle in ((4.0, replace(fast, velocity_mps=(2.0, 0.0, 0.0))), (5.0, OFFBOARD), (6.0, OFFBOARD)):
         mission.step(at(at_s, vehicle))
         asked.append(mission.request)
         assert not mission.released
-    assert asked == [Request.OFFBOARD, Request.OFFBOARD, Request.HOLD if action is Action.HOLD else Request.LAND]
+    assert asked == [*[Request.OFFBOARD] * 3, Request.HOLD if action is Action.HOLD else Request.LAND]
 
 
 @pytest.mark.parametrize(("height_m", "stage"), [(0.5, Stage.LANDING), (1.4, Stage.TAKEOFF), (3.0, Stage.TRACK)])

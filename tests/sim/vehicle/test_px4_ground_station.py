@@ -230,6 +230,25 @@ def test_it_asks_a_vehicle_for_the_true_state_and_can_take_its_satellites_away()
     asyncio.run(course())
 
 
+def test_a_simulation_that_was_booted_again_is_asked_again_for_the_true_state() -> None:
+    async def course() -> None:
+        station = GroundStation(PLACES, ("127.0.0.1", 0))
+        await station.start()
+        vehicle = Vehicle(station.address)
+        try:
+            vehicle.heartbeat(DISARMED)
+            await vehicle.hear_first("COMMAND_LONG")
+            level = [1.0, 0.0, 0.0, 0.0]
+            vehicle.send(mavlink.MAVLink_hil_state_quaternion_message(0, level, *[0.0] * 3, 473977420, 85455940, *[0] * 9))
+            await until(lambda: station.reports()[1].truth == "simulation")
+            asked = await vehicle.hear_first("COMMAND_LONG")  # nothing comes any more
+            assert (asked.command, asked.param1) == (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 115.0)
+        finally:
+            station.close()
+
+    asyncio.run(course())
+
+
 def test_a_failsafe_counts_from_the_text_that_announces_it() -> None:
     recorded = list(packets(RECORDINGS / "offboard_loss.tlog.xz"))
 
