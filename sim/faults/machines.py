@@ -87,7 +87,7 @@ class HeadingReset(Fault, frozen=True, kw_only=True, tag="heading-reset"):
     PX4 v1.16.1 does in every takeoff; position and local frame stay as they are. Within seconds the heading is right again.
     """
 
-    family: ClassVar[Family] = "pose"
+    family: ClassVar[Family] = "vehicle"  # its position is right all along: nothing is excused by it
     turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 6.0
 
     def check(self) -> str | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.campaign.faults.course import Course
-from sim.campaign.faults.dealt import Card, strike
+from sim.campaign.faults.dealt import OF_SATELLITES, Card, strike
 from sim.campaign.faults.missions import draw_mission
 
 _STREAM = 1_000_008
@@ -27,9 +27,13 @@ def attack(seed: int, course: Course) -> dict[str, Any]:
     """Return the scenario document of a seed: successive seeds take the entries of ``ATTACKS`` in turn."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     document = draw_mission(rng, f"attack-{seed}", course)
-    names = [drone["id"] for drone in document["mission"]["drones"]]
-    target = names[int(rng.integers(len(names)))]
-    faults = [strike(rng, card, names, target, course) for card in ATTACKS[seed % len(ATTACKS)]]
+    drones, cards = document["mission"]["drones"], ATTACKS[seed % len(ATTACKS)]
+    names = [drone["id"] for drone in drones]
+    needs_satellites = any(kind in OF_SATELLITES for kind, _ in cards)
+    able = [drone["id"] for drone in drones if drone.get("localization") != "slam"] if needs_satellites else names
+    able = able or names  # where all fly by vision there is nothing to strike
+    target = able[int(rng.integers(len(able)))]
+    faults = [strike(rng, card, names, target, course) for card in cards]
     together = {"at_s": faults[0]["at_s"]}
     document["fault"] = [fault | together for fault in faults]
     return document

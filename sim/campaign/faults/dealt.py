@@ -41,7 +41,7 @@ _WITHOUT_END = (
 _SEEN_BY_FRAMES = {"position-jump", "clock"}  # they matter most where frames are estimated
 _SEEN_BY_TIME = {"clock"}  # and these where the source moves
 _UNHEARD_S = (1.5, 3.0)  # before and after a clock is set back
-_OF_SATELLITES = ("position-jump", "satellites-lost", "spoofed")  # these strike a drone that flies by satellites
+OF_SATELLITES = ("position-jump", "heading-reset", "satellites-lost", "spoofed")  # these strike a drone that flies by satellites
 OLD_COMMAND: Card = ("old-command", {})
 LITTLE_AHEAD: Card = ("clock", {"jump_s": 1.5})  # so little that what is measured then still counts
 JUMPED: Card = ("position-jump", {"announced": True})  # of drones that do not see each other
@@ -151,7 +151,7 @@ def _hand(shuffled: int, turn: int) -> list[Card]:
 def _target(kind: str, place: int, whom: Sequence[str], follow: Sequence[str]) -> str:
     """The drone that a card strikes: one after the other; ``follow``: those whose vehicles follow satellites."""
     turns = [whom[(place + k) % len(whom)] for k in range(len(whom))]
-    return next(name for name in turns if kind not in _OF_SATELLITES or name in follow)
+    return next(name for name in turns if kind not in OF_SATELLITES or name in follow)
 
 
 def _unheard(clock: dict[str, Any]) -> dict[str, Any]:

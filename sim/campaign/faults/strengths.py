@@ -148,5 +148,5 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
     "copied-key": lambda strike: {"beside_m": strike.scale(5.0, 50.0)},
     "old-command": _none,
-    "heading-reset": lambda strike: {"turn_deg": strike.scale(2.0, 30.0)},
+    "heading-reset": lambda strike: {"turn_deg": strike.scale(1.0, 12.0)},  # the largest of 15 recorded ones: 9.3
 }

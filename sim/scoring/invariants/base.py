@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from sim.faults.agents import Revoked
 from sim.faults.base import Family, Fault
-from sim.faults.machines import MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
+from sim.faults.machines import HeadingReset, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -61,9 +61,9 @@ class Setting:
         ]
 
     def strikes(self, fault: Fault) -> list[str]:
-        """The drones that a fault strikes: who flies by SLAM loses nothing with its satellites."""
+        """The drones that a fault strikes: a vehicle that flies by SLAM neither loses satellites nor has its heading reset."""
         by_slam = {drone.id for drone in self.mission.drones if drone.localization == "slam"}
-        spared = by_slam if isinstance(fault, SatellitesLost) else frozenset[str]()
+        spared = by_slam if isinstance(fault, SatellitesLost | HeadingReset) else frozenset[str]()
         return [name for name in fault.strikes(self.names) if name not in spared]
 
     def struck(self, families: Collection[Family], drone: int, time_s: float, after_s: float = 0.0) -> bool:
