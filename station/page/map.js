@@ -42,7 +42,7 @@ export class SwarmMap {
     this.#control();
     this.background = new Background(this.map, mission, this.layers);
     this.fit(this.area);
-    this.watch = new ResizeObserver(() => this.map.invalidateSize({ animate: false }));  // what is beside the map grows and shrinks
+    this.watch = new ResizeObserver(() => this.#resized());  // what is beside the map grows and shrinks
     this.watch.observe(this.map.getContainer());
   }
 
@@ -50,6 +50,15 @@ export class SwarmMap {
   fit(shape) {
     const beside = document.querySelector(".control").open ? 270 : 0;
     this.map.fitBounds(shape.getBounds().pad(0.1), { paddingBottomRight: [beside, 0], animate: false });
+    this.fitted = { shape, centre: this.map.getCenter(), zoom: this.map.getZoom() };
+  }
+
+  // What was to be seen as a whole stays so, unless the operator has moved the map.
+  #resized() {
+    const { shape, centre, zoom } = this.fitted;
+    const isMoved = this.map.getZoom() !== zoom || this.map.distance(this.map.getCenter(), centre) > 1;
+    this.map.invalidateSize({ animate: false });
+    if (!isMoved) this.fit(shape);
   }
 
   // Draw a frame.

@@ -1,6 +1,7 @@
 // What moves on the map: trails, plans, cones, drones and the source, on one canvas above Leaflet's own. Leaflet keeps an object for
 // each line and projects, clips and simplifies it anew whenever it changes: thirty drones are too many for that ten times a second.
 
+import { Labels } from "./labels.js";
 import { colour } from "./texts.js";
 
 const CONES_MS = 6000;
@@ -20,6 +21,7 @@ export class Sketch {
     this.frame = null;
     this.hidden = new Set();
     this.widths = new Map();  // of names
+    this.labels = new Labels();
     const pane = map.createPane("sketch");
     pane.style.zIndex = 450;
     pane.style.pointerEvents = "none";
@@ -96,7 +98,7 @@ export class Sketch {
     pen.setTransform(ratio * scale, 0, 0, -ratio * scale, ratio * origin.x, ratio * origin.y);  // from here on in metres
     this.#drawMetres(pen, 1 / scale);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this.#drawNames(pen, ([x, y]) => [origin.x + scale * x, origin.y - scale * y]);
+    this.#drawNames(pen, ([x, y]) => [origin.x + scale * x, origin.y - scale * y], scale, margin);
   }
 
   #drawMetres(pen, pixel) {
@@ -145,23 +147,31 @@ export class Sketch {
     pen.setLineDash([]);
   }
 
-  #drawNames(pen, pixelOf) {
+  #drawNames(pen, pixelOf, scale, margin) {
     pen.font = FONT;
     pen.textBaseline = "middle";
     pen.lineWidth = 1;
     pen.strokeStyle = "#111";
     const { source, others, drones } = this.frame;
     const sources = others.length ? [source, ...others].map(({ number, place }) => ({ id: `${number}`, place })) : [];
-    for (const { id, place, stale } of [...sources, ...drones]) {
-      if (!place) continue;
-      const [[x, y], text] = [pixelOf(place), stale ? `${id} ?` : id];
-      if (!this.widths.has(text)) this.widths.set(text, pen.measureText(text).width);
+    const named = [...sources, ...drones].filter(({ place }) => place).map(({ id, place, stale }) => [stale ? `${id} ?` : id, ...pixelOf(place), stale]);
+    const view = this.map.getSize();
+    const names = named.map(([text, x, y]) => [text, x - margin.x, y - margin.y, this.#width(pen, text) + 8]);
+    const boxes = this.labels.place(names, Math.max(8, BODY[0][1] * scale), [view.x, view.y]);
+    for (const [place, [text, , , stale]] of named.entries()) {
+      const [left, top, right, bottom] = boxes[place];
+      const [x, y] = [left + margin.x, top + margin.y];
       pen.fillStyle = stale ? "#ffd9c2" : "rgba(255, 255, 255, 0.85)";
-      pen.fillRect(x + 12, y - 11, this.widths.get(text) + 8, 22);
-      pen.strokeRect(x + 12, y - 11, this.widths.get(text) + 8, 22);
+      pen.fillRect(x, y, right - left, bottom - top);
+      pen.strokeRect(x, y, right - left, bottom - top);
       pen.fillStyle = "#111";
-      pen.fillText(text, x + 16, y);
+      pen.fillText(text, x + 4, y + (bottom - top) / 2);
     }
+  }
+
+  #width(pen, text) {
+    if (!this.widths.has(text)) this.widths.set(text, pen.measureText(text).width);
+    return this.widths.get(text);
   }
 }
 
