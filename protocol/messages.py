@@ -57,6 +57,7 @@ PART_BYTES = 256 * 1024  # of a mission that is uploaded, at most
 MOST_PARTS = 12
 MOST_SOURCES = 8  # of an estimate
 MOST_EXCLUDED = 64  # nuclides of an estimate
+MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from when it was given until a drone executes it
 Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
@@ -214,8 +215,8 @@ class Failsafe(Struct, frozen=True, array_like=True):
 
 
 class Ticket(Struct, frozen=True, array_like=True):
-    """What a command to a drone needs, from the drone's newest status: its nonce, which is valid for some seconds, and a number
-    above that of the last command carried out.
+    """What a command to a drone needs, from the drone's newest status when the command is given: its nonce, which is valid for
+    ``MAX_ORDER_AGE_NS``, and a number above that of the last command carried out.
     """
 
     nonce: Nonce

@@ -37,6 +37,12 @@ Certificate = Annotated[
     Path | None, typer.Option("--tls-certificate", metavar="PEM", help="The page's certificate, for other computers.")
 ]
 Key = Annotated[Path | None, typer.Option("--tls-key", metavar="PEM", help="Its key.")]
+TokenFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="For scripts: the file with the page's token (made if missing, mode 600), which is not printed then."
+    ),
+]
 
 Layers = Annotated[
     list[Path],
@@ -70,6 +76,7 @@ def serve(
     tiles: TilesAt = None,
     tls_certificate: Certificate = None,
     tls_key: Key = None,
+    token_file: TokenFile = None,
     foxglove: Annotated[
         Path | None,
         typer.Option(metavar="LAYOUT.json", help="Serve Foxglove too, and write its layout for this mission here."),
@@ -101,7 +108,7 @@ def serve(
     hub.background = background(given, layer, tiles)
     drones = tuple(drone.id for drone in given.drones)
     config = MeshConfig(connect=tuple(connect), identity=own, drones=drones)
-    place = Place(host=host, port=port, certificate=tls_certificate, key=tls_key)
+    place = Place(host=host, port=port, certificate=tls_certificate, key=tls_key, token_file=token_file)
     doors = _foxglove_doors(hub, foxglove) if foxglove is not None else None
     sending = [_tak(hub, tak).run] if tak is not None else []
 
@@ -120,6 +127,7 @@ def open_records(
     tiles: TilesAt = None,
     tls_certificate: Certificate = None,
     tls_key: Key = None,
+    token_file: TokenFile = None,
     identity: Signer = None,
 ) -> None:
     """Show recorded flights of one mission in a browser, with a time slider, until SIGINT."""
@@ -134,7 +142,7 @@ def open_records(
     own = load_identity(identity) if identity is not None else None
     hub.background = background(records.mission, layer, tiles)
     hub.findings = reports(hub, own, flights, records)
-    place = Place(host=host, port=port, certificate=tls_certificate, key=tls_key)
+    place = Place(host=host, port=port, certificate=tls_certificate, key=tls_key, token_file=token_file)
     asyncio.run(_serve(hub, place, lambda: play(hub, records)))
 
 
@@ -253,9 +261,9 @@ async def _serve(hub: Hub, place: Place, work: Callable[[], Awaitable[None]], do
     from station.web.serving import Serving  # noqa: PLC0415
 
     serving = Serving(hub, place, doors)
-    print(f"radron-station: {serving.address}", flush=True)
+    print(f"radron-station: {serving.shown()}", flush=True)
     if doors is not None:
-        print(f"radron-station: for Foxglove: {serving.socket_address('foxglove')}", flush=True)
+        print(f"radron-station: for Foxglove: {serving.shown('foxglove')}", flush=True)
     await serving.run(work())
 
 

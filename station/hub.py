@@ -14,7 +14,7 @@ from agent.config.mission import MissionConfig
 from protocol.messages import Action
 from station.background import Background
 from station.draft import editor
-from station.outbox import Page
+from station.outbox import GAVE_WAY, Page
 from station.picture.frame import ConeCurve, Event, Frame, Raster, Spectra
 from station.picture.history import CONES_MS, History
 from station.picture.overview import Row
@@ -34,9 +34,9 @@ class Outlet(Protocol):
 
 
 class Hub:
-    """``progress``: share of a record that has been read; None in a live flight. ``command``, ``upload``: to the drones; None:
-    this station may not. ``findings``: the report on demand, as a ZIP archive; None: there is none. ``outlets``: other programs,
-    shown the same.
+    """``progress``: share of a record that has been read; None in a live flight. ``command``, ``upload``: to the drones, with
+    their age (s); they return why they are refused; None: this station may not. ``findings``: the report on demand, as a ZIP
+    archive; None: there is none. ``outlets``: other programs, shown the same.
     """
 
     def __init__(self, picture: Picture, replay: bool, progress: Callable[[float], None] = lambda share: None) -> None:
@@ -44,8 +44,8 @@ class Hub:
         self.picture = picture
         self.history = History(len(picture.members))
         self.progress: float | None = 0.0 if replay else None
-        self.command: Callable[[Action, tuple[str, ...]], None] | None = None
-        self.upload: Callable[[MissionConfig], None] | None = None
+        self.command: Callable[[Action, tuple[str, ...], float], str] | None = None
+        self.upload: Callable[[MissionConfig, float], str] | None = None
         self.findings: Callable[[], Awaitable[bytes]] | None = None
         self.outlets: list[Outlet] = []
         self.background = Background()
@@ -59,8 +59,12 @@ class Hub:
         return len(self._pages)
 
     @contextmanager
-    def joined(self) -> Iterator[Page]:
-        """A page that gets everything from now on, after what it needs to begin with."""
+    def joined(self, most: int) -> Iterator[Page]:
+        """A page that gets everything from now on, after what it needs to begin with; of ``most`` others the idlest gives way."""
+        if len(self._pages) >= most:
+            idlest = min(self._pages, key=lambda page: page.used_s)
+            self._pages.remove(idlest)
+            idlest.leave(GAVE_WAY)
         page = Page()
         page.send(self._about())
         page.send(encode({"kind": "events", "events": self.history.events}))
@@ -72,7 +76,8 @@ class Hub:
         try:
             yield page
         finally:
-            self._pages.remove(page)
+            if page in self._pages:
+                self._pages.remove(page)
 
     def adopt(self, mission: MissionConfig) -> None:
         """Show a mission that drones have taken over; but for the timeline everything begins anew."""

@@ -47,7 +47,7 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
             stack.push_async_callback(commander.close)
             hub.picture.orders.own = commander.name
             hub.command = commander.give
-            hub.upload = lambda mission: commander.upload(mission, hub.adopt)
+            hub.upload = lambda mission, age_s: commander.upload(mission, hub.adopt, age_s)
         recovering = asyncio.create_task(recover(lambda: mesh.alive, summary, mesh.ask, phase=0.0))
         stack.callback(recovering.cancel)
         loop = asyncio.get_running_loop()

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 
-MOST_WAITING = 400  # messages that a page must get: if it is further behind it is let go, and begins anew
-MOST_PASSING = 20  # messages that a page can do without: then the oldest are dropped
-MOST_AHEAD = 4  # frames that were sent and are not drawn yet
+MAX_WAITING = 400  # messages that a page must get: if it is further behind it is let go, and begins anew
+MAX_PASSING = 20  # messages that a page can do without: then the oldest are dropped
+MAX_AHEAD = 4  # frames that were sent and are not drawn yet
+LET_GO, GAVE_WAY = 1008, 4001  # codes with which a page's socket is closed; it connects again by itself only after the first
 
 
 class Page:
-    """An open page. ``live``: it follows the present; else it looks back, and shows ``at_ms``.
+    """An open page. ``live``: it follows the present; else it looks back, and shows ``at_ms``. ``used_s``: when its operator last
+    asked for something (monotonic clock). ``left``: it is let go, with ``code``.
 
     A page tells when it has drawn a frame. One that draws or reads more slowly than frames come gets fewer of them, each as new
     as it can be: what waits does not grow, neither here nor in the buffers on the way.
@@ -20,20 +23,30 @@ class Page:
     def __init__(self) -> None:
         self.live = True
         self.at_ms: int | None = None
-        self.gone = False  # it reads too slowly
+        self.used_s = time.monotonic()
+        self.left, self.code = asyncio.Event(), LET_GO
         self._said: deque[bytes] = deque()
-        self._passing: deque[bytes] = deque(maxlen=MOST_PASSING)
+        self._passing: deque[bytes] = deque(maxlen=MAX_PASSING)
         self._newest: dict[str, bytes] = {}
         self._ahead = 0
         self._something = asyncio.Event()
 
     def send(self, data: bytes) -> None:
         """Send what it must get, unless it is far behind: then it is let go."""
-        if len(self._said) < MOST_WAITING:
+        if len(self._said) < MAX_WAITING:
             self._said.append(data)
         else:
-            self.gone = True
+            self.leave(LET_GO)
         self._something.set()
+
+    def use(self) -> None:
+        """Note that its operator has asked for something."""
+        self.used_s = time.monotonic()
+
+    def leave(self, code: int) -> None:
+        """Let it go."""
+        self.code = code
+        self.left.set()
 
     def show(self, kind: str, data: bytes) -> None:
         """Send what takes the place of everything of its kind."""
@@ -62,7 +75,7 @@ class Page:
         """The next message; None where none waits that may be sent now."""
         if self._said:
             return self._said.popleft()
-        if self._ahead >= MOST_AHEAD:
+        if self._ahead >= MAX_AHEAD:
             return None
         if self._passing:
             return self._passing.popleft()

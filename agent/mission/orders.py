@@ -1,9 +1,10 @@
 """Which commands reach this drone's mission: signed by an operator, for this mission, and not sent before.
 
-A command carries, for each drone that it addresses, a ticket from that drone's newest status: a nonce, which the drone changes
-every few seconds by its own clock and never uses again after a restart, and a number above that of the last command carried out.
-So neither a recorded nor a delayed nor a reordered command is obeyed, and the operator's clock does not matter; only a start also
-has an age, because its stamp is the beginning of the swarm's mission.
+A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given: a nonce,
+which the drone changes twice a second by its own clock and never uses again after a restart, and a number above that of the last
+command carried out. So neither a recorded nor a delayed nor a reordered command is obeyed: none that was given more than
+``MAX_ORDER_AGE_NS`` ago, by the drone's clock alone. The operator's clock only matters for a start, whose stamp is the beginning
+of the swarm's mission.
 
 Nonces follow from a key that each agent draws at its start. Nobody knows them before the drone tells them, so that nobody who has
 an operator's key for a moment can sign commands for later.
@@ -13,11 +14,11 @@ from __future__ import annotations
 
 from hashlib import blake2b
 
-from protocol.messages import Action, Command, Obeyed, Order, Ticket
+from protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Obeyed, Order, Ticket
 from protocol.signing import Verifier
 
-NONCE_NS = 10_000_000_000  # a nonce is told for this long, and valid for as long again
-START_AGE_NS = 10_000_000_000  # an older start is refused
+NONCE_NS = 500_000_000  # a nonce is published for this long, and valid until MAX_ORDER_AGE_NS after it was first published
+START_AGE_NS = 10_000_000_000  # by its stamp, the mission's beginning: a start by a clock that differs more is refused
 MOST_AHEAD = 2**40  # of a number: a command with the largest one would leave none for the commands after it
 
 
@@ -51,8 +52,7 @@ class Orders:
             refused = self._verifier.refusal(command, now_ns)
             if refused is not None:
                 return refused
-        present = now_ns // NONCE_NS
-        if ticket.nonce not in (self._nonce(present), self._nonce(present - 1)):
+        if ticket.nonce not in self._valid(now_ns // NONCE_NS):
             return "too_old"
         if ticket.number <= self._last:
             return "already_obeyed"
@@ -73,6 +73,10 @@ class Orders:
         if self._tells_obeyed:
             order = str(command.action) if isinstance(command, Command) else "upload"
             self.obeyed = Obeyed(order, command.station, command.stamp_ns, self._last)
+
+    def _valid(self, present: int) -> list[str]:
+        """Nonces that were published within the last ``MAX_ORDER_AGE_NS``."""
+        return [self._nonce(present - age) for age in range(MAX_ORDER_AGE_NS // NONCE_NS)]
 
     def _nonce(self, period: int) -> str:
         return blake2b(str(period).encode(), key=self._nonce_key, digest_size=8).hexdigest()

@@ -6,32 +6,27 @@ import asyncio
 import os
 import re
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from msgspec.structs import replace
-
 from agent.errors import RadronError
-from agent.outputs import printable
-from protocol.codec import decode_from, encode
-from protocol.errors import ProtocolError
+from agent.operator.statuses import LAPSE_S, MAX_NAMES, Statuses, Tickets
+from protocol.codec import encode
+from protocol.elapsed import elapsed_s
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
-from protocol.keys import key_of, parse_key
+from protocol.keys import key_of
 from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Action, Command, Stage, Status, Ticket
-from protocol.signing import Trust, Verifier, sign_command
+from protocol.messages import Action, Command, Stage, Ticket
+from protocol.signing import Trust, sign_command
 from protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm
-OBEY_S = 5.0
+OBEY_S = LAPSE_S + 1.0  # until every drone has obeyed, and said so in its next status
 REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
 PAUSE_S = 0.05  # between two commands: the drones drop what comes sooner (protocol/mesh/rights.py)
-FRESH_S = 3.0
-CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
-_MOST_NAMES = 5  # that are told
 
 _AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _DONE: dict[Action, tuple[Stage, ...]] = {
@@ -73,6 +68,7 @@ class Order:
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
     identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
     mission: str = ""  # id of the mission that is meant; empty: the one that the drones have
+    given_s: float | None = None  # when the operator gave it (``elapsed_s``); None: once the drones are found
 
     @property
     def addressees(self) -> Addressees:
@@ -96,8 +92,18 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         await mesh.close()
 
 
-async def carry_out(order: Order, mesh: Mesh, identity: Identity | None, statuses: Statuses, say: Callable[[str], None]) -> None:
-    """The same over a link that is open; ``statuses`` gets every message from it. Raises CommandError as ``command``."""
+async def carry_out(
+    order: Order,
+    mesh: Mesh,
+    identity: Identity | None,
+    statuses: Statuses,
+    say: Callable[[str], None],
+    withdrawn: Set[str] = frozenset(),
+) -> None:
+    """The same over a link that is open; ``statuses`` gets every message from it. Raises CommandError as ``command``.
+
+    ``withdrawn``: drones that have been given a later command meanwhile: this one is not sent to them any more.
+    """
     drones = await find(order.addressees, order.action, statuses, identity, lambda: mesh.differing)
     _check_mission(order, drones, statuses)
     if order.action is Action.START:
@@ -107,11 +113,13 @@ async def carry_out(order: Order, mesh: Mesh, identity: Identity | None, statuse
             _look_for_problems(drones, statuses, order.without)
         for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
             say(line)
-    statuses.keep_numbers(drones)
+    given_s = elapsed_s() if order.given_s is None else order.given_s
+    tickets = Tickets(statuses, drones, given_s)
     for mission, names in _by_mission(drones, statuses).items():
         say(f"{order.action}: to {', '.join(names)}, mission {mission}")
-    await _send_until_done(mesh, order, trust_of(identity), drones, statuses)
-    say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
+    await _send_until_done(mesh, order, trust_of(identity), tickets, given_s, withdrawn)
+    done = [f"{name} {statuses[name].stage}" for name in drones if name not in withdrawn]
+    say(f"{order.action}: {', '.join(done) or 'a later command came first'}")
 
 
 _COMING_DOWN = (Action.RETURN, Action.LAND, Action.ABORT)
@@ -144,87 +152,6 @@ def lapsed(identity: Identity | None, now_ns: int) -> str:
     return f"; {file} is valid until {until}, and this computer's clock shows {now}: set it, or {_RENEW}"
 
 
-class Statuses:
-    """The newest status of each drone. ``unsigned``: in whose names there were some that it has not signed."""
-
-    def __init__(self, identity: Identity | None = None) -> None:
-        """``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
-        self._verifier = Verifier(identity.authority) if identity is not None else None
-        self.unsigned: set[str] = set()
-        self._newest: dict[str, Status] = {}
-        self._heard_s: dict[str, float] = {}  # this computer's monotonic clock: a wrong UTC clock must not prevent a landing
-        self._ahead_s: dict[str, float] = {}
-        self._numbers: dict[str, int] = {}  # of this command, by drone
-
-    def keep_numbers(self, drones: Collection[str]) -> None:
-        """Number the command to these drones, from now on the same in all its copies."""
-        tickets = {name: self._newest[name].ticket for name in drones}
-        self._numbers = {name: ticket.number for name, ticket in tickets.items() if ticket is not None}
-
-    def ticket(self, drone: str) -> Ticket | None:
-        """What a copy of the command needs for this drone: its newest nonce, and the command's number."""
-        newest, number = self._newest[drone].ticket, self._numbers.get(drone)
-        return None if newest is None or number is None else Ticket(newest.nonce, number)
-
-    def receive(self, key: str, payload: bytes) -> bool:
-        """Take a message of the mesh; whether it is a status that counts: signed by its drone, and no old one again."""
-        try:
-            if parse_key(key).kind != "status":
-                return False
-            message = decode_from(key, payload)
-        except ProtocolError:
-            return False
-        if not isinstance(message, Status):
-            return False
-        if self._verifier is not None and not self._verifier.accepts_status(message):
-            self.unsigned = {*sorted(self.unsigned)[:_MOST_NAMES], message.drone}
-            return False
-        known = self._newest.get(message.drone)
-        if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
-            return False  # after a pause it counts: the drone's clock may have been set back
-        self._newest[message.drone] = legible(message)
-        self._heard_s[message.drone] = time.monotonic()
-        self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
-        return True
-
-    def __getitem__(self, drone: str) -> Status:
-        return self._newest[drone]
-
-    def heard(self) -> list[str]:
-        """The drones heard recently."""
-        oldest_s = time.monotonic() - FRESH_S
-        return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
-
-    def is_overtaken(self, drone: str) -> bool:
-        """Whether another command has been carried out since this one was numbered."""
-        newest, number = self._newest[drone].ticket, self._numbers.get(drone)
-        return newest is not None and number is not None and newest.number > number
-
-    def why(self, action: Action, drone: str) -> str:
-        """Why a drone does not obey, in one line."""
-        status = self._newest[drone]
-        if drone not in self.heard():
-            return f"{drone}: no longer heard"
-        if status.ticket is None:
-            return f"{drone}: its status tells no nonce, without which no command is obeyed"
-        if self.is_overtaken(drone) and action is Action.RESUME:  # one that is refused is used up, too
-            return f"{drone}: resume was not possible, or another command came first (now in {status.stage})"
-        if self.is_overtaken(drone):
-            return f"{drone}: another command came first: give this one again"
-        if action is Action.START and abs(self._ahead_s[drone]) > CLOCKS_S:
-            return f"{drone}: its clock differs by {self._ahead_s[drone]:+.1f} s from this computer's: synchronise both"
-        if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
-            return f"{drone}: {', '.join(status.problems)}"
-        return f"{drone}: {action} is not possible in {status.stage}"
-
-
-def legible(status: Status) -> Status:
-    """A status whose texts can be shown on a terminal."""
-    problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
-    upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
-    return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)
-
-
 async def find(
     wanted: Addressees, what: str, statuses: Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
 ) -> list[str]:
@@ -233,8 +160,8 @@ async def find(
     Raises:
         CommandError: not all of them are; ``what`` is named in the text.
     """
-    began_s = time.monotonic()
-    while (waited_s := time.monotonic() - began_s) < FIND_S:
+    began_s = elapsed_s()
+    while (waited_s := elapsed_s() - began_s) < FIND_S:
         heard = [name for name in statuses.heard() if name not in wanted.without]
         if wanted.drones and set(wanted.drones) <= set(heard):
             return sorted(wanted.drones)
@@ -245,7 +172,7 @@ async def find(
     if differing():
         raise CommandError(f"{what}: {'; '.join(differing())}")
     missing = ", ".join(sorted(set(wanted.drones) - set(statuses.heard()))) or f"any drone of the swarm {wanted.swarm!r}"
-    names = ", ".join(sorted(statuses.unsigned)[:_MOST_NAMES])
+    names = ", ".join(sorted(statuses.unsigned)[:MAX_NAMES])
     forged = f"; statuses were left out that {names} did not sign" if names else ""
     refused = (await refusals(identity, wanted.connect, time.time_ns())).values()
     hint = "".join(f"; {text}" for text in refused) or lapsed(identity, time.time_ns())
@@ -291,47 +218,37 @@ def _concerns(problem: str, drones: Collection[str]) -> bool:
     return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
-def _message(
-    action: Action, trust: Trust | None, stamp_ns: int, mission: str, drones: Collection[str], statuses: Statuses
-) -> Command | None:
-    """A copy of the command; None where no drone's status has what it needs."""
-    tickets = {name: ticket for name in drones if (ticket := statuses.ticket(name)) is not None}
-    if not tickets:
-        return None
-    message = Command(
-        stamp_ns=stamp_ns,
-        station=station_name(trust),
-        mission=mission,
-        action=action,
-        to=tickets,
-    )
+def _message(action: Action, trust: Trust | None, stamp_ns: int, mission: str, to: dict[str, Ticket]) -> Command:
+    message = Command(stamp_ns=stamp_ns, station=station_name(trust), mission=mission, action=action, to=to)
     return message if trust is None else sign_command(message, trust)
 
 
-async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: Statuses) -> None:
-    """Send a command again and again: copies have the same stamp and numbers, and the newest nonces.
+async def _send_until_done(
+    mesh: Mesh, order: Order, trust: Trust | None, tickets: Tickets, given_s: float, withdrawn: Set[str]
+) -> None:
+    """Send a command again and again, until it lapses: copies have the same stamp, nonces and numbers.
 
     One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
     It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle.
     """
-    obeyed: set[str] = set()
-    deadline_s = time.monotonic() + OBEY_S
+    statuses, obeyed = tickets.statuses, set[str]()
     due_s, stamp_ns = 0.0, time.time_ns()
     while True:
-        waiting = [name for name in drones if statuses[name].stage not in _DONE[order.action]]
-        obeyed.update(name for name in drones if name not in waiting)
+        addressed = [name for name in tickets.drones if name not in withdrawn]
+        waiting = [name for name in addressed if statuses[name].stage not in _DONE[order.action]]
+        obeyed.update(name for name in addressed if name not in waiting)
         if not waiting:
             return
-        now_s = time.monotonic()
-        if now_s > deadline_s:
-            raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
-        if now_s >= due_s:
+        now_s = elapsed_s()
+        if now_s > given_s + OBEY_S:
+            raise CommandError("; ".join(tickets.why(order.action, name) for name in waiting))
+        if due_s <= now_s < given_s + LAPSE_S:
             due_s = now_s + REPEAT_S
             if order.action in _COMING_DOWN:
-                statuses.keep_numbers([name for name in waiting if name not in obeyed])
-            for mission, names in _by_mission(drones, statuses).items():
-                message = _message(order.action, trust, stamp_ns, mission, names, statuses)
-                if message is not None:
+                tickets.renumber([name for name in waiting if name not in obeyed])
+            for mission, names in _by_mission(addressed, statuses).items():
+                if to := tickets.to(names):
+                    message = _message(order.action, trust, stamp_ns, mission, to)
                     mesh.publish(key_of(order.swarm, message), encode(message))
                     await asyncio.sleep(PAUSE_S)
         await asyncio.sleep(0.05)

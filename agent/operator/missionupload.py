@@ -10,8 +10,10 @@ from pathlib import Path
 
 from agent.config.loading import mission_content
 from agent.config.mission import MissionConfig
-from agent.operator.groundcontrol import Addressees, CommandError, Statuses, find, lapsed, operator_identity, station_name
+from agent.operator.groundcontrol import Addressees, CommandError, find, lapsed, operator_identity, station_name
+from agent.operator.statuses import Statuses, Tickets
 from protocol.codec import encode
+from protocol.elapsed import elapsed_s
 from protocol.identity import Identity
 from protocol.keys import key_of
 from protocol.mesh.queries import hash_of, split
@@ -35,6 +37,7 @@ class UploadOrder:
     connect: tuple[str, ...]
     without: tuple[str, ...] = ()
     identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
+    given_s: float | None = None  # when the operator gave it (``elapsed_s``); None: once the drones are found
 
 
 async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
@@ -66,9 +69,9 @@ async def carry_out(order: UploadOrder, mesh: Mesh, identity: Identity | None, s
     swarm, parts, trust = order.mission.swarm, split(mission_content(order.mission)), trust_of(identity)
     await mesh.serve_mission(station_name(trust), parts)
     found = await find(Addressees(swarm, order.connect, drones), "upload", statuses, identity, lambda: mesh.differing)
-    statuses.keep_numbers(found)
+    tickets = Tickets(statuses, found, elapsed_s() if order.given_s is None else order.given_s)
     hashes = tuple(hash_of(part) for part in parts)
-    sending = _Sending(mesh, swarm, trust, statuses, order.mission.mission_id, hashes, time.time_ns())
+    sending = _Sending(mesh, swarm, trust, tickets, order.mission.mission_id, hashes, time.time_ns())
     say(f"upload: to {', '.join(found)}, mission {sending.mission}")
     return await _followed(sending, [_Drone(name, statuses[name].boot) for name in found], identity, say)
 
@@ -85,20 +88,19 @@ class _Drone:
 
 @dataclass(frozen=True, slots=True)
 class _Sending:
-    """One upload. Its copies have the same stamp and numbers, and the newest nonces."""
+    """One upload. Its copies have the same stamp, nonces and numbers."""
 
     mesh: Mesh
     swarm: str
     trust: Trust | None
-    statuses: Statuses
+    tickets: Tickets
     mission: str
     hashes: tuple[bytes, ...]
     stamp_ns: int
 
     def send(self, drones: list[str]) -> None:
         """Send it to these drones, as far as their tickets are known."""
-        to = {name: ticket for name in drones if (ticket := self.statuses.ticket(name)) is not None}
-        if to:
+        if to := self.tickets.to(drones):
             station = station_name(self.trust)
             message = Upload(stamp_ns=self.stamp_ns, station=station, mission=self.mission, to=to, parts=self.hashes)
             message = message if self.trust is None else sign_command(message, self.trust)
@@ -107,9 +109,9 @@ class _Sending:
 
 async def _followed(sending: _Sending, drones: list[_Drone], identity: Identity | None, say: Say) -> dict[str, str]:
     """Send to all that have not answered, and wait for each until it has the mission or has refused it."""
-    began_s, due_s = time.monotonic(), 0.0
+    began_s, due_s = elapsed_s(), 0.0
     while waiting := [one for one in drones if one.result is None]:
-        now_s = time.monotonic()
+        now_s = elapsed_s()
         for one in waiting:
             _look(sending, one, now_s - began_s, identity, say)
         unanswered = [one.name for one in waiting if one.result is None and not one.takes]
@@ -122,7 +124,7 @@ async def _followed(sending: _Sending, drones: list[_Drone], identity: Identity 
 
 def _look(sending: _Sending, one: _Drone, waited_s: float, identity: Identity | None, say: Say) -> None:
     """Note what a drone has answered."""
-    status = sending.statuses[one.name]
+    status = sending.tickets.statuses[one.name]
     answer = status.upload
     answered = answer is not None and answer.stamp_ns == sending.stamp_ns
     if status.mission == sending.mission:
@@ -135,16 +137,16 @@ def _look(sending: _Sending, one: _Drone, waited_s: float, identity: Identity | 
     elif answered and not one.takes:
         one.takes = True
         say(f"{one.name}: takes it over")
-    elif not one.takes and waited_s > ANSWER_S and one.name in sending.statuses.heard():
-        one.result = _silence(sending.statuses, one.name) + lapsed(identity, time.time_ns())
+    elif not one.takes and waited_s > ANSWER_S and one.name in sending.tickets.statuses.heard():
+        one.result = _silence(sending.tickets, one.name) + lapsed(identity, time.time_ns())
     elif waited_s > BACK_S:
         one.result = f"not heard with the mission within {BACK_S:g} s: see its log"
     if one.result:
         say(f"{one.name}: {one.result}")
 
 
-def _silence(statuses: Statuses, drone: str) -> str:
+def _silence(tickets: Tickets, drone: str) -> str:
     """Why a drone that is heard has not answered."""
-    if statuses.is_overtaken(drone):
+    if tickets.is_overtaken(drone):
         return "another command came first: upload it again"
     return "does not answer: its flight record tells why (radron-agent audit)"

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from agent.config.loading import load_mission
 from agent.errors import RadronError
 from agent.frames.geodesy import geodetic_from_mission
-from agent.operator.groundcontrol import legible
+from agent.operator.statuses import legible
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import load_identity

@@ -160,7 +160,8 @@ def renderer_mb() -> float:
 
 def socket_of(address: str) -> ClientConnection:
     """A page's socket without a page."""
-    return connect(address.replace("http", "ws", 1) + "socket", max_size=None)
+    page, _, token = address.replace("http", "ws", 1).partition("?")
+    return connect(f"{page}socket?{token}", max_size=None)
 
 
 def snapshot_bytes(address: str) -> int:

@@ -42,7 +42,8 @@ class RunFolder:
 
     ``agents/``: everything that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
     ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. What they never see: ``operator/`` and
-    ``page/``, the certificates of the operator and the operator's page, and ``world.json``, the truth.
+    ``page/``, the certificates of the operator and the operator's page, ``page.token``, the page's token, and ``world.json``, the
+    truth.
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
@@ -52,6 +53,7 @@ class RunFolder:
         self.world_file = folder / "world.json"
         self.operator = folder / "operator"
         self.page = folder / "page"
+        self.page_token = folder / "page.token"
         if agents_here:
             shutil.rmtree(folder / "agents", ignore_errors=True)
         make_folder(folder / "agents")

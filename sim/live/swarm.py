@@ -135,7 +135,7 @@ async def live_swarm(
         if page:
             serving, port = await _serve_page(files, places)
             stack.push_async_callback(serving.stop, _PAGE_ENDS_S)
-            telling = asyncio.create_task(_tell_page(serving, port, view))
+            telling = asyncio.create_task(_tell_page(serving, port, files.page_token, view))
             stack.callback(telling.cancel)
         faults = FaultPlayer(scenario, seed, agents, relays, world, view, places) if scenario.fault else None
         if faults is not None:
@@ -149,13 +149,15 @@ async def _serve_page(files: RunFolder, places: Places) -> tuple[Child, int]:
     links = [word for endpoint in places.mesh for word in ("--connect", endpoint)]
     identity = ["--identity", str((places.operator or files.page).resolve())] if places.encrypted else ["--insecure"]
     mission = str(files.mission_file.resolve())
-    command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port)]
+    files.page_token.unlink(missing_ok=True)  # that of an earlier flight in this folder
+    token = ["--token-file", str(files.page_token.resolve())]
+    command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port), *token]
     page = await Child.start("page", command, log=files.folder / "page.log", folder=files.folder)
     return page, port
 
 
-async def _tell_page(page: Child, port: int, view: View) -> None:
-    """Say where the page is, as soon as it can be opened."""
+async def _tell_page(page: Child, port: int, token: Path, view: View) -> None:
+    """Report the page's address with its token, as soon as it can be opened."""
     while page.exit_code is None:
         try:
             _, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -163,7 +165,7 @@ async def _tell_page(page: Child, port: int, view: View) -> None:
             await asyncio.sleep(_LOOK_S)
         else:
             writer.close()
-            view.say(f"the operator's page: http://localhost:{port}/")
+            view.say(f"the operator's page: http://localhost:{port}/?token={token.read_text().strip()}")
             return
     view.say(f"the operator's page has ended: {page.last_line()}")
 

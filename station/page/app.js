@@ -3,45 +3,28 @@
 import { drawCharts, moveCursor, showSpectra } from "./charts.js";
 import { Commands } from "./commands.js";
 import { Editor } from "./editor.js";
+import { Link, MAX_SILENT_MS } from "./link.js";
 import { SwarmMap } from "./map.js";
 import { eventText, showDrones, showEvents, showSource } from "./panel.js";
 import { offerReport } from "./report.js";
 import { clock, duration, loadTexts, say } from "./texts.js";
 
-const RETRY_MS = 1000;
 const PLAY_MS = 100;
 const CHART_MS = 1000;
 const PANEL_MS = 250;  // what it says in words is read, not watched
+const MAX_FRAME_MS = 2000;  // between two frames of a live flight; the station sends ten a second
 const MOST_ROWS = 1200;  // of a flight that is watched for long, older ones are thinned
 const by = (id) => document.getElementById(id);
 
-const state = { mission: null, map: null, rows: [], events: [], live: true, at: 0, spectra: null, playing: false, share: null, socket: null, frame: null, waiting: null, frames: 0, charted: 0, worded: 0, told: "", moved: false };
+const state = { mission: null, map: null, rows: [], events: [], live: true, at: 0, spectra: null, playing: false, share: null, link: null, lost: null, frame: null, framed: 0, waiting: null, frames: 0, known: false, silent: 0, charted: 0, worded: 0, told: "", moved: false };
 window.radron = state;  // for whoever tests the page
 
-function connect() {
-  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
-  state.socket = socket;
-  socket.addEventListener("open", () => {
-    Object.assign(state, { rows: [], events: [] });
-    ask(state.live ? { live: true } : { at_ms: Math.round(state.at) });
-  });
-  socket.addEventListener("message", (message) => {
-    const said = JSON.parse(message.data);
-    receive[said.kind]?.(said);
-  });
-  socket.addEventListener("close", () => {
-    state.socket = null;
-    showLink();
-    setTimeout(connect, RETRY_MS);
-  });
+function opened() {
+  Object.assign(state, { rows: [], events: [], framed: performance.now() });
+  ask(state.live ? { live: true } : { at_ms: Math.round(state.at) });
 }
 
-// Whether there is a station to ask.
-function ask(wish) {
-  if (state.socket?.readyState !== WebSocket.OPEN) return false;
-  state.socket.send(JSON.stringify(wish));
-  return true;
-}
+const ask = (wish) => state.link.ask(wish);
 
 const receive = {
   mission(mission) {
@@ -83,6 +66,7 @@ const receive = {
     if (trails) state.map.sketch.beginAt(trails, at_ms);
   },
   frame(frame) {
+    state.framed = performance.now();
     if (!state.waiting) requestAnimationFrame(drawFrame);
     state.waiting = frame;
   },
@@ -131,17 +115,41 @@ function drawFrame() {
   ask({ drawn: true });
 }
 
+// Whether the link is alive and the picture moves; where not, that stands across the page, and what is old is grey.
+function watchLink(alive, silentMs) {
+  const frozenMs = performance.now() - state.framed;
+  const isFrozen = state.live && state.frame !== null && frozenMs > MAX_FRAME_MS;
+  const isLost = !alive && (state.known || silentMs > MAX_SILENT_MS);
+  const lost = isLost ? state.link.refused ?? "link lost" : isFrozen ? "picture frozen" : null;
+  state.known ||= alive;
+  const seconds = Math.floor((alive ? frozenMs : silentMs) / 1000);
+  if (lost === state.lost && (lost === null || seconds === state.silent)) return;
+  const begins = lost !== state.lost;
+  Object.assign(state, { lost, silent: seconds });
+  document.body.classList.toggle("lost", lost !== null);
+  by("lost").hidden = lost === null;
+  if (lost !== null) by("lost-for").textContent = say("lost for", { seconds });
+  if (begins) by("lost-what").textContent = lost === null ? "" : say(lost);
+  if (begins) showLink();
+  if (state.frame) showDrones(lost === null ? state.frame : aged(state.frame, seconds));
+}
+
+// A frame as it is to be read after some seconds without another one.
+function aged(frame, seconds) {
+  return { ...frame, drones: frame.drones.map((drone) => ({ ...drone, age_s: drone.age_s === null ? null : drone.age_s + seconds })) };
+}
+
 function showLink() {
   const link = by("link");
   const reading = state.share !== null && state.share < 1;
   const texts = [];
-  if (!state.socket) texts.push(say("disconnected"));
+  if (state.lost !== null) texts.push(say("disconnected"));
   else if (state.mission?.replay) texts.push(reading ? say("reading", { percent: Math.floor(100 * state.share) }) : say("record"));
   else if (!state.live) texts.push(say("looking back"));
-  else texts.push(say("connected"));
-  if (state.socket && state.mission && !state.mission.replay) texts.push(say(state.mission.encrypted ? "encrypted" : "not encrypted"));
+  else texts.push(say(state.known ? "connected" : "connecting"));
+  if (state.lost === null && state.mission && !state.mission.replay) texts.push(say(state.mission.encrypted ? "encrypted" : "not encrypted"));
   link.textContent = texts.join(" · ");
-  link.className = !state.socket || (!state.live && !state.mission?.replay) || (state.mission && !state.mission.replay && !state.mission.encrypted) ? "bad" : "";
+  link.className = state.lost !== null || (!state.live && !state.mission?.replay) || (state.mission && !state.mission.replay && !state.mission.encrypted) ? "bad" : "";
 }
 
 function drawTimes() {
@@ -183,6 +191,7 @@ function tick() {
 
 function controls() {
   by("time").setAttribute("aria-label", say("time"));
+  by("speed").setAttribute("aria-label", say("speed"));
   by("time").addEventListener("input", () => {
     play(false);
     state.moved = true;
@@ -210,7 +219,8 @@ function controls() {
 
 await loadTexts();
 offerReport();
-const commands = new Commands(ask);
-const editor = new Editor(ask, (text, yes) => commands.confirmed(text, yes));
+state.link = new Link((said) => receive[said.kind]?.(said), opened, watchLink);
+const commands = new Commands(state.link);
+const editor = new Editor(state.link, (text, yes) => commands.confirmed(text, yes));
 controls();
-connect();
+state.link.start();

@@ -3,6 +3,7 @@
 // Tiles are in Web Mercator, the map is in metres east and north of the mission's datum. Around it both are alike but for their scale: each tile is
 // placed by its corners, which fits to decimetres over a kilometre.
 
+import { withToken } from "./link.js";
 import { element } from "./texts.js";
 
 const EQUATOR_M = 6378137;  // semi-major axis of WGS84
@@ -58,11 +59,11 @@ export class Background {
       const [latitude, longitude] = this.mission.datum_deg;
       return [(latitudeOf(row, z) - latitude) * this.north, (longitudeOf(column, z) - longitude) * this.east];
     };
-    return L.imageOverlay(`tiles/${name}`, [place(x, y + 1), place(x + 1, y)], { pane: "tiles", alt: "" }).addTo(this.layers.tiles);
+    return L.imageOverlay(withToken(`tiles/${name}`), [place(x, y + 1), place(x + 1, y)], { pane: "tiles", alt: "" }).addTo(this.layers.tiles);
   }
 
   async #drawLayer() {
-    const shapes = await (await fetch("layer.json")).json();
+    const shapes = await (await fetch(withToken("layer.json"))).json();
     const renderer = L.canvas({ pane: "own" });
     for (const [kind, name, places] of shapes) {
       const style = { color: INK, weight: 2, fillOpacity: 0.08, renderer };

@@ -9,8 +9,8 @@ const TOLD = ["command", "upload"];  // events
 const MOST_TICKS = 6;  // that are always in sight
 
 export class Commands {
-  constructor(ask) {
-    this.ask = ask;
+  constructor(link) {
+    this.link = link;
     this.bar = document.getElementById("commands");
     this.dialog = document.getElementById("confirm");
     this.offered = [];
@@ -93,8 +93,15 @@ export class Commands {
     const all = ticked.length === this.ticks.length;
     const question = say(`confirm ${action}`, { drones: all ? say("all") : ticked.join(", ") });
     if (CONFIRMED.includes(action) && !(await this.confirmed(question, say(`command ${action}`)))) return;
-    const sent = this.ask({ command: action, drones: all ? [] : ticked });
-    this.#tell(say(sent ? "sent" : "not sent", { action: say(`command ${action}`) }), !sent);
+    const name = { action: say(`command ${action}`) };
+    const sent = this.link.order({ command: action, drones: all ? [] : ticked }, (outcome) => this.#became(outcome, name));
+    this.#tell(say(sent ? "on its way" : "not sent", name), !sent);
+  }
+
+  // What the station says of a command; why it refuses one comes as an event, as what the drones made of it does.
+  #became(outcome, name) {
+    const isNewest = this.last.textContent === say("on its way", name);
+    if (outcome === "failed" || outcome === "late" || (outcome === "sent" && isNewest)) this.#tell(say(outcome, name), outcome !== "sent");
   }
 
   // Whether a question is answered with yes.

@@ -15,8 +15,8 @@ function button(text, id, look = "") {
 }
 
 export class Editor {
-  constructor(ask, confirmed) {
-    this.ask = ask;
+  constructor(link, confirmed) {
+    this.link = link;
     this.confirmed = confirmed;
     this.box = document.getElementById("editor");
     this.opener = button("", "edit");
@@ -217,7 +217,7 @@ export class Editor {
     this.state.textContent = say("checking");
     this.#enable();
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.ask({ draft: this.#draft() }), CHECK_MS);
+    this.timer = setTimeout(() => this.link.ask({ draft: this.#draft() }), CHECK_MS);
   }
 
   checked(result) {
@@ -254,8 +254,14 @@ export class Editor {
     const { id } = this.result;
     if (!(await this.confirmed(say("confirm upload", { mission: id }), say("upload")))) return;
     this.answers = [];
+    const sent = this.link.order({ draft: this.#draft(), upload: true }, (outcome) => outcome === "failed" && this.#fail(outcome));
+    if (sent) this.#showAnswers();
+    else this.#fail("not sent");
+  }
+
+  #fail(why) {
+    this.answers.push({ values: { line: say(why, { action: say("upload") }) }, level: "warning" });
     this.#showAnswers();
-    this.ask({ draft: this.#draft(), upload: true });
   }
 
   #download() {

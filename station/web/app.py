@@ -19,16 +19,18 @@ from protocol.messages import Action
 from protocol.units import DroneId
 from station.draft import Draft, drafted, told
 from station.hub import Hub, encode
-from station.outbox import Page
-from station.web.content import content, guarded
+from station.outbox import LET_GO, Page
+from station.web.beat import MAX_COMMAND_AGE_S, age_s, stamp
+from station.web.content import content
 from station.web.flood import Credit
-from station.web.guard import COOKIE, HEADERS, Guard
+from station.web.guard import HEADERS, Guard
 from station.web.talk import talk
 
 PAGE = Path(__file__).parent.parent / "page"
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".svg": "image/svg+xml"}
-MOST_PAGES = 32
-LONGEST_REQUEST = 16_384  # bytes of a message from a page: a mission's area may have 256 corners
+MAX_PAGES = 32
+MAX_REQUEST_CHARACTERS = 16_384  # of a message from a page: a mission's area may have 256 corners
+TOO_OLD = f"refused, it was given more than {MAX_COMMAND_AGE_S:g} s ago: give it again"
 _DRAFT_COST = 10.0  # of a mission that is to be checked, in messages: tens of milliseconds
 
 
@@ -36,16 +38,26 @@ class Wish(Struct, frozen=True, forbid_unknown_fields=True):
     """What a page asks for: to follow the present (``live``), to see a time, to command the drones (none: all), to have a mission
     checked, or to ``upload`` it.
 
-    ``drawn``: the newest frame that it got has been drawn.
+    ``drawn``: the newest frame that it got has been drawn. ``beat``: its heartbeat, with its own time, which the answer repeats.
+    An order, which is a command or an upload, has a ``number``, which the answer repeats, and the newest ``stamp`` of the station
+    that the page has heard (``station.web.beat``).
     """
 
     live: bool = False
     drawn: bool = False
+    beat: Annotated[int, Meta(ge=0, le=2**53)] | None = None
+    number: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    stamp: Annotated[int, Meta(ge=0, le=2**53)] | None = None
     at_ms: Annotated[int, Meta(ge=0, le=2**53)] | None = None
     command: Action | None = None
     drones: Annotated[tuple[DroneId, ...], Meta(max_length=64)] = ()
     draft: Draft | None = None
     upload: bool = False
+
+    @property
+    def is_operators(self) -> bool:
+        """Whether the operator asks, not the page by itself."""
+        return self.live or self.at_ms is not None or self.command is not None or self.draft is not None
 
 
 def application(hub: Hub, guard: Guard, doors: Sequence[WebSocketRoute] = ()) -> Starlette:
@@ -54,29 +66,28 @@ def application(hub: Hub, guard: Guard, doors: Sequence[WebSocketRoute] = ()) ->
     files["/"] = PAGE / "index.html"
 
     async def serve_file(request: Request) -> Response:
-        """A file of the page, of a fixed list: no path comes from the request."""
-        path = files.get(request.url.path)
+        """A file of the page, of a fixed list: no path comes from the request. They hold nothing of the mission."""
+        path, misled = files.get(request.url.path), guard.misled(request.headers)
+        if misled is not None:
+            return PlainTextResponse(misled, 403, HEADERS)
         if path is None:
             return PlainTextResponse("no such file", 404, HEADERS)
-        response = FileResponse(path, media_type=TYPES[path.suffix], headers=HEADERS)
-        if guard.token and request.query_params.get("token"):
-            response.set_cookie(COOKIE, guard.token, secure=True, httponly=True, samesite="strict")
-        return response
+        return FileResponse(path, media_type=TYPES[path.suffix], headers=HEADERS)
 
     async def serve_page(socket: WebSocket) -> None:
-        if guard.refusal(socket.headers, socket.query_params, socket.cookies) is not None or hub.pages >= MOST_PAGES:
-            await socket.close(1008)
+        if guard.refusal(socket.headers, socket.query_params) is not None:
+            await socket.close(LET_GO)
             return
         await socket.accept()
-        with hub.joined() as page:
-            await talk(socket, _send(socket, page), _listen(socket, page, hub))
+        with hub.joined(MAX_PAGES) as page:
+            await talk(socket, _send(socket, page), _listen(socket, page, hub), page.left.wait(), code=lambda: page.code)
 
-    own = [WebSocketRoute("/socket", serve_page), *doors, *content(hub, guard), Route("/{path:path}", guarded(guard, serve_file))]
+    own = [WebSocketRoute("/socket", serve_page), *doors, *content(hub, guard), Route("/{path:path}", serve_file)]
     return Starlette(routes=own)
 
 
 async def _send(socket: WebSocket, page: Page) -> None:
-    while not page.gone:
+    while True:
         await socket.send_text((await page.next()).decode())
 
 
@@ -86,37 +97,60 @@ async def _listen(socket: WebSocket, page: Page, hub: Hub) -> None:
     with contextlib.suppress(WebSocketDisconnect, msgspec.MsgspecError, KeyError):
         while True:
             text = await socket.receive_text()
-            if not credit.spend() or len(text) > LONGEST_REQUEST:
+            if not credit.spend() or len(text) > MAX_REQUEST_CHARACTERS:
                 return
             wish = msgspec.json.decode(text, type=Wish)
             if wish.drawn:
                 page.drawn()
+            if wish.beat is not None:
+                page.send(encode({"kind": "beat", "beat": wish.beat, "stamp": stamp()}))
             if wish.live:
                 hub.follow(page)
             if wish.at_ms is not None:
                 hub.look_back(page, wish.at_ms)
             if wish.command is not None:
-                _command(hub, wish.command, wish.drones)
+                _answer(hub, page, wish, _command(hub, wish, wish.command))
             if wish.draft is not None:
                 credit.spend(_DRAFT_COST)
-                _edit(hub, page, wish.draft, wish.upload)
+                _edit(hub, page, wish, wish.draft)
+            if wish.is_operators:
+                page.use()
 
 
-def _edit(hub: Hub, page: Page, draft: Draft, upload: bool) -> None:
+def _answer(hub: Hub, page: Page, wish: Wish, refused: str) -> None:
+    """Answer an order; a refusal is told to all pages too."""
+    if refused:
+        hub.tell(refused, True, "upload" if wish.command is None else "command")
+    page.send(encode({"kind": "answer", "number": wish.number, "refused": refused}))
+
+
+def _edit(hub: Hub, page: Page, wish: Wish, draft: Draft) -> None:
     """Check a mission, and upload one without flaws."""
     if hub.upload is None:
-        hub.tell("refused, this station may not upload a mission", True, "upload")
+        _answer(hub, page, wish, "refused, this station may not upload a mission")
         return
+    age = _age_s(wish)
     result = drafted(hub.picture.mission, draft)
     page.send(encode(told(result, draft.number)))
-    if upload and not isinstance(result, tuple):
-        hub.upload(result)
-
-
-def _command(hub: Hub, action: Action, drones: tuple[str, ...]) -> None:
-    if hub.command is None:
-        hub.tell(f"{action}: refused, this station may not command", True)
-    elif not set(drones) <= set(hub.picture.members):
-        hub.tell(f"{action}: refused, there is no such drone", True)
+    if not wish.upload:
+        return
+    if isinstance(result, tuple):
+        _answer(hub, page, wish, "refused, the mission has flaws")
     else:
-        hub.command(action, drones)
+        _answer(hub, page, wish, TOO_OLD if age is None else hub.upload(result, age))
+
+
+def _command(hub: Hub, wish: Wish, action: Action) -> str:
+    """Carry out a command; why not, if it is refused."""
+    if hub.command is None:
+        refused = "refused, this station may not command"
+    elif not set(wish.drones) <= set(hub.picture.members):
+        refused = "refused, there is no such drone"
+    else:
+        age = _age_s(wish)
+        refused = TOO_OLD if age is None else hub.command(action, wish.drones, age)
+    return refused and f"{action}: {refused}"
+
+
+def _age_s(wish: Wish) -> float | None:
+    return None if wish.stamp is None else age_s(wish.stamp)

@@ -52,10 +52,10 @@ def content(hub: Hub, guard: Guard) -> list[Route]:
 
 
 def guarded(guard: Guard, answer: Answer) -> Answer:
-    """The answer to those who are let in."""
+    """Return the answer to requests with the token."""
 
     async def checked(request: Request) -> Response:
-        refusal = guard.refusal(request.headers, request.query_params, request.cookies)
+        refusal = guard.refusal(request.headers, request.query_params)
         return await answer(request) if refusal is None else PlainTextResponse(refusal, 403, HEADERS)
 
     return checked

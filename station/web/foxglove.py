@@ -8,6 +8,7 @@ import msgspec
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from station.outbox import LET_GO
 from station.viewers.live import PROTOCOLS, Client, LiveFoxglove, is_foxglove
 from station.web.flood import Credit
 from station.web.guard import Guard
@@ -20,10 +21,10 @@ def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
     """The route /foxglove."""
 
     async def serve(socket: WebSocket) -> None:
-        refusal = guard.refusal(socket.headers, socket.query_params, socket.cookies, is_foxglove)
+        refusal = guard.refusal(socket.headers, socket.query_params, is_foxglove)
         protocol = next((one for one in PROTOCOLS if one in socket.scope["subprotocols"]), None)
         if refusal is not None or protocol is None or len(live.clients) >= MOST_CLIENTS:
-            await socket.close(1008)
+            await socket.close(LET_GO)
             return
         await socket.accept(protocol)
         with live.joined() as client:

@@ -1,4 +1,4 @@
-"""Who may see the page: on this computer only, unless told; never by another site's scripts."""
+"""Access to the page: with its token, under its own name, and by its own scripts alone."""
 
 from __future__ import annotations
 
@@ -16,34 +16,46 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-COOKIE = "radron-token"
+_DEFAULT_PORTS = {"http": 80, "https": 443}
 
 
 @dataclass(frozen=True, slots=True)
 class Guard:
     """``hosts``: the names by which the page may be called: others are those of a site whose name was made to point here (DNS
-    rebinding). ``token``: that a request must carry; empty where only this computer can connect.
+    rebinding). With ``scheme`` and ``port`` they make the origins of the page's own scripts. ``token``: of every request for what
+    the station knows, and of every socket: other processes and users of this computer do not have it.
     """
 
+    token: str
+    scheme: str
+    port: int
     hosts: tuple[str, ...] = LOCAL
-    token: str = ""
 
-    def refusal(
-        self, headers: Headers, query: QueryParams, cookies: dict[str, str], welcome: Callable[[str], bool] = lambda origin: False
-    ) -> str | None:
-        """Why a request is refused; None where it is allowed. ``welcome``: whether another origin than the page may ask too."""
-        host = headers.get("host", "")
-        if _name(host) not in self.hosts:
+    def misled(self, headers: Headers, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
+        """Why a request is refused, whatever it is for; None where it is allowed. ``welcome``: other origins that may ask too."""
+        if _name(headers.get("host", "")) not in self.hosts:
             return f"this page is served as {' or '.join(self.hosts)} only"
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host and not welcome(origin):
+        if origin is not None and not self._is_own(origin) and not welcome(origin):
             return "requests of other sites are refused"
-        if self.token and not any(
-            hmac.compare_digest(given.encode(), self.token.encode())
-            for given in (query.get("token", ""), cookies.get(COOKIE, ""))
-        ):
+        return None
+
+    def refusal(self, headers: Headers, query: QueryParams, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
+        """The same for a request that needs the token."""
+        if misled := self.misled(headers, welcome):
+            return misled
+        if not hmac.compare_digest(query.get("token", "").encode(), self.token.encode()):
             return "open the address that the station has printed, with its token"
         return None
+
+    def _is_own(self, origin: str) -> bool:
+        """Whether scheme, name and port of an origin are those served."""
+        try:
+            parts = urlsplit(origin)
+            port = parts.port or _DEFAULT_PORTS.get(parts.scheme)
+        except ValueError:
+            return False
+        return parts.scheme == self.scheme and parts.hostname in self.hosts and port == self.port
 
 
 def _name(host: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
 import socket
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
@@ -15,9 +14,11 @@ from starlette.routing import WebSocketRoute
 from agent.errors import RadronError
 from station.hub import Hub
 from station.web.app import application
+from station.web.connections import MAX_CONNECTIONS, BoundedHttp
 from station.web.guard import LOCAL, Guard
+from station.web.token import token_from
 
-LONGEST_MESSAGE = 65_536  # bytes of any socket: Foxglove subscribes to all topics of 30 drones at once
+MAX_MESSAGE_BYTES = 65_536  # of any socket: Foxglove subscribes to all topics of 30 drones at once
 Doors = Callable[[Guard], Sequence[WebSocketRoute]]
 
 
@@ -26,12 +27,15 @@ class StationError(RadronError):
 
 
 class Place(Struct, frozen=True, kw_only=True):
-    """Where the page is served. Beyond this computer only by TLS (``certificate`` and ``key``, PEM) and with a token."""
+    """Where the page is served. Beyond this computer only by TLS (``certificate`` and ``key``, PEM). ``token_file``: with the
+    token of all requests, made if it is missing; None: a new token, which only the address has.
+    """
 
     host: str = "127.0.0.1"
     port: int = 8087
     certificate: Path | None = None
     key: Path | None = None
+    token_file: Path | None = None
 
     @property
     def is_local(self) -> bool:
@@ -40,30 +44,33 @@ class Place(Struct, frozen=True, kw_only=True):
 
 
 class Serving:
-    """A page that is being served. ``address``: to open in a browser; ``port``: where it is."""
+    """A page that is being served. ``address``: to open in a browser, with the token; ``port``: where it is."""
 
     def __init__(self, hub: Hub, place: Place, doors: Doors | None = None) -> None:
         """Take the port. ``doors``: sockets of other programs, which the guard protects too.
 
         Raises:
             StationError: the port is in use, or the page would be open to others without TLS.
+            TokenError: the token's file cannot be used.
         """
         if not place.is_local and (place.certificate is None or place.key is None):
             raise StationError(
                 f"--host {place.host}: others could connect, so give --tls-certificate and --tls-key, or leave --host out"
             )
-        token = "" if place.is_local else secrets.token_urlsafe(24)
-        hosts = LOCAL if place.is_local else (*LOCAL, place.host)
+        token = token_from(place.token_file)
+        hosts = LOCAL if place.is_local else (*LOCAL, place.host.lower())
         self._socket = _bound(place)
         self.port = int(self._socket.getsockname()[1])
         scheme = "http" if place.certificate is None else "https"
         name = f"[{place.host}]" if ":" in place.host else place.host
-        self.address = f"{scheme}://{name}:{self.port}/" + (f"?token={token}" if token else "")
-        guard = Guard(hosts, token)
+        self.address, self._token_file = f"{scheme}://{name}:{self.port}/?token={token}", place.token_file
+        guard = Guard(token, scheme, self.port, hosts)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 application(hub, guard, doors(guard) if doors is not None else ()),
-                ws_max_size=LONGEST_MESSAGE,
+                http=BoundedHttp,
+                backlog=MAX_CONNECTIONS,  # as many are taken at once
+                ws_max_size=MAX_MESSAGE_BYTES,
                 log_level="warning",
                 access_log=False,
                 server_header=False,
@@ -73,10 +80,11 @@ class Serving:
             )
         )
 
-    def socket_address(self, path: str) -> str:
-        """Of a socket, for a program that is given an address."""
+    def shown(self, socket: str = "") -> str:
+        """The address to print, or that of a socket: without the token where a file has it, as what is printed may be logged."""
         page, _, token = self.address.partition("?")
-        return f"{page.replace('http', 'ws', 1)}{path}" + (f"?{token}" if token else "")
+        address = f"{page.replace('http', 'ws', 1)}{socket}" if socket else page
+        return f"{address}?{token}" if self._token_file is None else f"{address} (with ?token= from {self._token_file})"
 
     async def run(self, work: Awaitable[None]) -> None:
         """Serve until interrupted, and do the work that fills the pages meanwhile; errors of both are raised."""

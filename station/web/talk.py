@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from station.outbox import LET_GO
 
-async def talk(socket: WebSocket, *directions: Coroutine[None, None, None]) -> None:
-    """Until one direction ends, or the server; then the others are ended and the socket is closed."""
+
+async def talk(socket: WebSocket, *directions: Coroutine[Any, Any, object], code: Callable[[], int] = lambda: LET_GO) -> None:
+    """Until one direction ends, or the server; then the others are ended and the socket is closed with a code."""
     tasks = [asyncio.create_task(one) for one in directions]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -19,4 +22,4 @@ async def talk(socket: WebSocket, *directions: Coroutine[None, None, None]) -> N
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it is closed already
-            await socket.close(1008)
+            await socket.close(code())

@@ -12,7 +12,7 @@ from protocol.codec import decode_from, encode
 from protocol.entries import Credential, Entry
 from protocol.identity import Role
 from protocol.keys import key_of
-from protocol.messages import Action, Command, Stage, Status
+from protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Stage, Status
 from protocol.signing import Verifier, sign_command, sign_status
 from sim.lockstep.members import OPERATOR_NAME
 
@@ -156,10 +156,22 @@ def test_recorded_delayed_and_reordered_commands_are_not_obeyed():
     one.receive(*hold, now_ns + 2 * SECOND)
     assert one.stage is Stage.SURVEY  # sent again by somebody who has recorded it
     late = order(Action.HOLD, now_ns + 3 * SECOND)
-    one.receive(*late, now_ns + 3 * NONCE_NS)
+    later_ns = now_ns + 3 * SECOND + MAX_ORDER_AGE_NS
+    one.receive(*late, later_ns)
     assert one.stage is Stage.SURVEY  # held back by somebody, though never seen before
-    one.receive(*order(Action.HOLD, now_ns + 3 * NONCE_NS), now_ns + 3 * NONCE_NS)
+    one.receive(*order(Action.HOLD, later_ns), later_ns)
     assert one.stage is Stage.HOLD
+
+
+@pytest.mark.parametrize("action", [Action.HOLD, Action.RETURN, Action.LAND, Action.ABORT])
+@pytest.mark.parametrize("into_period", [0, NONCE_NS - 1])
+def test_no_command_is_obeyed_five_seconds_after_it_was_given_by_the_drones_clock(action, into_period):
+    given_ns = START_NS - START_NS % NONCE_NS + 2 * SECOND + into_period
+    for age_ns, is_obeyed in ((4 * SECOND, True), (5 * SECOND, False), (15 * SECOND, False)):
+        one = flying()
+        one.receive(*order(action, given_ns), given_ns + age_ns)
+        assert (one.stage is not Stage.SURVEY) == is_obeyed
+        assert one.counters["dropped_command_too_old"] == (not is_obeyed)
 
 
 def test_a_command_with_the_largest_number_does_not_keep_later_ones_out():
@@ -228,12 +240,10 @@ def test_the_status_of_a_pilot_is_accepted_by_its_peers():
     assert other._peers.statuses(START_NS + SECOND)["d1"].stage is Stage.SURVEY
 
 
-def test_a_start_gets_too_old_while_its_nonce_still_holds():
-    begin_ns = START_NS - START_NS % NONCE_NS
-    for after_ns, stage in ((START_AGE_NS, Stage.TAKEOFF), (START_AGE_NS + SECOND, Stage.PREFLIGHT)):
-        one = trusting()
-        one.observe_vehicle(state(begin_ns + after_ns))
-        one.receive(*order(Action.START, begin_ns), begin_ns + after_ns)
+def test_a_start_whose_stamp_is_far_off_is_refused_though_it_was_given_just_now():
+    for off_ns, stage in ((START_AGE_NS, Stage.TAKEOFF), (START_AGE_NS + SECOND, Stage.PREFLIGHT)):
+        one = ready()
+        one.receive(*order(Action.START, START_NS, stamp_ns=START_NS - off_ns), START_NS)
         assert one.stage is stage
 
 

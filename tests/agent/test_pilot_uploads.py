@@ -5,12 +5,11 @@ from members import AUTHORITY, FOREIGN, OPERATOR, order, trusting
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
-from agent.mission.orders import NONCE_NS
 from agent.vehicle.interface import FlightMode
 from protocol.codec import decode, encode
 from protocol.identity import Role
 from protocol.keys import key_of
-from protocol.messages import Action, Answer, Stage, Status, Ticket, Upload
+from protocol.messages import MAX_ORDER_AGE_NS, Action, Answer, Stage, Status, Ticket, Upload
 from protocol.signing import sign_command, sign_status
 from sim.lockstep.members import OPERATOR_NAME
 
@@ -67,7 +66,7 @@ WRONG = {
     "drone": (lambda one, now_ns: offered(one, now_ns, AUTHORITY.trust(OPERATOR_NAME)), "by_a_drone"),
     "observer": (lambda one, now_ns: offered(one, now_ns, AUTHORITY.trust(OPERATOR_NAME, "observer")), "by_a_observer"),
     "altered": (forged, "forged"),
-    "delayed": (lambda one, now_ns: offered(one, now_ns - 3 * NONCE_NS), "too_old"),
+    "delayed": (lambda one, now_ns: offered(one, now_ns - MAX_ORDER_AGE_NS), "too_old"),
 }
 
 

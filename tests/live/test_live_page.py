@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 from browser import browsing, needs_browser, until
-from live_run import PATIENCE_S, live_run, stretched
+from live_run import PATIENCE_S, LiveRun, live_run, stretched
 
 from station.findings.facts import BY_DRONES
 from station.findings.seal import verify
@@ -18,14 +18,21 @@ from station.findings.seal import verify
 PICTURES = Path("results/page")
 
 
+def opened(run: LiveRun, folder: Path) -> str:
+    """The address of the page, once it is served; its token is in no file that others can read."""
+    run.until(lambda: "the operator's page" in run.said, 120.0)
+    address = re.findall(r"http://localhost:\d+/\?token=\S+", run.said)[0]
+    run.until(lambda: "radron-station" in (folder / "page.log").read_text(), 30.0)
+    assert address.split("token=")[1] not in (folder / "page.log").read_text()
+    return address
+
+
 @needs_browser
 @pytest.mark.slow
 def test_the_page_shows_the_flight_stops_it_and_marks_a_drone_that_is_gone_within_two_seconds(tmp_path: Path) -> None:
     options = ("--seed", "1", "--set", "mission.track.duration_s=90", "--page")
     with live_run(tmp_path, "demo", *options) as run:
-        run.until(lambda: "the operator's page" in run.said, 120.0)
-        address = re.findall(r"http://localhost:\d+/", run.said)[0]
-        run.until(lambda: "radron-station" in (tmp_path / "page.log").read_text(), 30.0)
+        address = opened(run, tmp_path)
         with browsing(address) as page:
             until(page, "() => radron.frame?.drones.every((drone) => drone.alive && drone.place)", 120.0)
             until(page, "() => radron.frame.source !== null", 120.0)

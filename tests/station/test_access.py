@@ -43,8 +43,8 @@ def hub(tmp_path):
     hub = Hub(Picture(mission, None), replay=False)
     hub.background = background(mission, [tmp_path / "yard.geojson"], tiles)
     given = []
-    hub.command = lambda action, drones: given.append((str(action), drones))
-    hub.upload, hub.given = given.append, given
+    hub.command = lambda action, drones, age_s: given.append((str(action), drones)) or ""
+    hub.upload, hub.given = lambda mission, age_s: given.append(mission) or "", given
     told = {"mission": mission.mission_id, "boot": "0" * 16, "stage": Stage.PREFLIGHT, "problems": ("no camera",)}
     status = Status(stamp_ns=10**9, drone="d1", **told)
     hub.picture.receive(key_of(mission.swarm, status), encode(status), 10**9)
@@ -53,7 +53,7 @@ def hub(tmp_path):
 
 def shown(serving, page):
     serving.call(serving.hub.show, 10**9)
-    until(page, "() => radron.frames > 0")
+    until(page, "() => radron.frames > 0 && radron.link?.isAlive")
 
 
 def violations(page):

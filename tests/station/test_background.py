@@ -138,11 +138,11 @@ def test_tiles_and_layers_are_served_to_those_who_are_let_in_and_nothing_beside_
     hub.background = background(ON_EARTH, [layer], write_folder(tmp_path / "tiles", *place, range(Z, Z + 1)))
     x, y = tile_of(*place, Z)
     with served(hub) as page:
-        status, headers, body = page.get(f"/tiles/{Z}/{x}/{y}")
+        status, headers, body = page.get(f"/tiles/{Z}/{x}/{y}?token={page.token}")
         assert (status, headers["content-type"], body) == (200, "image/png", png(*colour(Z, x, y)))
         assert page.get(f"/tiles/{Z}/{x}/{y}", Host="evil.example")[0] == page.get("/layer.json", Host="evil.example")[0] == 403
-        assert page.get(f"/tiles/{Z}/0/0")[1]["content-type"] == "image/svg+xml"
-        assert json.loads(page.get("/layer.json")[2])[0][0] == "point"
+        assert page.get(f"/tiles/{Z}/0/0?token={page.token}")[1]["content-type"] == "image/svg+xml"
+        assert json.loads(page.get(f"/layer.json?token={page.token}")[2])[0][0] == "point"
         for path in (
             "/tiles/18/../secret",
             "/tiles/-1/0/0",
@@ -150,5 +150,5 @@ def test_tiles_and_layers_are_served_to_those_who_are_let_in_and_nothing_beside_
             f"/tiles/{10**400}/0/0",
             "/tiles/18/x/0",
         ):
-            _, headers, body = page.get(f"/tiles/{path}")
+            _, headers, body = page.get(f"/tiles/{path}?token={page.token}")
             assert (headers["content-type"], body[:4]) == ("image/svg+xml", b"<svg")

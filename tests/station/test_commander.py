@@ -16,7 +16,7 @@ from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
-from station.commander import MOST_AT_ONCE, Commander, may_command
+from station.commander import Commander, may_command
 
 NEW = replace(MISSION, name="new")
 STAGES = {Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING, Action.START: Stage.TAKEOFF}
@@ -25,13 +25,15 @@ STAGES = {Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING, Action.START: Sta
 class Drone:
     """Does what it is told, if the number is above that of the last command."""
 
-    def __init__(self, slow=()):
+    def __init__(self, slow=(), tells_every_s=0.05):
         self.stage, self.number, self.slow = Stage.TRACK, 1, slow
+        self.tells_every_s, self.statuses, self.obeyed = tells_every_s, 0, []
 
     def receive(self, key, payload):
         message = decode(payload)
         if isinstance(message, Command) and message.action not in self.slow and message.to["d1"].number >= self.number:
             self.stage, self.number = STAGES[message.action], message.to["d1"].number + 1
+            self.obeyed.append(message.action)
 
     async def tell(self, mesh):
         while True:
@@ -39,11 +41,12 @@ class Drone:
             told = {"mission": "0123456789abcdef", "boot": "0" * 16, "stage": self.stage, "ticket": ticket}
             status = Status(stamp_ns=time.time_ns(), drone="d1", **told)
             mesh.publish(key_of("test", status), encode(status))
-            await asyncio.sleep(0.05)
+            self.statuses += 1
+            await asyncio.sleep(self.tells_every_s)
 
 
-def commanded(drone, *given, within_s=10.0, until):
-    """What a station tells of its commands."""
+def commanded(drone, *given, within_s=10.0, until, refused=None):
+    """What a station tells of its commands; ``given``: actions, also with drones; ``refused``: collects why not."""
     said = []
 
     async def run():
@@ -60,8 +63,12 @@ def commanded(drone, *given, within_s=10.0, until):
         commander = Commander(station, "test", None, lambda line, warning, what: said.append((line, warning)))
         try:
             await asyncio.wait_for(heard.wait(), within_s)
-            for action in given:
-                commander.give(action, ())
+            for one in given:
+                action, drones = one if isinstance(one, tuple) else (one, ())
+                why = commander.give(action, drones, 0.0)
+                assert bool(why) == (refused is not None)
+                if why:
+                    refused.append(why)
             async with asyncio.timeout(within_s):
                 while not until(said):
                     await asyncio.sleep(0.02)
@@ -94,14 +101,30 @@ def test_only_an_operators_certificate_commands(tmp_path, role, may):
     assert may_command(identity(new_issuer(), tmp_path, "one", role)) is may
 
 
-def test_nobody_heard_and_too_many_at_once_are_told():
-    said = []
-    commander = Commander(None, "test", None, lambda line, warning, what: said.append((line, warning)))
-    commander.give(Action.LAND, ())
-    assert said == [("land: no drone is heard", True)]
-    actions = [Action.START] * (MOST_AT_ONCE + 1)
-    told = commanded(Drone(slow=(Action.START,)), *actions, until=lambda said: any(warning for _, warning in said))
-    assert ("start: too many commands at once", True) in told
+def test_nobody_heard_is_told():
+    commander = Commander(None, "test", None, lambda line, warning, what: None)
+    assert commander.give(Action.LAND, (), 0.0) == "not sent: no drone is heard"
+    assert commander.give(Action.LAND, ("d1", "d2"), 0.0) == "not sent: d1, d2 not heard"
+
+
+def test_a_hold_goes_at_once_to_the_drones_that_are_heard_and_a_start_to_none():
+    """It was held back for 8 s, and then sent to none of them."""
+    said = commanded(Drone(), (Action.HOLD, ("d1", "d7")), until=lambda said: ("hold: d1 hold", False) in said, within_s=4.0)
+    assert said[0] == ("hold: not sent to d7: not heard", True)
+    refused = []
+    commanded(Drone(), (Action.START, ("d1", "d7")), until=lambda said: refused, refused=refused)
+    assert refused == ["not sent: d7 not heard"]
+
+
+def test_the_newest_command_counts_though_an_earlier_one_is_still_repeated():
+    """Return, then hold within a second: the return was numbered anew, and sent a second time after the hold was obeyed."""
+    drone = Drone(tells_every_s=0.6)
+    said = commanded(
+        drone, Action.LAND, Action.HOLD, until=lambda said: ("hold: d1 hold", False) in said and drone.statuses > 5, within_s=15.0
+    )
+    assert drone.stage is Stage.HOLD
+    assert drone.obeyed[-1] is Action.HOLD
+    assert ("land: a later command came first", False) in said
 
 
 def uploaded(*drones):
@@ -121,10 +144,12 @@ def uploaded(*drones):
             station = await Mesh.open(MeshConfig(connect=dial), "radron", None, receive=receive)
             commander = Commander(station, "radron", None, lambda line, warning, what: said.append((line, warning, what)))
             try:
-                commander.upload(NEW, taken.append)
-                commander.upload(NEW, taken.append)
+                while why := commander.upload(NEW, taken.append, 0.0):
+                    assert why.endswith(" not heard")
+                    await asyncio.sleep(0.02)
+                assert commander.upload(NEW, taken.append, 0.0) == "refused: another mission is being uploaded"
                 async with asyncio.timeout(20.0):
-                    while not said[-1][0].startswith(("all drones have", "not taken by")):
+                    while not said or not said[-1][0].startswith(("all drones have", "not taken by")):
                         await asyncio.sleep(0.02)
             finally:
                 await commander.close()
@@ -132,7 +157,6 @@ def uploaded(*drones):
 
     asyncio.run(run())
     assert {what for _, _, what in said} == {"upload"}
-    assert said.pop(0) == ("refused: another mission is being uploaded", True, "upload")
     return [(line, warning) for line, warning, _ in said], taken
 
 

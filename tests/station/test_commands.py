@@ -18,7 +18,7 @@ def operators(mission):
     """A hub of an operator; ``given``: commands."""
     hub = Hub(Picture(mission, None), replay=False)
     hub.given = []
-    hub.command = lambda action, drones: hub.given.append((str(action), drones))
+    hub.command = lambda action, drones, age_s: hub.given.append((str(action), drones)) or ""
     return hub
 
 
@@ -30,6 +30,7 @@ def told(page, text):
 def test_what_became_of_a_command_stands_beside_the_buttons():
     hub = operators(MISSION)
     with served(hub) as station, browsing(station.address, 820, 1180) as page:
+        until(page, "() => radron.link?.isAlive")
         page.locator("#command-hold").click()
         assert told(page, "Hold (H): given to the station") == ""
         station.call(hub.tell, "hold: d1 hold, d2 hold, d3 hold", False)
@@ -48,9 +49,9 @@ def test_a_command_that_reaches_nobody_is_told_so():
         page.keyboard.press("h")
         assert told(page, "Hold (H): NOT SENT, no drone is chosen") == "warning"
         page.locator("#to-d2").check()
-        page.evaluate("() => Object.defineProperty(radron, 'socket', { get: () => null })")
+        page.evaluate("() => Object.defineProperty(radron.link, 'socket', { get: () => null })")
         page.keyboard.press("h")
-        assert told(page, "NOT SENT, there is no connection to the station") == "warning"
+        assert told(page, "NOT SENT, there is no link to the station") == "warning"
         assert hub.given == []
 
 
@@ -58,8 +59,8 @@ def test_the_choice_of_drones_outlasts_a_lost_connection():
     hub = operators(MISSION)
     with served(hub) as station, browsing(station.address) as page:
         page.locator("#to-d1").uncheck()
-        page.evaluate("() => { radron.first = radron.socket; radron.socket.close(); }")
-        until(page, "() => radron.socket && radron.socket !== radron.first && radron.socket.readyState === 1")
+        page.evaluate("() => { radron.first = radron.link.socket; radron.first.close(); }")
+        until(page, "() => radron.link.socket !== radron.first && radron.link?.isAlive")
         page.keyboard.press("h")
         until(page, "() => document.getElementById('told').textContent.includes('given')")
         assert not page.locator("#to-d1").is_checked()
@@ -75,6 +76,7 @@ def test_many_drones_are_folded_away_and_chosen_together():
         until(page, "() => document.querySelector('#addressees summary')?.textContent === 'to all 12 drones'")
         assert page.locator("#commands").bounding_box()["height"] < 200
         assert page.locator("#to-d12").is_hidden()
+        until(page, "() => radron.link?.isAlive")
         chosen.click()
         page.locator("#choose-none").click()
         page.locator("#to-d12").check()

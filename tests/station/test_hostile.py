@@ -34,10 +34,10 @@ FRAME = """(address) => new Promise((resolve) => {
   document.body.append(frame);
 })"""
 FLOOD = """() => {
-  for (let number = 0; number < 2000 && radron.socket?.readyState === WebSocket.OPEN; number += 1) {
-    radron.socket.send('{"drawn": true}');
+  for (let number = 0; number < 2000 && radron.link.socket?.readyState === WebSocket.OPEN; number += 1) {
+    radron.link.socket.send('{"drawn": true}');
   }
-  return document.getElementById("link").textContent.includes("CONNECTION LOST");
+  return document.getElementById("link").textContent.includes("NO LINK");
 }"""
 READ = "(address) => fetch(address).then((answer) => answer.text(), () => 'refused')"
 
@@ -98,7 +98,7 @@ def foreign_site():
 def test_another_sites_scripts_reach_neither_socket_nor_files_nor_show_the_page_in_a_frame(hub):
     with served(hub) as station, foreign_site() as foreign:
         own = f"http://localhost:{station.port}/"
-        socket = f"ws://localhost:{station.port}/socket"
+        socket = f"ws://localhost:{station.port}/socket?token={station.token}"
         with visiting(own) as page:
             assert page.evaluate(SOCKET, socket) == "message"
             assert "connected" in page.evaluate(READ, f"{own}texts.en.json")
@@ -117,27 +117,27 @@ def test_a_foreign_name_that_is_made_to_point_here_is_refused(hub):
         assert answer is not None
         assert answer.status == 403
         assert page.locator("#map").count() == 0
-        assert page.evaluate(SOCKET, f"ws://evil.example:{station.port}/socket") == "refused"
+        assert page.evaluate(SOCKET, f"ws://evil.example:{station.port}/socket?token={station.token}") == "refused"
         assert page.goto(f"http://localhost:{station.port}/").status == 200
 
 
 def test_an_observers_page_has_no_command_buttons_nor_keys_and_its_requests_are_refused(hub):
     with served(hub) as station, browsing(station.address) as page:
-        until(page, "() => radron.mission")
+        until(page, "() => radron.mission && radron.link.isAlive")
         assert page.locator("#commands").is_hidden()
         assert page.locator("#commands button").count() == 0
         page.keyboard.press("h")
         page.keyboard.press("r")
-        page.evaluate("() => radron.socket.send(JSON.stringify({ command: 'land' }))")
+        page.evaluate("() => radron.link.order({ command: 'land' }, () => {})")
         until(page, "() => document.getElementById('events').textContent.includes('land: refused, this station may not command')")
         assert page.locator("#events li").count() == 1  # the keys have asked for nothing
 
 
 def test_an_operators_page_has_them(hub):
     given = []
-    hub.command = lambda action, drones: given.append(str(action))
+    hub.command = lambda action, drones, age_s: given.append(str(action)) or ""
     with served(hub) as station, browsing(station.address) as page:
-        until(page, "() => document.querySelectorAll('#commands button').length === 6")
+        until(page, "() => document.querySelectorAll('#commands button').length === 6 && radron.link.isAlive")
         page.keyboard.press("h")
         page.locator("#command-land").click()
         page.locator("#confirm-yes").click()
@@ -145,7 +145,7 @@ def test_an_operators_page_has_them(hub):
             socket.send('{"at_ms": 1}')
             first(socket, "at")
         until(page, "() => !document.getElementById('confirm').open")
-        page.evaluate("() => radron.socket.send(JSON.stringify({ command: 'hold', drones: ['d9'] }))")
+        page.evaluate("() => radron.link.order({ command: 'hold', drones: ['d9'] }, () => {})")
         until(page, "() => document.getElementById('events').textContent.includes('there is no such drone')")
         assert given == ["hold", "land"]
 
@@ -183,7 +183,7 @@ def test_the_longest_status_with_markup_is_shown_as_text_and_the_page_goes_on(hu
 
 def test_a_page_that_floods_is_let_go_and_the_other_one_goes_on(hub):
     with served(hub) as station, browsing(station.address) as page, station.socket() as other:
-        until(page, "() => radron.mission")
+        until(page, "() => radron.mission && radron.link.isAlive")
         until(page, FLOOD)
         first(other, "progress")
         station.call(hub.show, BEGAN_NS)

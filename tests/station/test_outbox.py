@@ -1,6 +1,6 @@
 import pytest
 
-from station.outbox import MOST_AHEAD, MOST_PASSING, MOST_WAITING, Page
+from station.outbox import MAX_AHEAD, MAX_PASSING, MAX_WAITING, Page
 
 
 def taken(page):
@@ -22,24 +22,24 @@ def test_a_page_that_does_not_draw_gets_a_few_frames_and_goes_on_once_it_does():
     for number in range(10):
         page.show("frame", b"%d" % number)
         page.pass_by(b"cone")
-        assert taken(page) == ([b"cone", b"%d" % number] if number < MOST_AHEAD else [])
+        assert taken(page) == ([b"cone", b"%d" % number] if number < MAX_AHEAD else [])
     page.send(b"event")
     assert taken(page) == [b"event"]
     page.drawn()
-    assert taken(page) == [b"cone"] * (10 - MOST_AHEAD) + [b"9"]
+    assert taken(page) == [b"cone"] * (10 - MAX_AHEAD) + [b"9"]
 
 
 def test_of_what_it_can_do_without_the_oldest_is_dropped():
     page = Page()
-    for number in range(2 * MOST_PASSING):
+    for number in range(2 * MAX_PASSING):
         page.pass_by(b"%d" % number)
-    assert taken(page) == [b"%d" % number for number in range(MOST_PASSING, 2 * MOST_PASSING)]
-    assert not page.gone
+    assert taken(page) == [b"%d" % number for number in range(MAX_PASSING, 2 * MAX_PASSING)]
+    assert not page.left.is_set()
 
 
-@pytest.mark.parametrize(("count", "gone"), [(MOST_WAITING, False), (MOST_WAITING + 1, True)])
+@pytest.mark.parametrize(("count", "gone"), [(MAX_WAITING, False), (MAX_WAITING + 1, True)])
 def test_a_page_that_is_far_behind_with_what_must_come_is_let_go(count, gone):
     page = Page()
     for _ in range(count):
         page.send(b"event")
-    assert page.gone is gone
+    assert page.left.is_set() is gone

@@ -16,6 +16,7 @@ from protocol.keys import key_of
 from protocol.messages import Stage, Status
 from station.findings.facts import FindingsError
 from station.hub import Hub
+from station.outbox import GAVE_WAY, LET_GO
 from station.picture.picture import Picture
 from station.replay import Records, play
 
@@ -174,11 +175,80 @@ def test_a_station_that_is_gone_is_told_and_found_again(recorded):
         port = station.port
         with browsing(station.address) as page:
             until(page, "() => radron.frames > 0")
-            station.call(lambda: [setattr(each, "gone", True) for each in recorded._pages])
-            station.call(recorded.report, 1.0)  # wakes the page that is let go
-            until(page, "() => document.getElementById('link').textContent.includes('CONNECTION LOST')")
+            station.call(lambda: [each.leave(LET_GO) for each in recorded._pages])
+            until(page, "() => document.getElementById('link').textContent.includes('NO LINK')")
+            assert page.locator("#lost").inner_text().startswith("NO LINK TO THE STATION: what you see is old")
             until(page, "() => document.getElementById('link').textContent === 'record'")
         assert port == station.port
+
+
+def test_a_page_that_has_given_way_says_so_and_stays_away(recorded):
+    """Else it would take the place of another one, which would come back in its turn."""
+    with served(recorded) as station, browsing(station.address) as page:
+        until(page, "() => radron.frames > 0 && radron.link?.isAlive")
+        station.call(lambda: [each.leave(GAVE_WAY) for each in recorded._pages])
+        until(page, "() => document.getElementById('lost').textContent.includes('GIVEN WAY TO A NEWER ONE')")
+        page.wait_for_timeout(1500)  # as long as another page waits before it connects again, and longer
+        assert recorded.pages == 0
+
+
+def test_an_address_without_its_token_says_what_to_open(recorded):
+    with served(recorded) as station, visiting(station.address.split("?")[0]) as page:
+        until(page, "() => document.getElementById('lost').textContent.includes('open the address that it has printed')")
+        assert page.locator("#drones li").count() == 0
+
+
+# What must be in view without scrolling, and which of it is not.
+OUT_OF_VIEW = """() => ["map", "time", "command-hold", "command-return", "present"].filter((id) => {
+  const part = document.getElementById(id);
+  const { left, top, right, bottom, width, height } = part.getBoundingClientRect();
+  const found = document.elementFromPoint(left + width / 2, top + height / 2);
+  return left < 0 || top < 0 || right > innerWidth || bottom > innerHeight || !width || !part.contains(found);
+})"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (768, 1024), (1024, 768), (1400, 900)])
+def test_map_slider_hold_and_return_are_in_view_on_a_telephone_and_a_tablet(recorded, width, height):
+    """The slider was five screens below the map."""
+    recorded.command = lambda action, drones, age_s: ""
+    try:
+        with served(recorded) as station, browsing(station.address, width, height) as page:
+            until(page, "() => radron.frames > 0 && radron.share === 1")
+            assert page.evaluate(OUT_OF_VIEW) == []
+            page.locator("#command-hold").click()
+            until(page, "() => document.getElementById('told').textContent.includes('given to the station')")
+            page.evaluate("() => { document.querySelector('aside').scrollTop = 1e6; scrollTo(0, 1e6); }")
+            assert page.evaluate(OUT_OF_VIEW) == []
+            assert page.evaluate("() => document.documentElement.scrollHeight <= innerHeight")
+            assert page.locator("#map").bounding_box()["height"] >= 0.3 * height
+            area = page.evaluate("() => radron.map.map.getBounds().contains(radron.map.area.getBounds())")
+            assert area  # though rows of buttons came after the map was first drawn
+            PICTURES.mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=PICTURES / f"page-{width}.png")
+    finally:
+        recorded.command = None
+
+
+# Names of marks in a row, one upon the other, and at the map's edge: pixels that each name hides of others, by labels.js.
+HIDDEN = """async (marks) => {
+  const { Labels } = await import("./labels.js");
+  const names = new Labels().place(marks.map(([x, y], place) => [`d${place}`, x, y, 30]), 8, [400, 300]);
+  const bodies = marks.map(([x, y]) => [x - 8, y - 8, x + 8, y + 8]);
+  const shared = (a, b, low, high) => Math.max(0, Math.min(a[high], b[high]) - Math.max(a[low], b[low]));
+  return names.map((name, one) => {
+    const others = [...names, ...bodies].filter((_, other) => other % marks.length !== one);
+    const hidden = others.reduce((sum, other) => sum + shared(name, other, 0, 2) * shared(name, other, 1, 3), 0);
+    return hidden + (name[0] < 0 || name[1] < 0 || name[2] > 400 || name[3] > 300);
+  });
+}"""
+
+
+def test_no_name_on_the_map_hides_a_drone_or_another_name(recorded):
+    row = [[100 + 22 * place, 100] for place in range(4)]
+    together = [[200, 200], [203, 201]]
+    with served(recorded) as station, browsing(station.address) as page:
+        for marks in (row, together, [[395, 150], [5, 5]]):
+            assert page.evaluate(HIDDEN, marks) == [0] * len(marks)
 
 
 def test_the_page_fits_a_tablet(recorded):

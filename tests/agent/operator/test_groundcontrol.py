@@ -1,6 +1,7 @@
 """An operator's command over a real mesh, to stand-ins that publish statuses and obey, or do not."""
 
 import asyncio
+import itertools
 import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -13,8 +14,10 @@ from meshes import until
 from msgspec.structs import replace
 
 from agent.operator import groundcontrol
-from agent.operator.groundcontrol import CommandError, Order, Statuses
+from agent.operator.groundcontrol import CommandError, Order
+from agent.operator.statuses import Statuses, Tickets
 from protocol.codec import decode, encode
+from protocol.elapsed import elapsed_s
 from protocol.identity import Identity, Role
 from protocol.keys import key_of
 from protocol.mesh.link import close_session, open_session
@@ -51,18 +54,22 @@ class Drone:
         self.is_contested, self.overtaken = False, 0
         self.is_taken_over, self.landing = False, 0  # by a human pilot, once many statuses have shown that it lands
         self.commands: list[Command] = []
+        self.received: list[Command] = []  # whether obeyed or not
         self.tells_ticket = True
+        self.nonce = lambda: "0" * 16
         self.forges: tuple[Status, ...] = ()  # besides its own
         self.endpoint = f"{'tcp' if own is None else 'tls'}/127.0.0.1:{free_ports(1)[0]}"
 
     @property
     def ticket(self) -> Ticket:
-        return Ticket("0" * 16, 1 if self.lame else len(self.commands) + self.overtaken + 1)
+        return Ticket(self.nonce(), 1 if self.lame else len(self.commands) + self.overtaken + 1)
 
     def receive(self, key: str, payload: bytes) -> None:
         message = decode(payload)
         if isinstance(message, Command) and self.is_contested:
             self.is_contested, self.overtaken = False, 1  # another operator's command has come first
+        if isinstance(message, Command):
+            self.received.append(message)
         if isinstance(message, Command) and message.to.get(self.name) == self.ticket:
             self.commands.append(message)
             if not self.lame:
@@ -346,3 +353,74 @@ def test_a_certificate_that_the_drones_refuse_is_named_with_what_mends_it(
     assert "\n" not in str(refused.value)
     monkeypatch.setattr(groundcontrol, "FIND_S", 3.0)
     assert order(Action.LAND, Drone("d1", own=identity(issuer, tmp_path, "d1")), folder=tmp_path / "anna")[-1].endswith("landing")
+
+
+@pytest.mark.usefixtures("soon_given_up")
+def test_copies_keep_the_nonces_of_when_the_command_was_given_and_end_with_its_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copies with newer nonces would be obeyed long after the operator has given the command."""
+    monkeypatch.setattr(groundcontrol, "REPEAT_S", 0.1)
+    monkeypatch.setattr(groundcontrol, "LAPSE_S", 0.6)
+    d1, periods = Drone("d1", lame=True), itertools.count()
+    d1.nonce = lambda: f"{next(periods):016x}"
+    assert "d1: land is not possible in preflight, or came too late and was dropped" in refused(Action.LAND, d1)
+    assert len(d1.received) > 2
+    assert len({message.to["d1"].nonce for message in d1.received}) == 1
+    assert len(d1.received) <= 7  # none in the last 0.4 s of the wait
+
+
+def test_a_ticket_is_that_of_the_time_at_which_the_command_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    statuses, clock_s = Statuses(), [100.0]
+    monkeypatch.setattr("agent.operator.statuses.elapsed_s", lambda: clock_s[0])
+    for number in range(1, 6):
+        ticket = Ticket(f"{number:016x}", number)
+        status = Status(stamp_ns=number, drone="d1", mission=MISSION, boot="0" * 16, stage=Stage.TRACK, ticket=ticket)
+        statuses.receive(key_of("test", status), encode(status))
+        clock_s[0] += 1.0
+    tickets = Tickets(statuses, ["d1", "d2"], 102.5)
+    assert tickets.to(["d1", "d2"]) == {"d1": Ticket(f"{3:016x}", 3)}
+    assert tickets.is_overtaken("d1")
+    tickets.renumber(["d1"])
+    assert tickets.to(["d1"]) == {"d1": Ticket(f"{3:016x}", 5)}  # the nonce ages on
+    assert Tickets(statuses, ["d1"], 99.0).to(["d1"]) == {}  # it was not heard then
+
+
+def test_a_command_is_not_repeated_to_a_drone_that_has_been_given_a_later_one() -> None:
+    d1, d2, statuses, withdrawn = Drone("d1", lame=True), Drone("d2"), Statuses(), set[str]()
+    said: list[str] = []
+
+    async def run() -> None:
+        async with d1.running(()), d2.running((d1.endpoint,)):
+            mesh = await Mesh.open(MeshConfig(connect=(d1.endpoint, d2.endpoint)), "test", None, receive=statuses.receive)
+            land = Order(Action.LAND, "test", (), ("d1", "d2"))
+            landing = asyncio.create_task(groundcontrol.carry_out(land, mesh, None, statuses, said.append, withdrawn))
+            await until(lambda: bool(d1.received))
+            withdrawn.add("d1")
+            await landing
+            await mesh.close()
+
+    asyncio.run(run())
+    assert said[-1] == "land: d2 landing"
+
+
+def test_a_command_whose_computer_sleeps_before_it_is_sent_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lid is closed while the drones are looked for, and opened ten minutes later."""
+    slept_s = [0.0]
+    monkeypatch.setattr(groundcontrol, "elapsed_s", lambda: elapsed_s() + slept_s[0])
+    monkeypatch.setattr(groundcontrol, "LISTEN_S", 0.3)
+    statuses, d1 = Statuses(), Drone("d1")
+
+    async def run() -> None:
+        async with d1.running(()):
+            mesh = await Mesh.open(MeshConfig(connect=(d1.endpoint,)), "test", None, receive=statuses.receive)
+            land = Order(Action.LAND, "test", ())
+            landing = asyncio.create_task(groundcontrol.carry_out(land, mesh, None, statuses, print))
+            await until(lambda: bool(statuses.heard()))
+            slept_s[0] = 600.0
+            try:
+                with pytest.raises(CommandError, match=r"^land: nothing heard"):
+                    await landing
+            finally:
+                await mesh.close()
+
+    asyncio.run(run())
+    assert d1.received == []

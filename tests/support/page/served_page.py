@@ -8,6 +8,7 @@ import json
 import ssl
 import threading
 from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from socket import create_connection
 from typing import Any
@@ -21,7 +22,7 @@ Work = Callable[[], Coroutine[Any, Any, None]]
 
 
 class Served:
-    """``address``: for a browser; ``port``: where it is served."""
+    """``address``: for a browser, with the ``token``; ``port``: where it is served."""
 
     def __init__(self, hub: Hub, place: Place, work: Work, doors: Doors | None = None) -> None:
         self.hub, self._doors = hub, doors
@@ -37,6 +38,7 @@ class Served:
         self._stop = asyncio.Event()
         serving = Serving(self.hub, place, self._doors)
         self.address = serving.address
+        self.token = serving.address.split("token=")[1]
         self.port = serving.port
         self._started.set()
         work = asyncio.create_task(self._stop.wait())
@@ -47,11 +49,15 @@ class Served:
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call something in the server's loop."""
+        return self.call_later(function, *arguments).result(10.0)
+
+    def call_later(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """The same, without waiting for it."""
 
         async def run() -> Any:
             return function(*arguments)
 
-        return asyncio.run_coroutine_threadsafe(run(), self._loop).result(10.0)
+        return asyncio.run_coroutine_threadsafe(run(), self._loop)
 
     def get(self, path: str, tls: ssl.SSLContext | None = None, **headers: str) -> tuple[int, http.client.HTTPMessage, bytes]:
         """A file, by exactly this path: status, headers, body."""
@@ -73,10 +79,11 @@ class Served:
         host: str = "localhost",
         tls: ssl.SSLContext | None = None,
         path: str = "socket",
+        token: str | None = None,
         **options: Any,
     ) -> ClientConnection:
-        """A page's socket, or another one; ``host``: the name by which the server is called."""
-        address = f"{'ws' if tls is None else 'wss'}://{host}:{self.port}/{path}"
+        """A page's socket, or another one; ``host``: the server's name; ``token``: another than the page's."""
+        address = f"{'ws' if tls is None else 'wss'}://{host}:{self.port}/{path}?token={self.token if token is None else token}"
         return connect(address, origin=origin, ssl=tls, sock=create_connection(("127.0.0.1", self.port)), **options)
 
     def close(self) -> None:
@@ -106,3 +113,10 @@ def first(socket: ClientConnection, kind: str) -> dict[str, Any]:
         pass
     found: dict[str, Any] = message
     return found
+
+
+def fresh(socket: ClientConnection) -> int:
+    """The station's stamp now, as a page gets it in the answer to a heartbeat."""
+    socket.send('{"beat": 1}')
+    stamp: int = first(socket, "beat")["stamp"]
+    return stamp

@@ -1,0 +1,130 @@
+"""What an operator's computer hears of the drones, and what an order to them needs of it: tickets, each of one moment."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Collection
+
+from msgspec.structs import replace
+
+from agent.outputs import printable
+from protocol.codec import decode_from
+from protocol.elapsed import elapsed_s
+from protocol.errors import ProtocolError
+from protocol.identity import Identity
+from protocol.keys import parse_key
+from protocol.messages import MAX_ORDER_AGE_NS, Action, Stage, Status, Ticket
+from protocol.signing import Verifier
+
+LAPSE_S = MAX_ORDER_AGE_NS * 1e-9  # after it was given no drone obeys an order any more
+FRESH_S = 3.0
+CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
+MAX_NAMES = 5  # of drones with unsigned statuses
+
+
+class Statuses:
+    """The newest status of each drone. ``unsigned``: in whose names there were some that it has not signed."""
+
+    def __init__(self, identity: Identity | None = None) -> None:
+        """``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
+        self._verifier = Verifier(identity.authority) if identity is not None else None
+        self.unsigned: set[str] = set()
+        self._newest: dict[str, Status] = {}
+        self._heard_s: dict[str, float] = {}  # since this computer's start: a wrong UTC clock must not prevent a landing
+        self._ahead_s: dict[str, float] = {}
+        self._tickets: dict[str, deque[tuple[float, Ticket | None]]] = {}  # with their arrival, of the last seconds
+
+    def ticket(self, drone: str, at_s: float | None = None) -> Ticket | None:
+        """The ticket in a drone's newest status; ``at_s``: in the newest that had come by then (``elapsed_s``)."""
+        if at_s is None:
+            return self._newest[drone].ticket
+        return next((ticket for heard_s, ticket in reversed(self._tickets.get(drone, ())) if heard_s <= at_s), None)
+
+    def receive(self, key: str, payload: bytes) -> bool:
+        """Take a message of the mesh; whether it is a status that counts: signed by its drone, and no old one again."""
+        try:
+            if parse_key(key).kind != "status":
+                return False
+            message = decode_from(key, payload)
+        except ProtocolError:
+            return False
+        if not isinstance(message, Status):
+            return False
+        if self._verifier is not None and not self._verifier.accepts_status(message):
+            self.unsigned = {*sorted(self.unsigned)[:MAX_NAMES], message.drone}
+            return False
+        known = self._newest.get(message.drone)
+        if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
+            return False  # after a pause it counts: the drone's clock may have been set back
+        self._newest[message.drone] = legible(message)
+        self._heard_s[message.drone] = now_s = elapsed_s()
+        tickets = self._tickets.setdefault(message.drone, deque())
+        tickets.append((now_s, message.ticket))
+        while len(tickets) > 1 and tickets[1][0] < now_s - LAPSE_S:
+            tickets.popleft()
+        self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
+        return True
+
+    def __getitem__(self, drone: str) -> Status:
+        return self._newest[drone]
+
+    def heard(self) -> list[str]:
+        """The drones heard recently."""
+        oldest_s = elapsed_s() - FRESH_S
+        return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
+
+    def clock_ahead_s(self, drone: str) -> float:
+        """By how much a drone's clock is ahead of this computer's, with the delay of its newest status."""
+        return self._ahead_s[drone]
+
+
+class Tickets:
+    """What one order needs for its drones: in all copies the nonces that they had published when it was given, and its numbers.
+
+    So every drone refuses each copy ``MAX_ORDER_AGE_NS`` after the order was given, however long it was on its way.
+    """
+
+    def __init__(self, statuses: Statuses, drones: Collection[str], given_s: float) -> None:
+        """``given_s``: when the order was given (``elapsed_s``)."""
+        self.statuses, self.drones = statuses, tuple(drones)
+        self._tickets = {name: ticket for name in drones if (ticket := statuses.ticket(name, given_s)) is not None}
+
+    def to(self, drones: Collection[str]) -> dict[str, Ticket]:
+        """Tickets for a copy of the order to these drones, without the drones whose status had none."""
+        return {name: self._tickets[name] for name in drones if name in self._tickets}
+
+    def renumber(self, drones: Collection[str]) -> None:
+        """Number the order anew for these drones, after whatever they have carried out meanwhile."""
+        for name, ticket in self.to(drones).items():
+            newest = self.statuses.ticket(name)
+            self._tickets[name] = ticket if newest is None else replace(ticket, number=newest.number)
+
+    def is_overtaken(self, drone: str) -> bool:
+        """Whether a drone has carried out another order since this one was numbered."""
+        newest, own = self.statuses.ticket(drone), self._tickets.get(drone)
+        return newest is not None and own is not None and newest.number > own.number
+
+    def why(self, action: Action, drone: str) -> str:
+        """Why a drone does not obey, in one line."""
+        status, ahead_s = self.statuses[drone], self.statuses.clock_ahead_s(drone)
+        if drone not in self.statuses.heard():
+            return f"{drone}: no longer heard"
+        if drone not in self._tickets:
+            return f"{drone}: its status tells no nonce, without which no command is obeyed"
+        if self.is_overtaken(drone) and action is Action.RESUME:  # one that is refused is used up, too
+            return f"{drone}: resume was not possible, or another command came first (now in {status.stage})"
+        if self.is_overtaken(drone):
+            return f"{drone}: another command came first: give this one again"
+        if action is Action.START and abs(ahead_s) > CLOCKS_S:
+            return f"{drone}: its clock differs by {ahead_s:+.1f} s from this computer's: synchronise both"
+        if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
+            return f"{drone}: {', '.join(status.problems)}"
+        return f"{drone}: {action} is not possible in {status.stage}, or came too late and was dropped"
+
+
+def legible(status: Status) -> Status:
+    """A status whose texts can be shown on a terminal."""
+    problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
+    upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
+    return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)

@@ -1,0 +1,12 @@
+"""A clock for the age of what must not be acted upon late."""
+
+from __future__ import annotations
+
+import time
+
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+
+
+def elapsed_s() -> float:
+    """Return the time since the computer's start (s). Unlike the monotonic clock it goes on while the computer sleeps."""
+    return time.clock_gettime(_CLOCK)

@@ -1,0 +1,23 @@
+"""The age of what a page asks for, by the station's clock alone.
+
+The station answers each heartbeat of a page with a stamp; a command carries the newest stamp that its page has heard. So its age
+is at least that of the stamp, however long either of them was held back in a stalled link, by a stopped station or browser, or by
+a computer that slept; the page's clock does not matter.
+"""
+
+from __future__ import annotations
+
+from protocol.elapsed import elapsed_s
+
+MAX_COMMAND_AGE_S = 2.0  # of a command at the station; the page shows it as failed from then on
+
+
+def stamp() -> int:
+    """Return the station's time now, in ms since the computer's start."""
+    return int(1000.0 * elapsed_s())
+
+
+def age_s(given: int) -> float | None:
+    """Return how long ago a command with this stamp was given, at most (s); None: it is too old, or its stamp is none of here."""
+    age = (stamp() - given) * 1e-3
+    return age if 0.0 <= age <= MAX_COMMAND_AGE_S else None
