@@ -179,7 +179,7 @@ def settling_times(time_s: Array, error: Array, steps_s: Array, within: float) -
     time_s: (T,) s; error: (T, N), NaN for a member that is not there; rows without any member count as not settled. steps_s: (J,)
     s. Returns (J,) s, infinite where the end of the interval is not settled, NaN where no sample follows the step.
     """
-    outside = (np.abs(error) > within).any(axis=1) | np.isnan(error).all(axis=1)
+    outside = np.any(np.abs(error) > within, axis=1) | np.all(np.isnan(error), axis=1)
     ends = np.append(steps_s[1:], np.inf)
     settled = np.full(len(steps_s), np.nan)
     for index, (start, end) in enumerate(zip(steps_s, ends, strict=True)):
