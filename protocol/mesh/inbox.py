@@ -18,6 +18,7 @@ from protocol.codec import size_limit
 from protocol.entries import Entry
 from protocol.errors import ProtocolError
 from protocol.keys import Key, parse_key
+from protocol.mesh.publishers import Publishers
 from protocol.messages import DRONE_KINDS, STATION_KINDS
 
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
@@ -28,6 +29,7 @@ MOST_ENTRIES = 5_000  # of a publisher, waiting for delivery; more are dropped, 
 ENTRIES_PER_S = 1_000.0  # of a publisher: 50 times what a drone publishes, and an hour's log in less than a minute
 MOST_COMMANDS = 100  # of a publisher
 FLOOD_COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
+MAX_NEWS = 64  # of a publisher, waiting for delivery: a kind of a session each
 MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
 NEWS_IN_TURN = 20  # delivered before an entry that waits: a flood of news must not keep all entries back
 NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
@@ -42,7 +44,7 @@ class _Share:
     """What waits of one publisher. ``credit``: entries that may be delivered at once; ``flood_s``: when it last lost messages."""
 
     commands: deque[tuple[Key, bytes]] = field(default_factory=deque)
-    news: dict[Key, bytes] = field(default_factory=dict)
+    news: dict[tuple[Key, str], bytes] = field(default_factory=dict)  # of each session, so that none replaces another one's
     entries: deque[tuple[Key, bytes]] = field(default_factory=deque)
     credit: float = float(MOST_ENTRIES)
     credit_s: float = 0.0
@@ -77,21 +79,22 @@ class Inbox:
         self._members = members
         self._lock = threading.Lock()  # of everything that follows, which all threads change
         self._shares: dict[str, _Share] = {}  # by publisher; the first waits longest
+        self._publishers = Publishers()
         self._dropped: Counter[str] = Counter()
         self._news_run = 0  # news delivered since the last entry
         self._scheduled = False
         self._closed = False
 
-    def put(self, key: str, payload: bytes | None, by: str | None = None) -> None:
+    def put(self, key: str, payload: bytes | None, by: str | None = None, session: str = "") -> None:
         """Take a message, in any thread; None stands for a payload that was too large. ``by``: the drone that has answered with
-        it: it takes up the share of that one, whoever's it is.
+        it: it takes up the share of that one, whoever's it is. ``session``: that has published it, as it says.
         """
         try:
             address = parse_key(key)
         except ProtocolError:
             address = None
         with self._lock:
-            self._take(address, payload, by)
+            self._take(address, payload, by, session)
             wakes, self._scheduled = not self._scheduled, True
         if wakes:
             with contextlib.suppress(RuntimeError):  # the loop is closed
@@ -113,13 +116,14 @@ class Inbox:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line for each publisher that sends more than is taken of it."""
+        """One line for each publisher that sends more than is taken of it, or that is two."""
         now_s = self._loop.time()
         with self._lock:
+            copied = self._publishers.problems(now_s)
             told = [(name, share.lost) for name, share in self._shares.items() if now_s - share.flood_s < TOLD_S]
-        return tuple(f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told))
+        return (*copied, *(f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told)))
 
-    def _take(self, key: Key | None, payload: bytes | None, by: str | None) -> None:
+    def _take(self, key: Key | None, payload: bytes | None, by: str | None, session: str) -> None:
         if key is None:
             self._dropped["unknown_key"] += 1
             return
@@ -141,7 +145,7 @@ class Inbox:
             self._keep(share, share.commands, MOST_COMMANDS, key, payload)
             self._note_rate(share, FLOOD_COMMANDS_PER_S)
         else:
-            self._renew(share, key, payload)
+            self._renew(share, key, payload, session)
 
     def _share_of(self, name: str) -> _Share | None:
         """The share of a publisher, in the place of an idle one where there are too many; None where none is idle."""
@@ -161,10 +165,14 @@ class Inbox:
         with self._lock:
             self._dropped[reason] += 1
 
-    def _renew(self, share: _Share, key: Key, payload: bytes) -> None:
-        if key in share.news:
+    def _renew(self, share: _Share, key: Key, payload: bytes, session: str) -> None:
+        self._publishers.note(key.sender, session, self._loop.time())
+        if (key, session) in share.news:
             self._dropped["superseded"] += 1
-        share.news[key] = payload
+        elif len(share.news) >= MAX_NEWS:
+            self._lose(share, "overflow")
+            return
+        share.news[key, session] = payload
         self._note_rate(share, NEWS_PER_S)
 
     def _note_rate(self, share: _Share, most_per_s: int) -> None:
@@ -233,8 +241,8 @@ def _command(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
 def _news(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
     if not share.news:
         return None
-    key = next(iter(share.news))
-    return key, share.news.pop(key)
+    key, session = next(iter(share.news))
+    return key, share.news.pop((key, session))
 
 
 def _entry(share: _Share, now_s: float) -> tuple[Key, bytes] | None:

@@ -164,7 +164,7 @@ class Mesh:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Publishers that flood the mesh, one line each; and that there is no session."""
+        """Publishers that flood the mesh, or are two, one line each; and that there is no session."""
         shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
         return shut + self._inbox.problems
 
@@ -187,7 +187,7 @@ class Mesh:
             if isinstance(publisher, ext.AdvancedPublisher):
                 self._outgoing.put(publisher, payload)
             else:
-                publisher.put(payload)
+                publisher.put(payload, source_info=zenoh.SourceInfo(publisher.id, 0))  # else it tells no session
         except zenoh.ZError:
             self.counters["publish_failed"] += 1
 
@@ -320,8 +320,9 @@ class Mesh:
     # Called in Zenoh's threads; they must not make Zenoh calls that leave the process.
 
     def _take(self, sample: zenoh.Sample, by: str | None = None) -> None:
-        payload = sample.payload
-        self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None, by)
+        payload, source = sample.payload, sample.source_info
+        content = payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None
+        self._inbox.put(str(sample.key_expr), content, by, str(source.source_id.zid) if source is not None else "")
 
     def _take_miss(self, miss: ext.Miss) -> None:
         self._to_loop(self._count, "entries_missed", miss.nb)

@@ -1,0 +1,60 @@
+"""The Zenoh sessions that publish under each name: two that both go on for longer than the lease hold the same key.
+
+A restart is none: the session of before ends with its process, and what it has sent arrives within the lease. A session is known
+by the id that its messages carry; whoever has the key may write another one's there, but not keep that one from writing its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+LEASE_S = 1.5  # for which a session that has ended may still be heard: Zenoh's lease, and half of it
+SHOWN_S = 10.0  # a copied key is told for this long
+MAX_SESSIONS = 8  # of a name that are remembered
+MAX_NAMES = 128
+MAX_OF_RESTART = 2  # sessions within the lease
+
+
+@dataclass(slots=True)
+class _Span:
+    first_s: float
+    last_s: float
+
+
+class Publishers:
+    """When which sessions have published under which names. Not locked: its owner is."""
+
+    def __init__(self) -> None:
+        self._spans: dict[str, dict[str, _Span]] = {}  # by name and session
+        self._shown_s: dict[str, float] = {}
+
+    def note(self, name: str, session: str, now_s: float) -> None:
+        """Note that a session has published under a name."""
+        spans = self._spans.get(name)
+        if spans is None:
+            if len(self._spans) >= MAX_NAMES:
+                return
+            spans = self._spans[name] = {}
+        span = spans.get(session)
+        if span is not None and now_s - span.last_s < LEASE_S:
+            span.last_s = now_s
+        else:
+            spans[session] = _Span(now_s, now_s)
+        if len(spans) == 1:
+            return
+        for ended in [one for one, heard in spans.items() if now_s - heard.last_s >= LEASE_S]:
+            del spans[ended]
+        if len(spans) > MAX_SESSIONS:
+            del spans[min(spans, key=lambda one: spans[one].last_s - spans[one].first_s)]
+        if len(spans) < 2:
+            return
+        pairs = combinations(spans.values(), 2)
+        together_s = max(min(one.last_s, other.last_s) - max(one.first_s, other.first_s) for one, other in pairs)
+        if together_s >= LEASE_S or len(spans) > MAX_OF_RESTART:
+            self._shown_s[name] = now_s
+
+    def problems(self, now_s: float) -> tuple[str, ...]:
+        """One line for each name under which two sessions publish."""
+        shown = sorted(name for name, shown_s in self._shown_s.items() if now_s - shown_s < SHOWN_S)
+        return tuple(f"{name}: two sessions publish under its name (a copied key, or an agent started twice)" for name in shown)
