@@ -100,7 +100,7 @@ class Pilot:
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
-        self._told = Stage.PREFLIGHT, False  # stage, and whether the search has ended, as of the last step
+        self._told = Stage.PREFLIGHT, False  # stage, and whether the search has ended
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, Drift(mission), epoch_offset)
         history, self._numbers = self._own.history, Numbering()
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
@@ -115,9 +115,10 @@ class Pilot:
         affected = self._world, self._executive, self._peers, self._problems, self.counters
         self._revoking = Revoking((drone.id, boot), trust, verifier, *affected)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
-        self._news = News(drone.id, boot, self._peers, self._clocks, self._proofs, self._revoking, self._problems)
         self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
+        judged_by = self._peers, self._clocks, self._proofs, self._revoking, self._problems, self._outbox.sent
+        self._news = News(drone.id, boot, *judged_by)
         seen = self._problems, self._world, self._own, self._clocks, self._camera, self._peers, self._proofs, self._executive
         self._telling = Telling(
             mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking, *seen

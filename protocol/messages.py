@@ -96,6 +96,7 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     """Pose of a drone by its own localisation.
 
     ``steered``: its vehicle follows the plans that it publishes; false where a pilot, a failsafe or the autopilot alone flies it.
+    ``in_air``: false once its autopilot has detected the landing.
     """
 
     epoch: Epoch
@@ -106,6 +107,7 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     yaw_sigma_rad: SigmaRadians
     clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
     steered: bool = True
+    in_air: bool = True
 
     def flaw(self) -> str | None:
         """The quaternion must have unit norm."""
@@ -255,7 +257,8 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of
     each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
     command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
-    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends. ``upload``: the answer to
+    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends. ``disowns``: true
+    where it has lately heard news under its own id that it has not sent; else left out. ``upload``: the answer to
     an upload since the agent's start; None: there was none. ``signature``: as that of a command, by the drone; of all but
     ``obeyed``, which is left out where there is none, so that readers that do not know it can verify the rest.
     """
@@ -274,6 +277,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
     upload: Answer | None = None
+    disowns: bool | UnsetType = UNSET
     obeyed: Obeyed | UnsetType = UNSET
     certificate: Certificate = b""
     signature: Signature = b""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from agent.fusion.proofs import Proofs
 from agent.localization.clocks import Clocks
 from agent.mission.problems import TWIN_NS, Problems
 from agent.mission.revoking import Revoking
 from agent.navigation.peers.newest import FUTURE_NS, NEWS, OLDEST_NS, Peers, is_present
-from protocol.messages import AnyDroneMessage, Estimate, Frame, Status
+from protocol.message import Message
+from protocol.messages import AnyDroneMessage, Estimate, Frame, Plan, Pose, Status
 
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
 
@@ -16,16 +19,27 @@ class News:
     """``pressing``: a status tells something that this drone's own status should answer at once."""
 
     def __init__(
-        self, drone: str, boot: str, peers: Peers, clocks: Clocks, proofs: Proofs, revoking: Revoking, problems: Problems
+        self,
+        drone: str,
+        boot: str,
+        peers: Peers,
+        clocks: Clocks,
+        proofs: Proofs,
+        revoking: Revoking,
+        problems: Problems,
+        sent: Collection[Message],
     ) -> None:
+        """``sent``: this drone's own messages of the last seconds."""
         self._id, self._boot = drone, boot
         self._peers, self._clocks, self._proofs = peers, clocks, proofs
-        self._revoking, self._problems = revoking, problems
+        self._revoking, self._problems, self._sent = revoking, problems, sent
+        self._began_ns = 0
         self.pressing = self._runs = False
 
     def step(self, now_ns: int) -> None:
         """The agent makes a step."""
         self.keep_time(now_ns)
+        self._began_ns = self._began_ns or now_ns
         self._runs = True
 
     def keep_time(self, now_ns: int) -> None:
@@ -42,17 +56,36 @@ class News:
         if isinstance(message, Status) and not self._proofs.is_signed(message, now_ns):
             return "unsigned_status"
         if message.drone == self._id:
-            if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
+            if self._is_of_twin(message, now_ns):
+                self.pressing = not self._problems.has_twin(now_ns)
                 self._problems.hear_twin(now_ns)
             return "own_id"
         if isinstance(message, Status):
             self.pressing = self._clocks.hear(message, now_ns)  # however old its stamp seems
+            if message.disowns is True and abs(now_ns - message.stamp_ns) < TWIN_NS:
+                self._peers.disowned(message.drone, now_ns)
         if isinstance(message, _FOR_ONLOOKERS):
             return None
-        if isinstance(message, NEWS):
-            here = self._clocks.by_own_clock(message)
-            is_far = abs(here.stamp_ns - message.stamp_ns) > OLDEST_NS + FUTURE_NS  # so that only one of the two can be of now
-            if is_far and is_present(message.stamp_ns, now_ns):
-                here = message  # its clock is right again: a late status of before has told otherwise, or none has come yet
-            return self._peers.receive(here, now_ns, ahead_ns=message.stamp_ns - here.stamp_ns)
-        return "unused"
+        return self._receive(message, now_ns) if isinstance(message, NEWS) else "unused"
+
+    def _receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
+        """Take news at its time by the own clock, unless it is plainly of now by its own stamp: its clock is right again, and a
+        late status of before has told otherwise, or none has come yet.
+
+        Of two sources one may have forged the difference of the clocks, so that all that the other one says would be stale, or
+        of the future: then both readings count.
+        """
+        here, were_two = self._clocks.by_own_clock(message), self._peers.are_two(message.drone, now_ns)
+        is_other, is_now = here.stamp_ns != message.stamp_ns, is_present(message.stamp_ns, now_ns)
+        is_far = abs(here.stamp_ns - message.stamp_ns) > OLDEST_NS + FUTURE_NS  # so that only one of the two can be of now
+        readings = [message if is_far and is_now else here, *([message] if were_two and is_other and is_now else [])]
+        dropped = [self._peers.receive(one, now_ns, ahead_ns=message.stamp_ns - one.stamp_ns) for one in readings]
+        self.pressing = self.pressing or (not were_two and self._peers.are_two(message.drone, now_ns))
+        return dropped[0]
+
+    def _is_of_twin(self, message: AnyDroneMessage, now_ns: int) -> bool:
+        """Whether a message under the own id is of somebody else: of another boot, or of now and never sent."""
+        if isinstance(message, Status) and message.boot != self._boot:
+            return abs(now_ns - message.stamp_ns) < TWIN_NS
+        is_new = self._began_ns <= message.stamp_ns and is_present(message.stamp_ns, now_ns)
+        return isinstance(message, NEWS) and is_new and message not in self._sent

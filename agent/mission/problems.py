@@ -45,6 +45,10 @@ class Problems:
         """Another agent sends under this drone's id."""
         self._twin_ns = now_ns
 
+    def has_twin(self, now_ns: int) -> bool:
+        """Whether another agent has lately sent under this drone's id."""
+        return self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS
+
     def against_start(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
         """What prevents a start. ``statuses``: of the other drones, by id."""
         problems = []
@@ -57,7 +61,7 @@ class Problems:
             problems.append("the autopilot is in a failsafe" if flying else "the vehicle is not ready to be armed")
         if vehicle is not None and not vehicle.in_air and vehicle.battery is not None and vehicle.battery < self._battery_reserve:
             problems.append(LOW_BATTERY)
-        if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
+        if self.has_twin(now_ns):
             problems.append(f"another agent is running as {self._drone}")
         if self.unplaced:
             problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
@@ -11,6 +11,7 @@ from msgspec import UNSET, Struct
 from agent.frames.transform import Transform
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Exclusion, Hypothesis
+from agent.navigation.peers.newest import NEWS
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import written
 from protocol.errors import ProtocolError
@@ -32,6 +33,7 @@ from protocol.messages import (
 )
 
 M = TypeVar("M", bound=Message)
+MAX_SENT = 100  # messages that are remembered: of four seconds
 _PERIODS_NS: dict[type[Message], int] = {
     Pose: 100_000_000,
     Frame: 1_000_000_000,
@@ -43,7 +45,8 @@ _PERIODS_NS: dict[type[Message], int] = {
 class Condition(Struct, frozen=True):
     """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
     nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
-    command, what the vehicle's failsafe does, the answer to an upload, and the last order that was obeyed.
+    command, what the vehicle's failsafe does, the answer to an upload, whether somebody else sends under this drone's id, and the
+    last order that was obeyed.
     """
 
     stage: Stage
@@ -57,6 +60,7 @@ class Condition(Struct, frozen=True):
     failsafe: Failsafe | None = None
     notices: tuple[str, ...] = ()
     upload: Answer | None = None
+    disowns: bool = False
     obeyed: Obeyed | None = None
 
 
@@ -75,12 +79,16 @@ class Believed(Struct, frozen=True, eq=False):
 
 
 class Outbox:
-    """Messages to be sent, encoded, with their keys. What the protocol refuses is counted and dropped."""
+    """Messages to be sent, encoded, with their keys. What the protocol refuses is counted and dropped.
+
+    ``sent``: poses, plans and statuses of the last seconds, as their receivers read them.
+    """
 
     def __init__(self, swarm: str, counters: Counter[str]) -> None:
         self._swarm = swarm
         self._counters = counters
         self._waiting: list[tuple[str, bytes]] = []
+        self.sent: deque[Message] = deque(maxlen=MAX_SENT)
 
     def sendable(self, message: M) -> M | None:
         """The message as its receivers read it; None where the protocol refuses it, which is counted."""
@@ -92,8 +100,11 @@ class Outbox:
         found = self._written(message)
         if found is None:
             return None
-        self._waiting.append((key_of(self._swarm, message), found[0]))
-        return found[0]
+        payload, read = found
+        self._waiting.append((key_of(self._swarm, message), payload))
+        if isinstance(read, NEWS):
+            self.sent.append(read)
+        return payload
 
     def _written(self, message: M) -> tuple[bytes, M] | None:
         try:
@@ -171,6 +182,7 @@ class Reporter:
                 failsafe=now.failsafe,
                 notices=now.notices,
                 upload=now.upload,
+                disowns=now.disowns or UNSET,
                 obeyed=now.obeyed if now.obeyed is not None else UNSET,
             )
 
@@ -194,6 +206,7 @@ class Reporter:
             yaw_sigma_rad=vehicle.yaw_sigma_rad,
             clock_sigma_m=vehicle.clock_sigma_m,
             steered=vehicle.mode is FlightMode.OFFBOARD,
+            in_air=vehicle.in_air,
         )
 
     def _estimate(self, now_ns: int, believed: Believed) -> Estimate:

@@ -139,7 +139,7 @@ class Revoking:
             return
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):
             del self._obeying[name]  # another revocation counts now: to others its word would be a forged one
-        if name in self._peers.names and self._peers[name].sources.are_two(now_ns):
+        if self._peers.are_two(name, now_ns):
             self._executive.remembering.copied.add(name)  # the word may be the other one's
         self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))

@@ -91,6 +91,7 @@ class Telling:
             failsafe=self._failsafe,
             notices=(*self._revoking.notices, *self._notices)[:MOST_NOTICES],
             upload=self._commanding.uploads.answer,
+            disowns=self._problems.has_twin(now_ns),
             obeyed=self._orders.obeyed,
         )
 

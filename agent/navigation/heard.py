@@ -101,14 +101,14 @@ class Heard:
         return seen or self._by_layout(other, me)
 
     def elsewhere(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Where else it may be: by its localisation that has jumped, by a second source of news, and by a plan that its poses
-        contradict.
+        """Where else it may be: by its localisation that has jumped, by the other stories under its id, and by a plan that its
+        poses contradict.
         """
         if me.local_from_mission is not None:
             local_from_mission = bare(me.local_from_mission)
             found = (
                 self._by_its_localization(other, local_from_mission, me.now_ns),
-                self._by_second_source(other, local_from_mission, me.now_ns),
+                *self._by_other_stories(other, local_from_mission, me.now_ns),
                 self._as_planned(other, local_from_mission, me),
             )
             yield from (place for place in found if place is not None)
@@ -163,13 +163,12 @@ class Heard:
         frame = self._frames.elsewhere(other.name, other.pose, other.mission_from_theirs)
         return None if frame is None else blind(other.name, other.pose, local_from_mission @ frame, now_ns)
 
-    def _by_second_source(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
-        """Where it is by the news of a second source (``sources``)."""
-        pose = other.peer.sources.second_place(now_ns)
-        if pose is None:
-            return None
-        frame = self._frames.told(other.name, pose.epoch) or self._frames.told(other.name, LAUNCH_EPOCH)
-        return None if frame is None else blind(other.name, pose, local_from_mission @ bare(frame), now_ns)
+    def _by_other_stories(self, other: Other, local_from_mission: Transform, now_ns: int) -> Iterator[PeerPlan]:
+        """Where it is by the other stories that are told under its id (``sources``)."""
+        for pose in other.peer.sources.second_places(now_ns):
+            frame = self._frames.told(other.name, pose.epoch) or other.mission_from_theirs
+            if frame is not None:
+                yield blind(other.name, pose, local_from_mission @ bare(frame), now_ns)
 
     def _as_planned(self, other: Other, local_from_mission: Transform, me: Self) -> PeerPlan | None:
         """Where it is by its plan if that is right, and not its poses, which contradict it."""

@@ -31,8 +31,9 @@ from agent.motion.separation import PeerPlan
 from agent.navigation.heard import Heard, Other, between_sigma_m, sigma_of_either_m
 from agent.navigation.myself import Self
 from agent.navigation.peers.following import Following
-from agent.navigation.peers.newest import OLDEST_NS, RECENT_NS, Peer, Peers
+from agent.navigation.peers.newest import OLDEST_NS, Peer, Peers
 from agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sightings, planned, speed_of_mps
+from agent.navigation.peers.sources import RECENT_NS
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.absence import Absence
 from agent.navigation.unheard.agentless import CIRCLING

@@ -160,13 +160,21 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
 
 
 class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
-    """Somebody with copies of the targets' keys publishes under their ids too.
+    """A thief with copies of the targets' keys publishes under their ids too: poses, plans and statuses.
 
-    Poses and plans ``beside_m`` to the east of theirs and just ahead of them, and statuses of another boot that has landed.
+    ``place``: where it has them: ``beside_m`` to the east of where they are, or of where they were when it began (``frozen``), or
+    on the ground below that (``ground``). ``epochs``: added to theirs. ``boot``: of its statuses. ``stage``: likewise; None:
+    theirs. ``lead_s``: of its stamps before the time, ``period_s``: of its publications.
     """
 
     family: ClassVar[Family] = "liar"
-    beside_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 15.0
+    beside_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 15.0
+    place: Literal["beside", "frozen", "ground"] = "beside"
+    epochs: Annotated[int, Meta(ge=0, le=1000)] = 0
+    boot: Literal["other", "same"] = "other"
+    stage: Literal["preflight", "takeoff", "track", "hold", "return", "landing", "landed"] | None = "landed"
+    lead_s: Annotated[float, Meta(ge=-2.0, le=2.0)] = 0.01
+    period_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
 
 
 class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):

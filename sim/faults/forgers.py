@@ -10,19 +10,18 @@ from msgspec.structs import replace
 from protocol.codec import as_bytes, decode_from
 from protocol.entries import Cone, Entry, Exposure
 from protocol.message import Message
-from protocol.messages import Action, AnyMessage, Plan, Pose, Stage, Status
-from protocol.signing import Trust, sign_entries, sign_status
-from sim.faults.agents import CopiedKey, Forged, OldCommand
+from protocol.messages import Action, AnyMessage, Plan, Pose
+from protocol.signing import Trust, sign_entries
+from sim.faults.agents import Forged, OldCommand
 from sim.faults.schedule import Schedule
 from sim.geometry import Vector3
 
 BESIDE_M = 15.0
-AHEAD_NS = 10_000_000  # of a copied key's stamps before those of the drone
 HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
 BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
 _SAID = ("pose", "plan", "cone", "exposure")
 _TOO_LONG = 50.0  # live time, of a duration
-_OTHER = "0123456789abcdef"  # id of another mission, or of another boot
+_OTHER = "0123456789abcdef"  # id of another mission
 
 Give = Callable[[Sequence[int], Action], bytes | None]  # to which drones, and what; what was sent
 Again = Callable[[int, int, bytes], None]
@@ -36,17 +35,14 @@ class Forgers:
         self._schedule, self._drones, self._trusts = schedule, drones, trusts
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
-        """What a drone, or somebody with a copy of its key, sends beside this message, under the same key."""
-        if key.rsplit("/", 1)[-1] not in (*_SAID, "status"):
+        """What a drone sends beside this message, under the same key."""
+        if key.rsplit("/", 1)[-1] not in _SAID:
             return []
         active = self._schedule.active(Forged, drone)
         told = [self._changed(key, payload, fault.what, drone) for fault, _ in active]
-        told += [_copied(decode_from(key, payload), fault.beside_m) for fault, _ in self._schedule.active(CopiedKey, drone)]
         return [as_bytes(self._signed(one, drone)) for one in told if one is not None]
 
     def _signed(self, message: AnyMessage, drone: int) -> Message:
-        if isinstance(message, Status) and message.drone == self._drones[drone]:
-            return sign_status(message, self._trusts[drone])
         return next(sign_entries([message], self._trusts[drone].sign)) if isinstance(message, Entry) else message
 
     def _changed(self, key: str, payload: bytes, what: str, drone: int) -> AnyMessage | None:
@@ -117,20 +113,6 @@ def _beside(message: AnyMessage) -> AnyMessage:
             return replace(message, poses=poses, sequence=message.sequence + BESIDE)
         case _:
             return message
-
-
-def _copied(message: AnyMessage, beside_m: float) -> AnyMessage | None:
-    """What somebody with a copy of the key publishes when its drone publishes this."""
-    match message:
-        case Pose():
-            return replace(message, stamp_ns=message.stamp_ns + AHEAD_NS, position_m=_moved(message.position_m, beside_m))
-        case Plan():
-            places = tuple(_moved(place, beside_m) for place in message.positions_m)
-            return replace(message, stamp_ns=message.stamp_ns + AHEAD_NS, positions_m=places)
-        case Status():
-            return replace(message, stamp_ns=message.stamp_ns + AHEAD_NS, boot=_OTHER, stage=Stage.LANDED)
-        case _:
-            return None
 
 
 def _moved(place: Vector3, by_m: float) -> Vector3:

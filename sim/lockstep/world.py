@@ -24,6 +24,7 @@ from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
+from sim.faults.thieves import Thieves
 from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
 from sim.lockstep.revoker import Revoker
 from sim.lockstep.sharedframes import SharedFrames
@@ -95,7 +96,8 @@ class World:
         self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
-        self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
+        trusts = [authority.trust(name) for name in names]
+        self._forgers, self._thieves = Forgers(self._faults, names, trusts), Thieves(self._faults, trusts)
         self._old_commands = OldCommands(self._faults)
         self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude, self._onboard.clocks.own_ns)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
@@ -165,6 +167,9 @@ class World:
             agent.readings += measured[drone]
             if self._crew.steps(drone, now_ns):
                 self._step(drone, agent, now_ns)
+        for drone, key, payload in self._thieves.publish(now_ns):
+            for receiver in range(len(self._crew.agents)):  # the drone itself, too
+                self._radio.send(drone, key, payload, now_ns, receiver)
         self._move()
         self.ticks += 1
         motion, error = self._multirotors, self._localization
@@ -193,6 +198,7 @@ class World:
         for key, payload in publications:
             for to, told in self._tellers.tell(drone, key, payload):
                 self._radio.send(drone, key, told, now_ns, to)
+            self._thieves.overhear(drone, key, payload)
             for forged in self._forgers.forged(drone, key, payload):
                 self._radio.send(drone, key, forged, now_ns)
             if key.endswith(KINDS):

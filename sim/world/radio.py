@@ -42,11 +42,11 @@ class Radio:
         return [len(inbox) for inbox in self._inboxes]
 
     def send(self, sender: int, key: str, payload: bytes, now_ns: int, to: int | None = None) -> None:
-        """Send a payload to all others, or to one."""
+        """Send a payload to all others, or to one: also to the sender itself, as somebody else with its key does."""
         truth = self._truth
         repeated = is_entry(key)
         for receiver in range(len(self._inboxes)) if to is None else (to,):
-            if receiver == sender:
+            if receiver == sender and to is None:
                 continue
             delay = truth.delay_s + truth.jitter_s * self._random()
             lost = self._random() < truth.loss

@@ -7,7 +7,8 @@ from itertools import pairwise
 from math import atan2, pi
 
 from agent.motion.encirclement import wrapped
-from agent.navigation.peers.newest import RECENT_NS, Peers
+from agent.navigation.peers.newest import Peers
+from agent.navigation.peers.sources import RECENT_NS
 from protocol.entries import Sighting
 
 

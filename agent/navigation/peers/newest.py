@@ -9,18 +9,13 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from agent.navigation.peers.sources import Sources
+from agent.navigation.peers.sources import RECENT_NS, Sources, Story
 from protocol.entries import Sighting
-from protocol.messages import GROUND_STAGES, Plan, Pose, Stage, Status
+from protocol.messages import GROUND_STAGES, Plan, Pose, Status
 
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
-RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
-_AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
-_SURELY_DOWN_NS = 5_000_000_000  # an agent that is started again in flight tells for a moment that it is on the ground
-_AWAKE_NS = 1_000_000_000  # after its first pose an agent that was started anew knows whether its vehicle flies
-_DOWN_NS = 120_000_000_000  # by then a vehicle that goes home without its agent has landed
 _MOST_DELAYS = 8  # of a second: ten poses, and as many plans
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
@@ -33,29 +28,32 @@ M = TypeVar("M", Pose, Plan, Status)
 
 @dataclass(slots=True)
 class Peer:
-    """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds.
-
-    ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
-    while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
-    ``waking``: boot and stamp of the first status of an agent that was started anew in flight, and does not know of that yet.
+    """The newest of each kind; None until heard. ``sources``: all stories of where it is; ``sightings`` (by this drone): of the
+    last seconds. ``launch``: its last pose on the ground.
     ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
     the last messages that were kept, by both clocks as they are.
     """
 
-    pose: Pose | None = None
     plan: Plan | None = None
     status: Status | None = None
     launch: Pose | None = None
-    at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
-    waking: tuple[str, int] | None = None
     ahead_ns: int = 0
     delays_ns: deque[int] = field(default_factory=partial(deque, maxlen=_MOST_DELAYS))
-    poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    @property
+    def poses(self) -> deque[Pose]:
+        """Of the last seconds, by the first story; empty until one is heard."""
+        return self.sources.stories[0].poses if self.sources.stories else deque()
+
+    @property
+    def pose(self) -> Pose | None:
+        """The newest of them; None until heard."""
+        return self.sources.stories[0].newest if self.sources.stories else None
+
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether it is by its statuses, and has published no plan since: a status may be lost."""
+        """Whether it is by its statuses and poses, and has published no plan since: a status may be lost."""
         flies = self.plan is not None and self.status is not None and self.plan.stamp_ns > self.status.stamp_ns
         return not flies and self.sources.is_on_ground(now_ns)
 
@@ -67,8 +65,8 @@ class Peer:
 
     def recall(self, pose: Pose, status: Status) -> None:
         """Take the news of before a restart of this agent; no pose has been heard since."""
-        self.pose, self.status = pose, self.status or status
-        self.take_status(self.status)
+        self.sources.stories.append(Story.of(pose))
+        self.status = self.status or status
 
     @property
     def usual_delay_ns(self) -> int:
@@ -107,51 +105,37 @@ class Peer:
         self.ahead_ns = ahead_ns
 
     def _shift_news(self, by_ns: int) -> None:
-        self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
-        self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
-        if self.at_launch_since_ns is not None:
-            self.at_launch_since_ns += by_ns
-        if self.waking is not None:
-            self.waking = self.waking[0], self.waking[1] + by_ns
+        self.launch, self.plan = _shifted(self.launch, by_ns), _shifted(self.plan, by_ns)
+        self.status = _shifted(self.status, by_ns)
         self.sources.shift(by_ns)
-        self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
 
-    def note_waking(self, status: Status) -> bool:
-        """Whether it flew when it was heard last, and this is of an agent that was started anew, has lost its state and does not
-        know yet of the flight: until it has telemetry, and a moment longer, it says that it is on the ground. Believed, its
-        vehicle, which flies home meanwhile, was reckoned with nowhere for 6 s. Where the agent of before still speaks, there are
-        two.
+    def take(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
+        """Keep a message if it is newer than known; an older one still counts for ``sources``. Returns why it was not kept."""
+        if isinstance(message, Pose):
+            is_newest = self.sources.hear_pose(message, now_ns)
+            if self.pose is message and not message.in_air:
+                self.launch = message
+            return None if is_newest else "older_than_known"
+        if isinstance(message, Status):
+            self.sources.hear_status(message, now_ns)
+        known = self.plan if isinstance(message, Plan) else self.status
+        if known is not None and known.stamp_ns >= message.stamp_ns:
+            return "older_than_known"
+        if isinstance(message, Plan):
+            self.plan = message
+        elif self.is_refuted(message):
+            return "refuted_by_poses"
+        else:
+            self.status = message
+        return None
+
+    def is_refuted(self, status: Status) -> bool:
+        """Whether a status says that it is on the ground, and its poses do not allow that.
+
+        It has only just landed; or the agent was started anew in flight and does not know of it yet; or it is of a second source.
         """
-        known = self.status
-        if known is None or known.boot == status.boot:
-            return False
-        if known.stage in GROUND_STAGES or status.stage is not Stage.PREFLIGHT:
-            self.waking = None
-            return False
-        if self.waking is None or self.waking[0] != status.boot:
-            self.waking = status.boot, status.stamp_ns
-        since_ns = self.waking[1]
-        if known.stamp_ns > since_ns:
-            return False
-        first_ns = next((pose.stamp_ns for pose in self.poses if pose.stamp_ns > since_ns), status.stamp_ns)
-        return status.stamp_ns - first_ns < _AWAKE_NS and status.stamp_ns - known.stamp_ns < _DOWN_NS
-
-    def take_status(self, status: Status) -> None:
-        """Note that it has left its launch place."""
-        if status.stage not in (*_AT_LAUNCH, Stage.LANDED):
-            self.at_launch_since_ns = None
-
-    def take_pose(self, pose: Pose) -> None:
-        """Keep a pose, and where it launches from: an agent that has no telemetry yet says that it is on the ground."""
-        self.poses.append(pose)
-        while self.poses[0].stamp_ns < pose.stamp_ns - RECENT_NS:
-            self.poses.popleft()
-        if self.status is None or self.status.stage not in (*_AT_LAUNCH, Stage.LANDED):
-            return
-        if self.at_launch_since_ns is None:
-            self.at_launch_since_ns = pose.stamp_ns
-        if self.status.stage in _AT_LAUNCH and pose.stamp_ns - self.at_launch_since_ns >= _SURELY_DOWN_NS:
-            self.launch = pose
+        flew = self.status is not None and self.status.stage not in GROUND_STAGES
+        return flew and status.stage in GROUND_STAGES and not self.sources.rests(status.stamp_ns)
 
 
 def is_present(stamp_ns: int, now_ns: int) -> bool:
@@ -210,22 +194,10 @@ class Peers:
         delay_ns = now_ns - message.stamp_ns - (peer.ahead_ns if ahead_ns is None else ahead_ns)
         if ahead_ns is not None:
             peer.reckon_clock(ahead_ns, delay_ns, now_ns)
-        kind = type(message).__name__.lower()
-        known = getattr(peer, kind)
-        if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):
-            return None
-        if known is not None and known.stamp_ns >= message.stamp_ns:
-            return "older_than_known"
-        if isinstance(message, Status) and peer.note_waking(message):
-            return "of_an_agent_that_wakes"
-        setattr(peer, kind, message)
-        peer.delays_ns.append(delay_ns)
-        if isinstance(message, Status):
-            peer.sources.boot(message, now_ns)
-            peer.take_status(message)
-        if isinstance(message, Pose):
-            peer.take_pose(message)
-        return None
+        dropped = peer.take(message, now_ns)
+        if dropped is None:
+            peer.delays_ns.append(delay_ns)
+        return dropped
 
     def see(self, sighting: Sighting) -> None:
         """Keep this drone's own sighting of another one."""
@@ -234,6 +206,15 @@ class Peers:
         newest_ns = max(sightings[0].stamp_ns, sighting.stamp_ns)
         while sightings[0].stamp_ns < newest_ns - RECENT_NS:
             sightings.popleft()
+
+    def disowned(self, drone: str, now_ns: int) -> None:
+        """A drone says that it has not sent all that is sent under its id."""
+        if drone in self._peers:
+            self._peers[drone].sources.disowned(now_ns)
+
+    def are_two(self, drone: str, now_ns: int) -> bool:
+        """Whether two sources have lately sent under a drone's id."""
+        return drone in self._peers and self._peers[drone].sources.are_two(now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """The drones under whose id two sources send."""

@@ -1,96 +1,170 @@
-"""News under one id from two sources: a copied key, or an agent started twice.
+"""What is told under one id: all the stories of where that drone is, and whether it flies.
 
 Nothing in a message tells its source: whoever has the key writes what it likes, and Zenoh's source ids are its own words too.
-But one agent is in one place, and one boot follows another: poses between which no vehicle can have flown, or statuses of a boot
-that another one has followed, show two. Which of them is right cannot be known: the one heard first keeps its place, and the
-other one's place is kept clear of as well.
+So no message removes what another one has told, however its stamp lies: it can only add a place, or an end of the flight that
+all others allow. A pose that no known story leads to begins another one, and every story counts until it has been silent for
+two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
 
-A single jump of a localisation shows two places too, but never the first one again: both are kept clear of for a moment, and
-nothing is told.
+That a story begins is no proof of a second source: a localisation jumps, a clock is set. Proofs are two stories that go on side
+by side, two boots of which each goes on, and the word of the drone itself that it has heard news under its id that it never sent.
+The last one can be forged, but only by a second source.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from math import dist, hypot
+from operator import mul
 
 from msgspec.structs import replace
 
 from protocol.messages import GROUND_STAGES, Pose, Status
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
-SLACK_M, SIGMAS, MOST_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
+SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
+SAME_M, MAX_ACCELERATION_MPS2 = 0.5, 10.0  # of a place by the last pose and its velocity: what is further off is another story
+RECENT_NS = 3_000_000_000  # poses are kept for this long
 RIVAL_NS = 2_000_000_000  # for how long a second place is kept clear of
 SILENT_NS = 500_000_000  # a place from which nothing has come for so long gives way to the other one
 SHOWN_NS = 10_000_000_000  # two sources are told for this long, and believed to be two
-FRESH_NS = 2_500_000_000  # a status counts for this long beside those of another boot: two periods and a half
-MOST_BOOTS = 4  # that are remembered
+FRESH_NS = 2_500_000_000  # a status counts for this long beside later ones: two periods and a half
+REST_NS = 2_000_000_000  # for which no pose says that a drone flies, before it is on the ground
+DOWN_NS = 120_000_000_000  # by then a vehicle that goes home without its agent has landed
+MAX_REST_MPS = 1.0  # apparent speed of a drone on the ground
+MAX_BOOTS = 4  # that are remembered
+MAX_STORIES = 4
+MIN_TURNS = 3  # from one story to another that contradicts it: a localisation that jumps, and back again, makes two
 
 
 def contradict(one: Pose, other: Pose) -> bool:
     """Whether no vehicle can have been in both poses. Of epochs it is only known that no older one follows."""
     if one.epoch != other.epoch:
         return (one.epoch < other.epoch) != (one.stamp_ns <= other.stamp_ns)
-    doubt_m = min(SLACK_M + SIGMAS * max(map(_sigma_m, (one, other))), MOST_DOUBT_M)
+    doubt_m = min(SLACK_M + SIGMAS * max(map(_sigma_m, (one, other))), MAX_DOUBT_M)
     return dist(one.position_m, other.position_m) > doubt_m + FASTEST_MPS * 1e-9 * abs(one.stamp_ns - other.stamp_ns)
 
 
 @dataclass(slots=True)
-class Sources:
-    """The sources of one drone's news. ``rival``: the newest pose of a second one, or the last one before a jump."""
+class Story:
+    """Poses of the last seconds, in the order of their stamps, through which one vehicle can have flown; never empty.
 
-    rival: Pose | None = None
-    _since_ns: int | None = None  # stamp of the first pose of the second source
-    _shown_ns: int | None = None  # when two places, or two boots, were last seen
-    _boots: dict[str, Status] = field(default_factory=dict)  # the newest status of each, in the order of their first ones
+    ``began_ns``: stamp of the first one ever.
+    """
 
-    def is_second(self, known: Pose | None, pose: Pose, now_ns: int) -> bool:
-        """Whether a pose is of a second source beside the one of the ``known`` pose, and is kept as such."""
-        if known is None or not contradict(known, pose):
-            if known is not None and self._since_ns is not None and pose.stamp_ns > max(known.stamp_ns, self._since_ns):
-                self._shown_ns, self._since_ns = now_ns, None
+    poses: deque[Pose]
+    began_ns: int
+
+    @classmethod
+    def of(cls, *poses: Pose) -> Story:
+        """The story of some poses, in the order of their stamps."""
+        return cls(deque(poses), poses[0].stamp_ns)
+
+    @property
+    def newest(self) -> Pose:
+        """The last pose by its stamp."""
+        return self.poses[-1]
+
+    def fits(self, pose: Pose) -> bool:
+        """Whether a pose lies between those before and after it."""
+        place = bisect_right(self.poses, pose.stamp_ns, key=_stamp)
+        before = place == 0 or _leads(self.poses[place - 1], pose)
+        return before and (place == len(self.poses) or _leads(pose, self.poses[place]))
+
+    def take(self, pose: Pose) -> bool:
+        """Add a pose that fits, if it is newer than all before. Returns whether it is."""
+        if pose.stamp_ns <= self.newest.stamp_ns:
             return False
-        if pose.stamp_ns - known.stamp_ns > SILENT_NS:
-            self.rival, self._since_ns = known, None
-            return False
-        if self.rival is None or pose.stamp_ns > self.rival.stamp_ns or contradict(self.rival, pose):
-            self.rival = pose
-            self._since_ns = pose.stamp_ns if self._since_ns is None else self._since_ns
+        self.poses.append(pose)
+        while self.poses[0].stamp_ns < pose.stamp_ns - RECENT_NS:
+            self.poses.popleft()
         return True
 
-    def shift(self, by_ns: int) -> None:
-        """Move all stamps of the drone's news."""
-        if self.rival is not None:
-            self.rival = replace(self.rival, stamp_ns=self.rival.stamp_ns + by_ns)
-        if self._since_ns is not None:
-            self._since_ns += by_ns
-        if self._shown_ns is not None:
-            self._shown_ns += by_ns
-        self._boots = {boot: replace(status, stamp_ns=status.stamp_ns + by_ns) for boot, status in self._boots.items()}
+    def split(self, pose: Pose) -> Story | None:
+        """Where a pose of an earlier epoch goes on beside those of a later one, divide them: they are of another story.
 
-    def boot(self, status: Status, now_ns: int) -> None:
-        """Take a status that is newer than all before."""
-        newest = next(reversed(self._boots), status.boot)
-        if status.boot in self._boots and status.boot != newest:
-            self._shown_ns = now_ns
-        self._boots[status.boot] = status
-        if len(self._boots) > MOST_BOOTS:
-            del self._boots[next(iter(self._boots))]
+        Returns the later part; None where the pose does not fit to the earlier one either.
+        """
+        earlier = [one for one in self.poses if one.epoch <= pose.epoch]
+        later = [one for one in self.poses if one.epoch > pose.epoch]
+        if not earlier or not later or not Story.of(*earlier).fits(pose):
+            return None
+        self.poses = deque(earlier)
+        return Story.of(*later)
 
-    def second_place(self, now_ns: int) -> Pose | None:
-        """Where the drone may be as well; None: nowhere."""
-        rival = self.rival
-        return rival if rival is not None and now_ns - rival.stamp_ns < RIVAL_NS else None
+
+@dataclass(slots=True)
+class Sources:
+    """The sources of one drone's news. ``stories``: the first one is that by which it flies, unless it falls silent."""
+
+    stories: list[Story] = field(default_factory=list)
+    _told: Story | None = None  # the story of the last pose
+    _turns_ns: deque[int] = field(default_factory=partial(deque, maxlen=MIN_TURNS))
+    _shown_ns: int | None = None  # when two sources were last seen
+    _boots_ns: dict[str, int] = field(default_factory=dict)  # stamp of the first status of each boot, in the order of these
+    _aloft_ns: int | None = None  # stamp of the last pose that is of a vehicle in flight
+    _rests_ns: int | None = None  # stamp of the first one since then that is not
+    _flew_ns: int | None = None  # stamp of the last status that is of a flight
+    _down_ns: int | None = None  # stamp of the last status that is of none
+
+    def hear_pose(self, pose: Pose, now_ns: int) -> bool:
+        """Take a pose, whatever its stamp. Returns whether it is the newest of its story."""
+        if pose.in_air or hypot(*pose.velocity_mps) > MAX_REST_MPS:
+            self._aloft_ns, self._rests_ns = max(pose.stamp_ns, self._aloft_ns or 0), None
+        elif self._rests_ns is None:
+            self._rests_ns = pose.stamp_ns
+        fitting = (one for one in self.stories if one.fits(pose))
+        story = min(fitting, key=lambda one: one.newest.epoch != pose.epoch, default=None) or self._divided(pose)
+        if story is not None and not story.take(pose):
+            return False
+        story = story or self._begun(pose)
+        self._note_turn(story, pose, now_ns)
+        if story is not self.stories[0] and pose.stamp_ns - self.stories[0].newest.stamp_ns > SILENT_NS:
+            self.stories.remove(story)
+            self.stories.insert(0, story)
+        return True
+
+    def hear_status(self, status: Status, now_ns: int) -> None:
+        """Take a status, whatever its stamp."""
+        newest = next(reversed(self._boots_ns), status.boot)
+        if status.boot != newest and status.boot in self._boots_ns and status.stamp_ns > self._boots_ns[newest]:
+            self._shown_ns = now_ns  # a boot that goes on after another one has followed it
+        self._boots_ns.setdefault(status.boot, status.stamp_ns)
+        if len(self._boots_ns) > MAX_BOOTS:
+            del self._boots_ns[next(iter(self._boots_ns))]
+        if status.stage in GROUND_STAGES:
+            self._down_ns = max(status.stamp_ns, self._down_ns or 0)
+        else:
+            self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)
+
+    def disowned(self, now_ns: int) -> None:
+        """The drone says that not all of this is its own."""
+        self._shown_ns = now_ns
+
+    def second_places(self, now_ns: int) -> list[Pose]:
+        """Where the drone may be as well, by the other stories."""
+        return [one.newest for one in self.stories[1:] if now_ns - one.newest.stamp_ns < RIVAL_NS]
 
     def are_two(self, now_ns: int) -> bool:
         """Whether two sources have shown themselves lately."""
         return self._shown_ns is not None and now_ns - self._shown_ns < SHOWN_NS
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether all who have told a stage lately are on the ground."""
-        newest = max(self._boots.values(), key=_stamp, default=None)
-        told = [one for one in self._boots.values() if one is newest or now_ns - one.stamp_ns < FRESH_NS]
-        return bool(told) and all(one.stage in GROUND_STAGES for one in told)
+        """Whether a status says so, none of the last seconds says that it flies, and its poses allow it."""
+        if self._down_ns is None or not self.rests(now_ns):
+            return False
+        flew_ns = self._flew_ns
+        return flew_ns is None or (self._down_ns > flew_ns and now_ns - flew_ns >= FRESH_NS)
+
+    def rests(self, now_ns: int) -> bool:
+        """Whether all poses have been of a vehicle at rest for seconds; or the last other one is so old that it must be down."""
+        if self._aloft_ns is None or now_ns - self._aloft_ns >= DOWN_NS:
+            return True
+        if self._rests_ns is None:
+            return False
+        return max(one.newest.stamp_ns for one in self.stories) - self._rests_ns >= REST_NS
 
     def problem(self, drone: str, now_ns: int) -> str | None:
         """What is told to the operator."""
@@ -98,9 +172,70 @@ class Sources:
             return None
         return f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
 
+    def shift(self, by_ns: int) -> None:
+        """Move all stamps of the drone's news."""
+        for story in self.stories:
+            story.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in story.poses)
+            story.began_ns += by_ns
+        self._turns_ns = deque((one_ns + by_ns for one_ns in self._turns_ns), MIN_TURNS)
+        self._boots_ns = {boot: one_ns + by_ns for boot, one_ns in self._boots_ns.items()}
+        self._shown_ns, self._aloft_ns = _moved(self._shown_ns, by_ns), _moved(self._aloft_ns, by_ns)
+        self._rests_ns = _moved(self._rests_ns, by_ns)
+        self._flew_ns, self._down_ns = _moved(self._flew_ns, by_ns), _moved(self._down_ns, by_ns)
 
-def _stamp(status: Status) -> int:
-    return status.stamp_ns
+    def _divided(self, pose: Pose) -> Story | None:
+        """The story that a pose goes on, once what contradicts it is made one of its own."""
+        for place, story in enumerate(self.stories):
+            if (later := story.split(pose)) is not None:
+                self.stories.insert(place + 1, later)
+                self._told = later if self._told is story else self._told
+                return story
+        return None
+
+    def _begun(self, pose: Pose) -> Story:
+        """A new story; of too many others the one with the fewest poses ends."""
+        story = Story.of(pose)
+        self.stories[1:] = [one for one in self.stories[1:] if pose.stamp_ns - one.newest.stamp_ns < RIVAL_NS]
+        if len(self.stories) >= MAX_STORIES:
+            self.stories.remove(min(self.stories, key=lambda one: (len(one.poses), one.newest.stamp_ns)))
+        self.stories.append(story)
+        return story
+
+    def _note_turn(self, story: Story, pose: Pose, now_ns: int) -> None:
+        """Note that another story goes on than before; two sources are shown where that happens again and again.
+
+        Poses of before the other story began are only late.
+        """
+        before, self._told = self._told, story
+        if before is None or before is story or pose.stamp_ns <= before.began_ns:
+            return
+        if before.newest.epoch <= pose.epoch and not contradict(before.newest, pose):
+            return
+        self._turns_ns.append(now_ns)
+        if len(self._turns_ns) == MIN_TURNS and now_ns - self._turns_ns[0] < RIVAL_NS:
+            self._shown_ns = now_ns
+
+
+def _leads(before: Pose, after: Pose) -> bool:
+    """Whether a vehicle is on the way on which its velocity has led it, or its localisation has jumped, as it says.
+
+    Anywhere on that way: how much time has passed is not known exactly where a clock has just been set.
+    """
+    if before.epoch != after.epoch:
+        return before.epoch < after.epoch
+    elapsed_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
+    moved = [x - y for x, y in zip(after.position_m, before.position_m, strict=True)]
+    way = [elapsed_s * v for v in before.velocity_mps]
+    share = min(1.0, max(0.0, sum(map(mul, moved, way)) / (sum(map(mul, way, way)) or 1.0)))
+    return dist(moved, [share * part for part in way]) <= SAME_M + 0.5 * MAX_ACCELERATION_MPS2 * elapsed_s**2
+
+
+def _moved(stamp_ns: int | None, by_ns: int) -> int | None:
+    return None if stamp_ns is None else stamp_ns + by_ns
+
+
+def _stamp(pose: Pose) -> int:
+    return pose.stamp_ns
 
 
 def _sigma_m(pose: Pose) -> float:

@@ -14,10 +14,13 @@ from sim.campaign.faults.dealt import OF_SATELLITES, Card, strike
 from sim.campaign.faults.missions import draw_mission
 
 _STREAM = 1_000_008
+# A thief that says in every way at once that the drone is not where it is, twenty times a second and always a little later.
+LANDED: Card = ("copied-key", {"boot": "same", "stage": "landed", "epochs": 1, "lead_s": 0.09, "period_s": 0.05})
+ANYHOW: Card = ("copied-key", {})
 ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the same drone at the same time
-    (("copied-key", {}),),
-    (("copied-key", {}), ("takeover", {"mode": "hold"})),
-    (("copied-key", {}), ("takeover", {"mode": "return"})),
+    *((thief,) for thief in (LANDED, ANYHOW)),
+    *((thief, ("takeover", {"mode": "hold"})) for thief in (LANDED, ANYHOW)),
+    *((thief, ("takeover", {"mode": "return"})) for thief in (LANDED, ANYHOW)),
     (("heading-reset", {}),),
     (("heading-reset", {}), ("satellites-lost", {"for_s": 1.8})),
 )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 Numbers = dict[str, Any]  # the kind's own keys
+V = TypeVar("V")
 
 
 class Strike(NamedTuple):
@@ -25,7 +26,7 @@ class Strike(NamedTuple):
         """A number whose logarithm is uniform, to three digits."""
         return float(f"{np.exp(self.rng.uniform(np.log(low), np.log(high))):.3g}")
 
-    def one(self, *values: str) -> str:
+    def one(self, *values: V) -> V:
         """One of them."""
         return values[int(self.rng.integers(len(values)))]
 
@@ -146,7 +147,15 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "throttle": lambda strike: {"rate_kilobytes_ps": strike.scale(1.0, 50.0)},
     "disarm": _none,
     "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
-    "copied-key": lambda strike: {"beside_m": strike.scale(5.0, 50.0)},
+    "copied-key": lambda strike: {
+        "beside_m": strike.one(0.0, strike.scale(0.3, 50.0)),
+        "place": strike.one("beside", "frozen", "ground"),
+        "epochs": strike.one(0, 1),
+        "boot": strike.one("same", "other"),
+        "stage": strike.one("landed", "preflight", "return", "hold", None),
+        "lead_s": strike.uniform(-0.1, 0.099),
+        "period_s": strike.one(0.05, 0.1, 0.2),
+    },
     "old-command": _none,
     "heading-reset": lambda strike: {"turn_deg": strike.scale(1.0, 12.0)},  # the largest of 15 recorded ones: 9.3
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 import types
+from collections import defaultdict
 from collections.abc import Iterator
 from itertools import chain
 from math import dist, hypot, inf
@@ -13,7 +14,7 @@ import numpy as np
 
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode
-from sim.faults.agents import Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
+from sim.faults.agents import CopiedKey, Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
@@ -22,6 +23,7 @@ from sim.scoring.moment import Moment, Shared
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
+IMPERSONATED_S = 2.0
 TOLD_S = 25.0
 _USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # what drones say of their cameras
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
@@ -173,6 +175,39 @@ class Accused(Invariant[Moment]):
                 if not said or self.setting.struck(_ELSEWHERE, self.setting.names.index(name), moment.time_s, RECOVERY_S):
                     continue
                 yield Breach((drone, self.setting.names.index(name)), text)
+
+
+class Impersonated(Invariant[Moment]):
+    """A drone under whose id somebody else sends is named within 2 s by each agent that flies by what both say.
+
+    The 2 s count while the drone's own agent lives, and not for one that was started after the thief began.
+    """
+
+    name = "impersonated"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        copied = [fault for fault in setting.scenario.fault if isinstance(fault, CopiedKey)]
+        self._spans = [
+            (setting.names.index(name), fault.at_s, fault.end_s) for fault in copied for name in setting.strikes(fault)
+        ]
+        self._named: set[tuple[int, int]] = set()  # by whom, and who
+        self._unnamed_s: defaultdict[tuple[int, int], float] = defaultdict(float)
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Agents that have not named it."""
+        for drone, begin_s, end_s in self._spans:
+            if not begin_s <= moment.time_s < end_s or moment.pilots[drone] is None:
+                continue
+            text = f"{self.setting.names[drone]}: two sources "
+            for other, pilot in enumerate(moment.pilots):
+                if other == drone or pilot is None or (other, drone) in self._named:
+                    continue
+                self._unnamed_s[other, drone] += 0.05
+                if any(told.startswith(text) for told in pilot.problems):
+                    self._named.add((other, drone))
+                elif self._unnamed_s[other, drone] > IMPERSONATED_S:
+                    yield Breach((other, drone), f"its key is copied since {begin_s:.1f} s, and it is not named")
 
 
 def _misplaces(fault: Fault) -> bool:

@@ -11,7 +11,7 @@ from sim.scoring.invariants.beliefs import (
     Summarised,
     TruthPossible,
 )
-from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
+from sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.convergence import Converged
 from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
@@ -39,7 +39,7 @@ class Judge:
             OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting), KnowsHome(setting),
             Mistimed(setting), PlaceBound(setting), WideBerth(setting),
             Reckoned(setting), Confined(setting), FreshTelemetry(setting),
-            Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
+            Reserve(setting), Named(setting), Accused(setting), Impersonated(setting), Told(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip
         self.violations: list[Violation] = []

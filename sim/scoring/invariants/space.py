@@ -10,6 +10,8 @@ import shapely
 from shapely import Polygon
 
 from protocol.messages import Stage
+from sim.faults.agents import CopiedKey
+from sim.faults.machines import Takeover
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
@@ -19,7 +21,8 @@ _BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
 class Separation(Invariant[Scene]):
-    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust.
+    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust. A copied key is
+    no excuse, nor is a pilot who takes over then: nothing but words is false.
 
     The distance is that in space: vehicles whose autopilots return by themselves fly in layers above each other. Exempt are pairs
     of which one vehicle's own position or thrust is faulted: it does not know, or cannot help, where it is.
@@ -31,10 +34,14 @@ class Separation(Invariant[Scene]):
         super().__init__(setting)
         self.least_m = inf  # of all pairs that are not exempt
         self._pairs = list(combinations(range(len(setting.names)), 2))
+        faults = setting.scenario.fault
+        is_copied = any(isinstance(fault, CopiedKey) for fault in faults)
+        excusing = (fault.at_s for fault in faults if not (is_copied and isinstance(fault, CopiedKey | Takeover)))
+        self._excused_s = min(excusing, default=inf)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Pairs that are too near to each other."""
-        apart_m = APART_M if moment.time_s < self.setting.first_fault_s else APART_UNDER_FAULTS_M
+        apart_m = APART_M if moment.time_s < self._excused_s else APART_UNDER_FAULTS_M
         for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
             self.least_m = min(self.least_m, distance_m)
             if distance_m < apart_m:

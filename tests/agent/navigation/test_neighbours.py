@@ -29,7 +29,7 @@ def test_without_a_fresh_plan_it_goes_straight_on():
     [(Stage.PREFLIGHT, False, None), (Stage.LANDED, False, None), (Stage.RETURN, True, False), (Stage.SURVEY, True, True)],
 )
 def test_who_counts(stage, flies, takes_part):
-    found = seen(pose(), status(stage))
+    found = seen(pose() if flies else replace(pose(), velocity_mps=(0.0, 0.0, 0.0), in_air=False), status(stage))
     assert [other.takes_part for other in found] == ([takes_part] if flies else [])
 
 
@@ -123,8 +123,10 @@ def test_who_lands_while_its_poses_contradict_its_last_plan_may_stand_where_that
     told, *as_planned = (one.plan for one in found)
     assert told.at(now_ns) == pytest.approx((10.0, 1.0 + apart_m))
     assert [(place.at(now_ns), place.blind) for place in as_planned] == [(pytest.approx((10.0, 1.0)), True)] * is_doubted
-    down = replace(status(Stage.LANDED), stamp_ns=now_ns)
-    assert peers.receive(down, now_ns) is None
+    for later_ns in range(now_ns + SECOND // 10, now_ns + 3 * SECOND, SECOND // 10):
+        assert peers.receive(replace(beside, stamp_ns=later_ns, in_air=False), later_ns) is None
+    now_ns = later_ns
+    assert peers.receive(replace(status(Stage.LANDED), stamp_ns=now_ns), now_ns) is None
     assert hood.around(peers, Self(now_ns, 0, 0.0, Transform())) == []
 
 
@@ -142,9 +144,9 @@ def test_the_doubt_about_a_planned_place_is_that_of_both_drones_and_bounded():
 def test_a_drone_that_follows_its_plan_again_is_where_that_leads():
     peers, now_ns = Peers(["b"]), 6 * SECOND // 10
     stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))
-    follows = replace(pose(now_ns), position_m=(1.0, 2.8, 3.0), stamp_ns=now_ns + SECOND // 10)
+    follows = replace(pose(now_ns), position_m=(1.0, 0.4, 3.0), stamp_ns=now_ns + SECOND // 10)
     hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    for message in (pose(), plan(), status(Stage.TRACK), stopped, follows):
+    for message in (pose(), plan(), status(Stage.TRACK), stopped, plan(now_ns), follows):
         assert peers.receive(message, now_ns) is None
         found = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
     assert [one.plan.blind for one in found] == [False]

@@ -81,9 +81,9 @@ def test_who_lands_closely_beside_it_holds_a_start_up():
 
 
 def test_once_the_other_has_passed_the_start_is_obeyed():
-    one = asked_to_start((0.5, 1.0), (0.0, 0.0))
+    one = asked_to_start((0.5, 1.0), (7.5, 0.0))
     later_ns = START_NS + SECOND
     one.observe_vehicle(on_ground(later_ns))
-    hear(one, later_ns, (8.0, 0.0), (2.0, 0.0))
+    hear(one, later_ns, (8.0, 1.0), (7.5, 0.0))
     one.receive(*command(mission=LATE, stamp_ns=later_ns, drones=("d1",)), later_ns)
     assert one.stage is Stage.TAKEOFF

@@ -19,6 +19,7 @@ from protocol.entries import Sighting
 from protocol.messages import Stage
 
 STANDING = PeerState((0.0, 0.0, 3.0))
+ON_GROUND = replace(pose(), velocity_mps=(0.0, 0.0, 0.0), in_air=False)
 BOTH_ON = Circle((5.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a stands on it at (0, 0), b flies along it about (10, 0)
 HALF_WAY_M = (
     0.5 * (10.0 * 10.0 + 1.0 * 3.0) / math.hypot(10.0, 1.0)
@@ -29,7 +30,8 @@ ON_THE_WAY = Circle((12.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a is not there yet
 def after_silence(seconds, stage=Stage.TRACK, steered=True):
     """b was heard at 0, at x = 1 m of its frame and going on at 2 m/s."""
     peers, now_ns = Peers(["b"]), round(seconds * SECOND)
-    for message in (replace(pose(), steered=steered), status(stage)):
+    told = replace(pose(), steered=steered) if stage is not Stage.LANDED else ON_GROUND
+    for message in (told, status(stage)):
         assert peers.receive(message, 0) is None
     found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, Self(now_ns, 0, 0.1, Transform()))
     return found, now_ns
@@ -196,7 +198,7 @@ def started_anew(shown_s=None):
     for tick in range(50, 101):
         now_ns = tick * SECOND // 10
         if shown_s is not None and tick >= 10 * shown_s:
-            peers.receive(replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0)), now_ns)
+            peers.receive(replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0), in_air=False), now_ns)
         if tick % 10 == 0:
             peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=now_ns, boot="2" * 16), now_ns)
     return hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
@@ -484,7 +486,7 @@ def test_one_that_tells_after_a_restart_that_it_is_on_the_ground_is_remembered_n
 
 def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_neither():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    for message in (pose(), status(Stage.LANDED)):
+    for message in (ON_GROUND, status(Stage.LANDED)):
         assert peers.receive(message, 0) is None
     assert hood.last_news(peers, 3 * SECOND) == {}
     for offset in (math.nan, math.inf):
@@ -500,7 +502,7 @@ def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhi
     for now_s in (30, 32):
         hood.around(peers, Self(now_s * SECOND, 0, 0.1, Transform(), resumed=True))
     assert hood.absence.missing == ("b",)
-    assert peers["b"].at_launch_since_ns is None  # it has left that place
+    assert peers["b"].launch is None  # it has left that place
     assert peers.receive(pose(32 * SECOND), 32 * SECOND) is None
 
 
@@ -562,7 +564,9 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         absence = hood.absence
         assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
         assert absence.walls["b"].offset == pytest.approx(-HALF_WAY_M)
-    for message in (plan(5 * SECOND // 2), pose(5 * SECOND // 2)):
+    again = plan(5 * SECOND // 2)
+    again = replace(again, positions_m=tuple((x + 3.0, y, z) for x, y, z in again.positions_m))
+    for message in (again, replace(pose(5 * SECOND // 2), position_m=(4.0, 0.0, 3.0))):
         assert peers.receive(message, 5 * SECOND // 2) is None
     (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
     assert (heard.takes_part, hood.absence) == (True, None)

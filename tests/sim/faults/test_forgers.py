@@ -51,25 +51,6 @@ def test_nobody_else_forges_nor_when_it_is_over_nor_what_is_no_measurement() -> 
     assert forged("impossible", "sighting")[1] == []
 
 
-def copied(kind, second=1.0):
-    schedule = Schedule(
-        [msgspec.convert({"kind": "copied-key", "at_s": 0.0, "for_s": 5.0, "target": "d1"}, KINDS["copied-key"])], DRONES, 1
-    )
-    schedule.advance(second)
-    message = at(kind, 3)
-    key = key_of("s", message)
-    told = Forgers(schedule, DRONES, TRUSTS).forged(0, key, encode(message))
-    return message, [decode_from(key, payload) for payload in told]
-
-
-def test_a_copied_key_publishes_the_drone_in_another_place() -> None:
-    true, (copy,) = copied("pose")
-    assert (copy.drone, copy.stamp_ns > true.stamp_ns) == (true.drone, True)
-    assert copy.position_m == pytest.approx((true.position_m[0] + 15.0, *true.position_m[1:]))
-    assert copied("pose", second=6.0)[1] == []
-    assert copied("cone")[1] == []
-
-
 def commanded(schedule):
     """What a drone receives in the first 15 s: tick, drone, action, or "copy" for bytes that came before."""
     commands, arrived = OldCommands(schedule), []

@@ -11,10 +11,11 @@ from agent.frames.transform import Transform
 from agent.navigation.myself import Self
 from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.sources import RIVAL_NS, SHOWN_NS, contradict
+from agent.navigation.peers.sources import MAX_STORIES, RIVAL_NS, SHOWN_NS, contradict
+from agent.pilot import Step
 from protocol.codec import encode
 from protocol.keys import key_of
-from protocol.messages import Stage, Status
+from protocol.messages import Pose, Stage, Status
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS
@@ -38,9 +39,13 @@ def heard(*news):
     return peers, now_ns
 
 
-def places(peers, now_ns):
+def neighbourhood():
+    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "d1")
+
+
+def places(peers, now_ns, hood=None):
     """Where d1 keeps clear of d2."""
-    hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "d1")
+    hood = hood or neighbourhood()
     return sorted(one.plan.positions[0][0] for one in hood.around(peers, Self(now_ns, 0, 0.0, Transform())))
 
 
@@ -61,7 +66,10 @@ def test_two_places_are_told_and_both_are_kept_clear_of():
 
 
 def test_one_source_is_one_place_however_fast_it_flies():
-    peers, now_ns = heard(*(pose(at_ns, 30.0 + 15.0 * (at_ns - START_NS) / SECOND) for at_ns in stamps(30)))
+    fast = (
+        replace(pose(at_ns, 30.0 + 15.0 * (at_ns - START_NS) / SECOND), velocity_mps=(15.0, 0.0, 0.0)) for at_ns in stamps(30)
+    )
+    peers, now_ns = heard(*fast)
     assert peers.problems(now_ns) == ()
     assert len(places(peers, now_ns)) == 1
 
@@ -90,7 +98,7 @@ def test_who_drags_a_drone_away_little_by_little_is_noticed():
 def test_a_copy_with_a_later_epoch_is_noticed_and_a_jump_of_the_localisation_is_none():
     peers, now_ns = heard(*alternating(epoch=1))
     assert peers.problems(now_ns) == (TWO,)
-    assert places(peers, now_ns) == pytest.approx([30.0])  # where 45 in another frame is, nobody knows
+    assert places(peers, now_ns) == pytest.approx([30.0, 45.0])  # as if its frame were the same: nobody knows it
     jumped, now_ns = heard(*map(pose, stamps(5)), *(pose(at_ns, 45.0, epoch=1) for at_ns in stamps(5, SECOND // 2)))
     assert jumped.problems(now_ns) == ()
     assert jumped["d2"].pose.position_m[0] == 45.0
@@ -143,12 +151,127 @@ def test_a_second_agent_that_says_that_it_is_on_the_ground_is_told():
 
 
 @pytest.mark.parametrize("stage", [Stage.LANDED, Stage.PREFLIGHT])
-def test_a_second_agents_status_does_not_take_a_flying_drone_out_of_the_air(stage):
-    flying = (pose(START_NS), status(START_NS))
-    forged, now_ns = heard(*flying, status(START_NS + 1, "3", stage))
-    assert places(forged, now_ns) == pytest.approx([30.0])
-    landed, now_ns = heard(*flying, status(START_NS + 1, "2", stage))
-    assert places(landed, now_ns) == []
+@pytest.mark.parametrize("boot", ["2", "3"])
+def test_a_status_does_not_take_a_flying_drone_out_of_the_air(stage, boot):
+    """Not even of its own boot: whoever has its key can write that, too."""
+    peers, now_ns = heard(pose(START_NS), status(START_NS), status(START_NS + 1, boot, stage))
+    assert places(peers, now_ns) == pytest.approx([30.0])
+
+
+def landed_for(tenths, *between):
+    """A drone that flew, and has told by status and poses for so long that it is on the ground; with others' messages between."""
+    told = [pose(START_NS), status(START_NS)]
+    for at_ns in stamps(tenths, PERIOD_NS):
+        told += [replace(pose(at_ns), in_air=False), status(at_ns, stage=Stage.LANDED)]
+    return heard(*told, *between)
+
+
+def test_a_drone_that_has_rested_for_seconds_is_on_the_ground():
+    assert places(*landed_for(20)) == pytest.approx([30.0])
+    assert places(*landed_for(27)) == []
+    assert landed_for(27)[0]["d2"].status.stage is Stage.LANDED
+
+
+@pytest.mark.parametrize("message", [pose(START_NS + 2 * SECOND), status(START_NS + 2 * SECOND)])
+def test_an_older_message_that_it_flies_is_evidence(message):
+    """The thief's stamps are ahead: what the drone says of itself came to be older than known, and was dropped unseen."""
+    assert places(*landed_for(27, message)) == pytest.approx([30.0])
+
+
+def thief(at_ns, ahead_ns=90 * MS, x_m=45.0, epoch=1):
+    """What somebody with the key of d2 says in its name: it has landed, beside the place where it flies."""
+    at_ns += ahead_ns
+    return replace(pose(at_ns, x_m, epoch), in_air=False), status(at_ns, stage=Stage.LANDED)
+
+
+@pytest.mark.parametrize("variant", [{}, {"epoch": 0}, {"epoch": 0, "x_m": 32.0}, {"ahead_ns": 0}, {"ahead_ns": -500 * MS}])
+def test_a_thief_that_says_in_every_way_that_a_hovering_drone_has_landed_hides_it_from_nobody(variant):
+    """Twenty times a second, so that each message of the drone itself is older than known; they were 0.45 m apart."""
+    peers, hood = Peers(["d2"]), neighbourhood()
+    for tick, at_ns in enumerate(range(START_NS, START_NS + 10 * SECOND, 50 * MS)):
+        own = [pose(at_ns), *([status(at_ns, stage=Stage.HOLD)] if tick % 20 == 0 else [])] if tick % 2 == 0 else []
+        for message in (*(thief(at_ns, **variant) if at_ns > START_NS + SECOND else ()), *own):
+            peers.receive(message, at_ns)
+        assert 30.0 in [pytest.approx(one) for one in places(peers, at_ns, hood)]
+    assert peers["d2"].status.stage is Stage.HOLD
+
+
+def test_two_stories_are_told_within_a_second_whatever_the_epochs():
+    for epoch in (0, 1):
+        news = [one for at_ns in stamps(10) for one in (thief(at_ns, epoch=epoch)[0], pose(at_ns))]
+        peers, now_ns = heard(pose(START_NS - SECOND // 10), *news)
+        assert peers.problems(now_ns) == (TWO,)
+
+
+def told_by(one, *news):
+    """The status of d1 after it has heard this, each message at the time of the last stamp so far."""
+    now_ns = START_NS
+    for message in news:
+        now_ns = max(now_ns, message.stamp_ns)
+        one.receive(key_of(MISSION.swarm, message), encode(message), now_ns)
+    return messages(one.step(now_ns), Status)[-1]
+
+
+def test_the_word_of_a_drone_that_it_has_not_sent_all_that_is_under_its_id_is_believed_and_removes_nothing():
+    """Also where it is older than known, and stale by the clock's difference that its thief has forged."""
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    for age_ns in (1, 3 * SECOND):
+        now_ns = START_NS + 5 * SECOND
+        told = told_by(one, pose(now_ns), status(now_ns), replace(status(now_ns - age_ns), disowns=True))
+        assert TWO in told.problems
+        assert one._peers["d2"].pose == pose(now_ns)
+        assert one._peers["d2"].status.stamp_ns == now_ns
+        one = pilot()
+        one.observe_vehicle(state(START_NS))
+
+
+def test_a_drone_says_when_it_hears_news_of_its_own_boot_that_it_has_not_sent_and_an_echo_is_none():
+    one = pilot()
+    for tick in range(40):
+        now_ns = START_NS + tick * SECOND // 20
+        one.observe_vehicle(state(now_ns))
+        published = one.step(now_ns).publications
+        for key, payload in published:
+            one.receive(key, payload, now_ns)
+        if tick == 30:
+            (own,) = messages(Step(published, None), Pose)
+            forged = replace(own, stamp_ns=own.stamp_ns + 1)
+            assert not one._problems.has_twin(now_ns)
+            one.receive(key_of(MISSION.swarm, forged), encode(forged), now_ns)
+        told = messages(Step(published, None), Status)
+        assert all((said.disowns is True) is (tick > 30) for said in told)
+        assert told or tick != 31  # at once, and not only with the next regular one
+    assert "another agent is running as d1" in one.problems
+
+
+@pytest.mark.parametrize("forged_ms", [-2050, -1000, 1000, 2050])
+def test_a_forged_difference_of_the_clocks_hides_nobody(forged_ms):
+    """The thief's statuses tell that the clock of d2 is off by two seconds: all that d2 says was stale, or of the future."""
+    one, forged_ns, own = pilot(), forged_ms * MS, []
+    for tick in range(100):
+        now_ns = START_NS + tick * SECOND // 20
+        one.observe_vehicle(state(now_ns))
+        if tick > 20:
+            lie = replace(status(now_ns + forged_ns, stage=Stage.LANDED), delays_ns={"d1": forged_ns + 20 * MS})
+            ground = replace(pose(now_ns + forged_ns, 60.0), in_air=False)
+            own = [replace(status(now_ns, stage=Stage.HOLD), disowns=True)] if tick % 20 == 0 else []
+        else:
+            own, lie, ground = [status(now_ns, stage=Stage.HOLD)] if tick % 20 == 0 else [], None, None
+        for message in (lie, ground, *own, *([pose(now_ns)] if tick % 2 == 0 else [])):
+            if message is not None:
+                one.receive(key_of(MISSION.swarm, message), encode(message), now_ns + 20 * MS)
+        one.step(now_ns + 20 * MS)
+    found = places(one._peers, now_ns + 20 * MS)
+    assert pytest.approx(30.0) in found
+
+
+def test_many_stories_do_not_drive_out_that_of_the_drone_itself():
+    """A thief that is somewhere else with each pose."""
+    news = [one for k, at_ns in enumerate(stamps(40)) for one in (pose(at_ns), pose(at_ns + 90 * MS, 50.0 + 7.0 * k))]
+    peers, now_ns = heard(*news)
+    assert pytest.approx(30.0) in places(peers, now_ns)
+    assert len(peers["d2"].sources.stories) == MAX_STORIES
 
 
 def test_a_pilot_tells_its_operator():

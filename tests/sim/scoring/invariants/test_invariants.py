@@ -11,7 +11,7 @@ from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
 from sim.scoring.invariants.base import Setting
 from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
-from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
+from sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import ANY, Judge
 from sim.scoring.invariants.liveness import Landed
@@ -317,6 +317,31 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
         assert seen == ([("d1", "d2")] if accused else [])
     corrupt = {"kind": "corrupt", "at_s": 10.0, "probability": 0.1, "target": "d3"}
     assert told(Accused(moments.setting(corrupt)), moments.moment(20.0, pilots=pilots)) == []
+
+
+def unnamed(named_s, *, seconds=5.0, gone=""):
+    """Who does not name d2, whose key is copied from 10 s on; d1 and d3 do from ``named_s`` on. ``gone``: has no agent."""
+    invariant = Impersonated(moments.setting({"kind": "copied-key", "at_s": 10.0, "for_s": 20.0, "target": "d2"}))
+    said, found = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of", []
+    for time_s in np.arange(9.0, 10.0 + seconds, 0.05):
+        named = (said,) if time_s >= named_s else ()
+        pilots = [None if name == gone else moments.pilot(problems=named) for name in ("d1", "d2", "d3")]
+        found += told(invariant, moments.moment(float(time_s), pilots=pilots))
+    return found
+
+
+def test_whose_key_is_copied_is_named_by_all_others_within_two_seconds() -> None:
+    assert unnamed(11.9) == []
+    assert unnamed(12.2) == unnamed(99.0) == [("d1", "d2"), ("d3", "d2")]
+    assert unnamed(99.0, gone="d1") == [("d3", "d2")]
+    assert unnamed(99.0, gone="d2") == []
+
+
+def test_a_copied_key_is_no_excuse_for_coming_nearer() -> None:
+    for kind, is_told in (("copied-key", True), ("loss", False)):
+        fault = {"kind": kind, "at_s": 5.0, "target": "d2"} | ({"probability": 0.1} if kind == "loss" else {})
+        seen = moments.moment(20.0, places(1, 12.7, 10.0, 3.0))
+        assert bool(told(Separation(moments.setting(fault)), seen)) is is_told
 
 
 def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.7, motion="static"):
