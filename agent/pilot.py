@@ -192,6 +192,8 @@ class Pilot:
 
     def _dispatch(self, message: AnyDroneMessage, payload: bytes, now_ns: int) -> str | None:
         if isinstance(message, Entry):
+            if not self._world.admission.admits(message, now_ns):
+                return "put_off"
             for entry, content in self._proofs.proven(message, payload, now_ns):
                 self._fold(entry, content, now_ns)
             return None
@@ -209,10 +211,7 @@ class Pilot:
         return self._exchange.answer(request)
 
     def advance(self, now_ns: int) -> None:
-        """Process new log entries, so that the hypothesis includes them before the next step.
-
-        Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
-        """
+        """Process new log entries, so that the hypothesis includes them before the next step; much takes several calls."""
         self._news.step(now_ns)
         self._numbers.keep_time(now_ns)
         self._world.advance(self._clocks.followed_ns(now_ns))

@@ -1,11 +1,19 @@
-"""When entries that come late by seconds are taken: in batches, at fixed times, the same for all agents."""
+"""When entries that come late by seconds are taken, and whose: in batches, at fixed times, the same for all agents."""
 
 from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from protocol.bucket import Bucket
 
 LATE_NS = 5_000_000_000  # an entry that changes what was computed longer ago than this waits for others of its kind
 _EVERY_NS = 2_000_000_000  # mostly longer than a batch takes to be computed
 _AFTER_NS = 500_000_000  # keyframes become due with full seconds, and take some calls: the borders lie behind them
 _MOST_CALLS = 40  # where time stands still, as after the flight
+_CALL_NS = 20_000_000  # so long does a call last at least: no agent makes more, and where time stands still the quotas do not
+# Of each drone: its late entries may have so many seconds of the log computed again at once, and so many in a second. A batch
+# counts as a minute at most. After a partition, or the start of an agent in flight, a drone's late entries are one batch or two.
+_QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 180.0, 4.0, 60.0
 
 
 class Batches:
@@ -16,10 +24,16 @@ class Batches:
     they compute follows from the same entries, but for one that is on its way at the border. Who is not free at a border takes
     them as soon as it is. The next batch rests for as many calls as the last one took, so that late entries never cost more than
     half of the time.
+
+    A drone whose late entries have much of the log computed again and again has a quota. Beyond it its late entries are put off,
+    for a quarter of the seconds that its last batch reached back; those of the others are not. Whether they count is not decided
+    by it, but only when.
     """
 
     def __init__(self) -> None:
         self._border = 0
+        self._now_ns = self._elapsed_ns = 0
+        self._quotas: dict[str, Bucket] = {}  # by drone; seconds of the log
         self._calls = 0  # since the last border
         self._rest = 0  # calls
         self._is_due = False
@@ -31,6 +45,8 @@ class Batches:
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
         """Whether a batch is to be taken now, asked in each call; ``free``: whether one can be."""
+        self._elapsed_ns += max(now_ns - self._now_ns, _CALL_NS) if self._now_ns else 0
+        self._now_ns = now_ns
         border = (now_ns - _AFTER_NS) // _EVERY_NS
         is_border = border != self._border or self._calls >= _MOST_CALLS
         self._border, self._calls = border, 0 if is_border else self._calls + 1
@@ -44,3 +60,16 @@ class Batches:
     def took(self, calls: int) -> None:
         """The last batch has been computed, in so many calls."""
         self._rest = calls
+
+    def admitted(self, drones: Collection[str]) -> frozenset[str]:
+        """Those of the drones whose late entries may be taken by now."""
+        return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
+
+    def charge(self, reach_s: Mapping[str, float]) -> None:
+        """Late entries are taken that reach back so far, s, by drone."""
+        for drone, back_s in reach_s.items():
+            quota = self._quotas.setdefault(drone, Bucket(_QUOTA_RATE, _QUOTA_S, 1e-9 * self._elapsed_ns))
+            quota.charge(min(max(back_s, 0.0), _MAX_CHARGE_S))
+
+    def _left_s(self, drone: str) -> float:
+        return self._quotas[drone].left(1e-9 * self._elapsed_ns)

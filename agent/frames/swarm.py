@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
-from itertools import zip_longest
+from itertools import chain, zip_longest
 
 from agent.config.mission import MissionConfig
 from agent.frames.batches import LATE_NS, Batches
@@ -60,7 +60,7 @@ class SwarmFrames:
         self._retracted: list[EntryId] = []  # late ones
         self._forgotten: list[EntryId] = []
         self._batches = Batches()
-        self._is_batch, self._took = False, 0  # whether a batch of late entries is being estimated, and calls for it
+        self._batch_of, self._took = frozenset[str](), 0  # whose late entries are being estimated, and calls for it
         self._put_ns: int | None = None  # when last nothing waited, but to be estimated
         self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the graph
         self._started_ns: int | None = None
@@ -75,7 +75,21 @@ class SwarmFrames:
     @property
     def has_batch(self) -> bool:
         """Whether late entries are being taken, or wait for nothing but the next border; then much of the graph may change."""
-        return self._is_batch or (not self._batches.is_resting and bool(self._late or self._retracted))
+        return bool(self._batch_of) or (not self._batches.is_resting and bool(self._admitted))
+
+    @property
+    def _admitted(self) -> frozenset[str]:
+        """The drones whose late entries wait for nothing but the next batch."""
+        return self._batches.admitted(self._late_drones)
+
+    @property
+    def _late_drones(self) -> frozenset[str]:
+        return frozenset(chain((entry.drone for entry, _ in self._late), (identity.drone for identity in self._retracted)))
+
+    @property
+    def put_off(self) -> frozenset[str]:
+        """The drones that have used up their quotas, and whose late entries wait for them."""
+        return self._late_drones - self._admitted
 
     def start(self, stamp_ns: int) -> None:
         """Set the start of the mission: much older measurements are ignored. A later start begins anew, an earlier one is
@@ -145,9 +159,8 @@ class SwarmFrames:
         self._wanted = (now_ns - self._settle_ns) // self._intake.grid_ns
         are_due = self._batches.are_due(now_ns, free=takes_late and not self._estimating and not self._forgotten)
         if not self._estimating:
-            if are_due and (self._late or self._retracted):
-                self._forgotten, self._retracted = [*self._forgotten, *self._retracted], []
-                self._took, self._is_batch = 0, True
+            if are_due and (admitted := self._admitted):
+                self._begin_batch(admitted)
             forgotten, self._forgotten = self._forgotten[:_PORTION], self._forgotten[_PORTION:]
             self._intake.forget(forgotten)
             if self._forgotten:  # the graph keeps its values until all is gone
@@ -171,9 +184,9 @@ class SwarmFrames:
         self._thin()
         if self._estimating:
             return
-        if self._is_batch:
+        if self._batch_of:
             self._batches.took(self._took)
-            self._is_batch = False
+            self._batch_of = frozenset()
         self._newest = last
         for drone, line in enumerate(self._lines):
             if self._estimated[drone]:
@@ -199,10 +212,23 @@ class SwarmFrames:
 
     def _take_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []
-        if self._is_batch:
-            waiting, self._late = [*self._late, *waiting], []
+        waiting += [one for one in self._late if one[0].drone in self._batch_of]
+        self._late = [one for one in self._late if one[0].drone not in self._batch_of]
         for entry, payload in waiting:
             self._intake.receive(entry, payload)
+
+    def _begin_batch(self, drones: frozenset[str]) -> None:
+        """Take the late entries of these drones, whose quotas are charged."""
+        self._took, self._batch_of = 0, drones
+        first_ns: dict[str, int] = {}
+        late = ((entry.drone, entry.stamp_ns) for entry, _ in self._late)
+        stamps = chain(late, ((one.drone, one.stamp_ns) for one in self._retracted))
+        for drone, stamp_ns in stamps:
+            first_ns[drone] = min(stamp_ns, first_ns.get(drone, stamp_ns))
+        due_ns = self._due * self._intake.grid_ns
+        self._batches.charge({drone: 1e-9 * (due_ns - first_ns[drone]) for drone in drones})
+        self._forgotten += [identity for identity in self._retracted if identity.drone in drones]
+        self._retracted = [identity for identity in self._retracted if identity.drone not in drones]
 
     def _rewind(self) -> None:
         dirty = self._intake.taken()

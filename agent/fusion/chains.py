@@ -10,6 +10,8 @@ from agent.fusion.checkpoints import thin, undo
 from agent.fusion.timeline import Timeline
 
 NEVER = -1  # before every step
+# Of a replay in a call, units of ``Estimator.work``: 4 ms, and so many times what the present chain takes: it comes to its end.
+_REPLAY_UNITS, _REPLAY_GAIN = 100, 2
 
 Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step to the one after it, and the work that it took
 
@@ -17,10 +19,11 @@ Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step 
 class Chains:
     """The present chain of states, and the replay that is to take its place.
 
-    The present chain goes first, and the replay gets what is left of each slice of work. Where that is so little that it hardly
-    gains on the present, as on a computer that is not much faster than what is new takes, it takes the place of the present chain
-    before its end: what there is to be computed is computed once then. Nor is anything replayed beside a chain that ``lags``, as
-    after the start of an agent in flight: its end is too old to tell a hypothesis, so it goes back itself.
+    The present chain goes first, and the replay gets some of what is left of each slice of work: the flight must not wait for it,
+    nor for those of other agents on the same computer. Where that is so little that it hardly gains on the present, as on a
+    computer that is not much faster than what is new takes, it takes the place of the present chain before its end: what there is
+    to be computed is computed once then. Nor is anything replayed beside a chain that ``lags``, as after the start of an agent in
+    flight: its end is too old to tell a hypothesis, so it goes back itself.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:
@@ -82,7 +85,8 @@ class Chains:
         complete, left = self._extended(self._states, due, budget)
         if self._replay is not None:
             self._calls += 1
-            if complete and left > 0 and self._extended(self._replay, due, left)[0]:
+            share = min(left, _REPLAY_UNITS + _REPLAY_GAIN * (budget - left))
+            if complete and left > 0 and self._extended(self._replay, due, share)[0]:
                 self._states, self._replay = self._replay, None
                 self._batches.took(self._calls)
             elif self._is_too_slow(self._replay, due, due - oldest):

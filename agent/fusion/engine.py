@@ -13,7 +13,7 @@ from agent.frames.swarm import BEFORE_START_NS
 from agent.fusion.chains import NEVER, Chains
 from agent.fusion.deferred import Deferred, Told
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
-from agent.fusion.lateness import Latecomers
+from agent.fusion.lateness import Late, Latecomers
 from agent.fusion.log import ObservationLog, Outcome
 from agent.fusion.observation import CountObservation, known_ns, observe
 from agent.fusion.observations import Observations
@@ -69,20 +69,19 @@ class Fusion:
         self._waiting: dict[FrameKey, dict[EntryId, None]] = {}  # entries whose frame is unknown
         self._waits_in: dict[EntryId, FrameKey] = {}
         self._latecomers = Latecomers()
-        self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._recounted = 0  # how many of ``log.recounted`` have been seen to
         self._batches = Batches()
-        self._timeline = Timeline()
+        self.late = Late(self._batches)
+        self._timeline = Timeline(1e-9 * self._grid_ns)
         self._observations = Observations(self.log, frames)
         self._chains = Chains(self._timeline, self._step, self._batches)
         self._chains.begin(self.estimator.initial(None))
         self._first_step = NEVER  # once started; earlier observations are ignored
         self._hold_ns = round(self.estimator.hold_s * 1e9)
         self._due_step = NEVER  # the newest one that is to be computed
-        self._stale = True
+        self._stale, self._ended = True, False
         self._told: tuple[int, Any, int] = (NEVER, None, NEVER)  # of the present hypothesis: newest step, its state, due step
         self._put_at: tuple[int, int] | None = None  # time and due step when last nothing waited, but to be computed
-        self._ended = False
         self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the hypothesis
 
     @property
@@ -108,7 +107,7 @@ class Fusion:
     @property
     def _waits(self) -> bool:
         """Whether entries wait that have come late, or that have ceased to count or begun again."""
-        return bool(self._latecomers) or bool(self._late) or self._recounted < len(self.log.recounted)
+        return bool(self._latecomers or self.late) or self._recounted < len(self.log.recounted)
 
     @property
     def is_busy(self) -> bool:
@@ -167,7 +166,7 @@ class Fusion:
         if not self._first_step <= step <= self._chains.newest[0]:  # no step that was computed changes
             self._rewind(self._put(identity, read))
         elif step < self._oldest_step:
-            self._late[identity] = read
+            self.late.add(identity, read)
         elif step < self._due_step:
             self._latecomers.add(identity, read, self._due_step - step)
         else:
@@ -178,7 +177,7 @@ class Fusion:
         portion = self.log.recounted[self._recounted : self._recounted + RECOUNTED]
         self._recounted += len(portion)
         for identity, _ in portion:
-            self._late.pop(identity, None)
+            self.late.discard(identity)
             self._latecomers.discard(identity)
             entry = self.log.entry(identity) if self.log.counts(identity) else None
             if isinstance(entry, self.estimator.reads):
@@ -193,7 +192,7 @@ class Fusion:
         """
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:
-            self._late.pop(identity, None)
+            self.late.discard(identity)
             self._latecomers.discard(identity)
         self._change_from(min((self._put(identity, None) for identity in gone), default=_AFTER))
         return gone
@@ -239,15 +238,16 @@ class Fusion:
 
     def _take_waiting(self, before: int, takes_late: bool) -> None:
         """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
-        late: dict[EntryId, AnyEntry | None] = {}
-        if takes_late:
-            late, self._late = self._late, {}
+        late = self.late.taken() if takes_late else {}
         if self._latecomers:
             latecomers = self._latecomers.all_taken() if late else self._latecomers.taken(before, self._due_step)
             for identity, entry in latecomers.items():
                 self._rewind(self._put(identity, entry))
-        if late:
-            self._begin_replay(min(self._put(identity, entry) for identity, entry in late.items()))
+        first: dict[str, int] = {}
+        for identity, entry in late.items():
+            first[identity.drone] = min(self._put(identity, entry), first.get(identity.drone, _AFTER))
+        self._batches.charge({drone: 1e-9 * self._grid_ns * (self._due_step - step) for drone, step in first.items()})
+        self._begin_replay(min(first.values(), default=_AFTER))
 
     def _begin_replay(self, step: int) -> None:
         """Compute the states from the step on again, beside the present ones."""
@@ -281,7 +281,8 @@ class Fusion:
         if (step := observation.stamp_ns // self._grid_ns) < self._first_step:
             return first
         self._observations.put(identity, observation)
-        return min(first, step) if self._timeline.add(step, identity, entry.epoch) else first
+        changes = self._timeline.add(step, identity, entry.epoch, is_exposure=isinstance(observation, CountObservation))
+        return min(first, step) if changes else first
 
     def _rewind(self, step: int) -> None:
         """Discard the states from the step on."""

@@ -1,7 +1,8 @@
-"""Entries that come a little late: folded together, so that what is computed again stays in proportion to what is new."""
+"""Entries that come late: folded together, so that what is computed again stays in proportion to what is new."""
 
 from __future__ import annotations
 
+from agent.frames.batches import Batches
 from protocol.entries import AnyEntry, EntryId
 
 _LONGEST_STRIDE = 16  # steps
@@ -47,3 +48,39 @@ class Latecomers:
         entries, self._entries = self._entries, {}
         self._stride, self._calls = 1, 0
         return entries
+
+
+class Late:
+    """Entries that come so late that they wait for a batch of their own, and for the quota of their drone.
+
+    None in the place of an entry: what is held of that identity goes.
+    """
+
+    def __init__(self, batches: Batches) -> None:
+        self._batches = batches
+        self._entries: dict[EntryId, AnyEntry | None] = {}
+
+    def __bool__(self) -> bool:
+        """Whether any are waiting."""
+        return bool(self._entries)
+
+    def add(self, identity: EntryId, entry: AnyEntry | None) -> None:
+        """Add an entry."""
+        self._entries[identity] = entry
+
+    def discard(self, identity: EntryId) -> None:
+        """Remove an entry, if it waits here."""
+        self._entries.pop(identity, None)
+
+    @property
+    def put_off(self) -> frozenset[str]:
+        """The drones that have used up their quotas, and whose entries wait for them."""
+        drones = {identity.drone for identity in self._entries}
+        return frozenset(drones - self._batches.admitted(drones))
+
+    def taken(self) -> dict[EntryId, AnyEntry | None]:
+        """The entries whose drones have some of their quotas left."""
+        admitted = self._batches.admitted({identity.drone for identity in self._entries})
+        taken = {identity: entry for identity, entry in self._entries.items() if identity.drone in admitted}
+        self._entries = {identity: entry for identity, entry in self._entries.items() if identity.drone not in admitted}
+        return taken

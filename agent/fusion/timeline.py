@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterator
+from math import ceil
 
 from msgspec import Struct
 
 from protocol.entries import EntryId
 
 MOST_OBSERVATIONS = 64  # of a drone in a step; cameras yield ten times fewer
-_Rank = tuple[str, EntryId]
+MAX_EXPOSURES_PS = 6  # exposures of a drone in a second, and two more: three cameras'; each takes milliseconds of a search
+_Kind = tuple[str, bool]  # of observations: the drone, and whether they are exposures
 
 
 class Seen(Struct, frozen=True, gc=False):
@@ -18,30 +20,39 @@ class Seen(Struct, frozen=True, gc=False):
 
     identity: EntryId
     epoch: int
+    is_exposure: bool
+
+    @property
+    def kind(self) -> _Kind:
+        """What it is one of."""
+        return self.identity.drone, self.is_exposure
 
 
 class Timeline:
     """Which entries were observed in each step. What counts depends on the entries held alone, not on their order of arrival."""
 
-    def __init__(self) -> None:
+    def __init__(self, grid_s: float) -> None:
+        """``grid_s``: width of a step."""
+        self._max_exposures = min(MOST_OBSERVATIONS, 2 + ceil(MAX_EXPOSURES_PS * grid_s))
         self._steps: list[int] = []  # ascending
-        self._seen: dict[int, list[Seen]] = {}  # by step, never empty; each drone's together, by identity
+        self._seen: dict[int, list[Seen]] = {}  # by step, never empty; each drone's of a kind together, by identity
         self._step_of: dict[EntryId, int] = {}
 
     def __len__(self) -> int:
         """Number of steps with observations."""
         return len(self._steps)
 
-    def add(self, step: int, identity: EntryId, epoch: int) -> bool:
+    def add(self, step: int, identity: EntryId, epoch: int, *, is_exposure: bool) -> bool:
         """Add an entry's observation; whether that changes what counts in its step."""
         if step not in self._seen:
             self._seen[step] = []
             insort(self._steps, step)
         held = self._seen[step]
-        place = bisect_left(held, (identity.drone, identity), key=_rank)
-        held.insert(place, Seen(identity, epoch))
+        seen = Seen(identity, epoch, is_exposure)
+        place = bisect_left(held, _rank(seen), key=_rank)
+        held.insert(place, seen)
         self._step_of[identity] = self._steps[bisect_left(self._steps, step)]  # one number in memory for all of its entries
-        return place - _first(held, identity.drone) < MOST_OBSERVATIONS
+        return place - _first(held, seen.kind) < self._most(seen.kind)
 
     def step_of(self, identity: EntryId) -> int | None:
         """The step in which an entry was observed; None where it holds no observation."""
@@ -53,8 +64,10 @@ class Timeline:
         if step is None:
             return None
         held = self._seen[step]
-        place = bisect_left(held, (identity.drone, identity), key=_rank)
-        counted = place - _first(held, identity.drone) < MOST_OBSERVATIONS
+        places = [bisect_left(held, (identity.drone, exposed, identity), key=_rank) for exposed in (False, True)]
+        place = next(place for place in places if place < len(held) and held[place].identity == identity)
+        kind = held[place].kind
+        counted = place - _first(held, kind) < self._most(kind)
         del held[place]
         if not held:
             del self._seen[step], self._steps[bisect_left(self._steps, step)]
@@ -62,7 +75,7 @@ class Timeline:
 
     def of(self, step: int) -> list[EntryId]:
         """The entries whose observations count in a step, in the order of their identities."""
-        return sorted(_counted(self._seen[step]))
+        return sorted(self._counted(self._seen[step]))
 
     def between(self, after: int, until: int) -> list[int]:
         """The steps with observations after one step, up to another, ascending."""
@@ -81,24 +94,27 @@ class Timeline:
                 del self._step_of[seen.identity]
         del self._steps[:kept]
 
+    def _most(self, kind: _Kind) -> int:
+        return self._max_exposures if kind[1] else MOST_OBSERVATIONS
 
-def _rank(seen: Seen) -> _Rank:
-    return seen.identity.drone, seen.identity
+    def _counted(self, held: list[Seen]) -> Iterator[EntryId]:
+        """Of each drone and kind as many as count."""
+        first = 0
+        while first < len(held):
+            kind = held[first].kind
+            end = bisect_right(held, kind, lo=first, key=_kind)
+            yield from (seen.identity for seen in held[first : min(end, first + self._most(kind))])
+            first = end
 
 
-def _drone(seen: Seen) -> str:
-    return seen.identity.drone
+def _rank(seen: Seen) -> tuple[str, bool, EntryId]:
+    return *seen.kind, seen.identity
 
 
-def _first(held: list[Seen], drone: str) -> int:
-    """Where a drone's observations begin."""
-    return bisect_left(held, drone, key=_drone)
+def _kind(seen: Seen) -> _Kind:
+    return seen.kind
 
 
-def _counted(held: list[Seen]) -> Iterator[EntryId]:
-    """Of each drone as many as count."""
-    first = 0
-    while first < len(held):
-        end = bisect_right(held, _drone(held[first]), lo=first, key=_drone)
-        yield from (seen.identity for seen in held[first : min(end, first + MOST_OBSERVATIONS)])
-        first = end
+def _first(held: list[Seen], kind: _Kind) -> int:
+    """Where a drone's observations of a kind begin."""
+    return bisect_left(held, kind, key=_kind)

@@ -99,7 +99,8 @@ class Telling:
         """All problems, found anew."""
         flying = self._executive.stage in FLYING
         posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
-        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed, *self._contradictions())
+        entries = *self._proofs.problems(now_ns), *self._world.problems(now_ns), *self._contradictions()
+        self._problems.seen = (*self._peers.problems(now_ns), *posed, *entries)
         self._problems.noticed = self._camera.problems(now_ns)
         self._problems.flown = self._executive.problems(now_ns)
         self._commanding.look(now_ns)

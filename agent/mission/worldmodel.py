@@ -8,11 +8,16 @@ from functools import partial
 from agent.config.mission import MissionConfig
 from agent.frames.estimate import Estimate, FrameEstimates
 from agent.frames.swarm import SwarmFrames
+from agent.fusion.admission import Admission
 from agent.fusion.engine import RECOUNTED, Fusion
 from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.registry import Estimators
 from protocol.entries import Cone, Entry, EntryId
 
+PUT_OFF = "it publishes more log entries than three cameras measure; the rest is put off. If it goes on, revoke it"
+LATE_PUT_OFF = (
+    "its log entries come late again and again, so they are put off. Check its link and its clock; if it goes on, revoke it"
+)
 FORGOTTEN = 250  # entries in a call of ``advance``: some milliseconds
 
 
@@ -20,9 +25,9 @@ class WorldModel:
     """Everything that follows from the log.
 
     ``frames``: of the whole swarm. ``fusion``: the log, and the estimator that the drone flies by; ``listeners``: others on the
-    same log, by name. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none. ``backlog_s``:
-    for how long something that was received has been missing in the frames, or in the hypothesis by these frames; seconds also
-    where late entries keep coming, and ``pending`` all the time.
+    same log, by name. ``admission``: how many entries of each drone are taken. ``last_cone_ns``: stamp of the newest cone in the
+    log, of any drone; 0 where there is none. ``backlog_s``: for how long something that was received has been missing in the
+    frames, or in the hypothesis by these frames; seconds also where late entries keep coming, and ``pending`` all the time.
     """
 
     def __init__(
@@ -36,6 +41,7 @@ class WorldModel:
         graph = self.frames.graph
         self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
         self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}
+        self.admission = Admission(len(mission.drones))
         self.last_cone_ns, self.backlog_s = 0, 0.0
         self._started_ns = 0
         self._forgotten: list[EntryId] = []
@@ -80,6 +86,7 @@ class WorldModel:
             if log.last_counted(*publisher) < last:
                 self.forget(log.beyond(entry.drone, partial(log.last_counted, entry.drone), entry.boot))
             return False
+        self.admission.charge(entry, now_ns)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
         if log.takes_back(entry):
@@ -88,6 +95,12 @@ class WorldModel:
         if isinstance(entry, Cone):
             self.last_cone_ns = max(self.last_cone_ns, min(entry.stamp_ns, now_ns))
         return True
+
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """One line for each drone whose entries are put off."""
+        late = self.frames.put_off.union(*(fusion.late.put_off for fusion in (self.fusion, *self.listeners.values())))
+        told = {name: LATE_PUT_OFF for name in late} | {name: PUT_OFF for name in self.admission.put_off(now_ns)}
+        return tuple(f"{name}: {text}" for name, text in sorted(told.items()))
 
     def forget(self, identities: Sequence[EntryId]) -> None:
         """Take entries back that do not count any more, a bounded number in each call of ``advance``."""

@@ -287,7 +287,8 @@ class Node:
     async def _recover(self) -> None:
         members = [member.id for member in self._mission.drones]
         phase = members.index(self._drone.id) / len(members)
-        await recover(lambda: self._mesh.alive & set(members), self._pilot.log_summary, self._mesh.ask, phase)
+        counted, peers = self._pilot.counters, lambda: self._mesh.alive & set(members)
+        await recover(peers, self._pilot.log_summary, self._mesh.ask, phase, lambda: counted["dropped_put_off"])
 
     def _revoked(self) -> frozenset[str]:
         return frozenset(one.member for one in self._pilot.revocations) - {self._drone.id}

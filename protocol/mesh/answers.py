@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import zenoh
 
+from protocol.bucket import Bucket
 from protocol.mesh.link import in_thread
 
 SHARE = 0.1  # of the loop's time goes into answers at most, however often somebody asks
@@ -23,15 +24,13 @@ class Answers:
         """``answer``: from the payload of a query to (key, payload) of each reply."""
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
-        self._credit_s, self._credited_s = SHARE, loop.time()
+        self._credit_s = Bucket(SHARE, SHARE, loop.time())
 
     def reply(self, query: zenoh.Query) -> None:
         """Answer a query, in the loop's thread; failures are counted."""
         replies: list[tuple[str, bytes]] = []
         begun_s = self._loop.time()
-        self._credit_s = min(SHARE, self._credit_s + SHARE * (begun_s - self._credited_s))
-        self._credited_s = begun_s
-        if self._sending >= MOST or self._credit_s <= 0.0:
+        if self._sending >= MOST or self._credit_s.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
         else:
             try:
@@ -39,7 +38,7 @@ class Answers:
                 self._counters["log_answered"] += 1
             except Exception:
                 self._counters["log_answer_failed"] += 1
-            self._credit_s -= self._loop.time() - begun_s
+            self._credit_s.charge(self._loop.time() - begun_s)
 
         def send() -> None:
             with query:  # leaving the block ends it for the peer

@@ -2,7 +2,8 @@
 
 A burst costs the loop one call from another thread. It is delivered in slices, commands first and log entries last, so that a
 backlog of recovered entries neither delays the control step nor makes poses stale. Every publisher has queues of its own, which
-take turns: one that floods loses its own messages, nobody else's.
+take turns: one that floods loses its own messages, nobody else's. What a drone publishes and what it answers are apart, too: the
+former has the pace of its camera, the latter that of whoever asks.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
+from protocol.bucket import Bucket
 from protocol.codec import size_limit
 from protocol.entries import Entry
 from protocol.errors import ProtocolError
@@ -24,9 +26,12 @@ from protocol.messages import DRONE_KINDS, STATION_KINDS
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
 SLICE_MESSAGES = 100
-SLICE_S = 0.005
-MOST_ENTRIES = 5_000  # of a publisher, waiting for delivery; more are dropped, and recovered by the log query
-ENTRIES_PER_S = 1_000.0  # of a publisher: 50 times what a drone publishes, and an hour's log in less than a minute
+SLICE_S, PAUSE_S = 0.005, 0.005
+ENTRIES_PAUSE_S = 0.015  # after a slice of entries: what arrives, and what follows from it, takes a quarter of the loop's time
+MOST_ENTRIES = 5_000  # answered by a drone, waiting for delivery; more are dropped, and recovered by the log query
+MAX_PUBLISHED = 2_000  # published by a drone, likewise: with those that are delivered at once, what it has in its caches
+PUBLISHED_PER_S, PUBLISHED_BURST = 200.0, 1_500.0  # entries of a drone, which publishes 30 to 100 a second
+ANSWERED_PER_S = 1_000.0  # an hour's log in less than a minute
 MOST_COMMANDS = 100  # of a publisher
 FLOOD_COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
 MAX_NEWS = 64  # of a publisher, waiting for delivery: a kind of a session each
@@ -36,18 +41,18 @@ NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest one
 TOLD_S = 10.0  # a flood is reported for this long
 DELIVERED_S = 1.0  # for the replies to one question to be delivered; a peer that floods must not hold up the next one
 
+_Name = tuple[str, bool]  # of a publisher, and whether it has been asked
 Receive = Callable[[Key, bytes], object]  # what it returns does not matter
 
 
 @dataclass(slots=True)
 class _Share:
-    """What waits of one publisher. ``credit``: entries that may be delivered at once; ``flood_s``: when it last lost messages."""
+    """What waits of one publisher. ``credit``: of entries to be delivered; ``flood_s``: when it last lost messages."""
 
+    credit: Bucket
     commands: deque[tuple[Key, bytes]] = field(default_factory=deque)
     news: dict[tuple[Key, str], bytes] = field(default_factory=dict)  # of each session, so that none replaces another one's
     entries: deque[tuple[Key, bytes]] = field(default_factory=deque)
-    credit: float = float(MOST_ENTRIES)
-    credit_s: float = 0.0
     second: int = 0
     heard: int = 0  # of news or commands, in this second
     lost: int = 0
@@ -78,7 +83,7 @@ class Inbox:
         self._counters = counters
         self._members = members
         self._lock = threading.Lock()  # of everything that follows, which all threads change
-        self._shares: dict[str, _Share] = {}  # by publisher; the first waits longest
+        self._shares: dict[_Name, _Share] = {}  # the first waits longest
         self._publishers = Publishers()
         self._dropped: Counter[str] = Counter()
         self._news_run = 0  # news delivered since the last entry
@@ -120,8 +125,12 @@ class Inbox:
         now_s = self._loop.time()
         with self._lock:
             copied = self._publishers.problems(now_s)
-            told = [(name, share.lost) for name, share in self._shares.items() if now_s - share.flood_s < TOLD_S]
-        return (*copied, *(f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told)))
+            told = Counter[str]()
+            for (name, _), share in self._shares.items():
+                if now_s - share.flood_s < TOLD_S:
+                    told[name] += share.lost
+        floods = (f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told.items()))
+        return *copied, *floods
 
     def _take(self, key: Key | None, payload: bytes | None, by: str | None, session: str) -> None:
         if key is None:
@@ -133,21 +142,21 @@ class Inbox:
         if self._members is not None and key.kind not in STATION_KINDS and key.sender not in self._members:
             self._dropped["unknown_drone"] += 1
             return
-        share = self._share_of(f"operator {key.sender}" if key.kind in STATION_KINDS else by or key.sender)
+        share = self._share_of((f"operator {key.sender}" if key.kind in STATION_KINDS else by or key.sender, by is not None))
         if share is None:
             self._dropped["overflow"] += 1
             return
         if payload is None or len(payload) > size_limit(key.kind):
             self._lose(share, "oversized")
         elif key.kind in ENTRY_KINDS:
-            self._keep(share, share.entries, MOST_ENTRIES, key, payload)
+            self._keep(share, share.entries, MAX_PUBLISHED if by is None else MOST_ENTRIES, key, payload)
         elif key.kind in STATION_KINDS:
             self._keep(share, share.commands, MOST_COMMANDS, key, payload)
             self._note_rate(share, FLOOD_COMMANDS_PER_S)
         else:
             self._renew(share, key, payload, session)
 
-    def _share_of(self, name: str) -> _Share | None:
+    def _share_of(self, name: _Name) -> _Share | None:
         """The share of a publisher, in the place of an idle one where there are too many; None where none is idle."""
         share = self._shares.get(name)
         if share is not None:
@@ -157,7 +166,8 @@ class Inbox:
             if idle is None:
                 return None
             del self._shares[idle]
-        share = self._shares[name] = _Share()
+        rate, burst = (ANSWERED_PER_S, MOST_ENTRIES) if name[1] else (PUBLISHED_PER_S, PUBLISHED_BURST)
+        share = self._shares[name] = _Share(Bucket(rate, burst, self._loop.time()))
         return share
 
     def drop(self, reason: str) -> None:
@@ -192,32 +202,33 @@ class Inbox:
         share.lost, share.flood_s = share.lost + 1, self._loop.time()
 
     def _deliver(self) -> None:
-        """One slice; the next follows after a pause as long, in which the loop processes everything else that is due."""
+        """One slice; the next follows after a pause, in which the loop processes everything else that is due."""
         until_s = self._loop.time() + SLICE_S
-        delivered = 0
+        delivered = entries = 0
         try:
             while delivered < SLICE_MESSAGES and not self._closed:
                 message = self._next()
                 if message is None:
                     break
                 delivered += 1
+                entries += message[0].kind in ENTRY_KINDS
                 self._counters["received"] += 1
                 self._receive(*message)
                 if self._loop.time() > until_s:
                     break
         finally:  # an exception of the receiver affects one message only
-            self._schedule()
+            self._schedule(ENTRIES_PAUSE_S if entries else PAUSE_S)
         if delivered and not self._closed:
             self._drained()
 
-    def _schedule(self) -> None:
+    def _schedule(self, pause_s: float) -> None:
         with self._lock:
             self._counters.update(self._dropped)
             self._dropped.clear()
             waits = any(share.commands or share.news or share.entries for share in self._shares.values())
             self._scheduled = waits and not self._closed
         if self._scheduled:
-            self._loop.call_later(SLICE_S, self._deliver)
+            self._loop.call_later(pause_s, self._deliver)
 
     def _next(self) -> tuple[Key, bytes] | None:
         """The next message: of the publisher that has waited longest for its turn, commands first and entries last."""
@@ -246,11 +257,4 @@ def _news(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
 
 
 def _entry(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
-    if not share.entries:
-        return None
-    share.credit = min(float(MOST_ENTRIES), share.credit + (now_s - share.credit_s) * ENTRIES_PER_S)
-    share.credit_s = now_s
-    if share.credit < 1.0:
-        return None
-    share.credit -= 1.0
-    return share.entries.popleft()
+    return share.entries.popleft() if share.entries and share.credit.take(now_s) else None

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Collection
 
 PERIOD_S = 2.0
+MAX_PUT_OFF = 0.5  # share of an answer
 HURRY_S = 0.2  # while entries arrive: after a restart the whole log is missing, and each answer brings a bounded part
 
 
@@ -14,6 +15,7 @@ async def recover(
     summary: Callable[[], bytes],
     ask: Callable[[str, bytes], Awaitable[int]],
     phase: float,
+    put_off: Callable[[], int] = lambda: 0,
 ) -> None:
     """Ask one peer after another, until cancelled; those that have appeared first, in turn, until they have nothing new.
 
@@ -25,6 +27,7 @@ async def recover(
         summary: summary of the own log.
         ask: sends it to a peer; returns the number of entries received.
         phase: 0 .. 1 of the period and of the peers, so that agents do not all ask at the same time, or the same peer first.
+        put_off: the number of entries put off so far: where most of an answer is, there is no hurry to ask again.
     """
     now_s = asyncio.get_running_loop().time
     due_s, turn = now_s() + PERIOD_S * phase, 0
@@ -41,7 +44,9 @@ async def recover(
             continue
         regular = not fresh or now_s() >= due_s + PERIOD_S
         peer = peers[turn % len(peers)] if regular else fresh[0]
-        got = await ask(peer, summary())
+        before = put_off()
+        received = await ask(peer, summary())
+        got = received > 0 and put_off() - before <= MAX_PUT_OFF * received
         if peer in fresh:
             fresh.remove(peer)
             fresh += [peer] if got else []

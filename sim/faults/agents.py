@@ -146,6 +146,27 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
     message_bytes: Annotated[int, Meta(ge=100, le=65_536)] = 200
 
 
+class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
+    """Valid log entries of ``ago_s`` before, ``per_s`` a second, beside those of the targets and with their keys: after each one
+    much has to be computed again.
+    """
+
+    family: ClassVar[Family] = "network"
+    per_s: Annotated[float, Meta(gt=0.0, le=1e4)] = 3.0
+    ago_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 60.0
+
+
+class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
+    """More valid log entries than cameras measure, ``per_s`` a second, beside those of the targets and with their keys.
+
+    ``what``: exposures without counts, cones that say nothing, or searched paths, the smallest of all entries.
+    """
+
+    family: ClassVar[Family] = "network"
+    what: Literal["exposure", "cone", "coverage"] = "exposure"
+    per_s: Annotated[float, Meta(gt=0.0, le=1e4)] = 900.0
+
+
 class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
     """The targets also send messages that every agent must refuse: nothing may follow from them.
 

@@ -11,6 +11,7 @@ from sim.faults.agents import (
     CopiedKey,
     Corrupt,
     Cut,
+    DenseEntries,
     Disk,
     Duplicate,
     Equivocating,
@@ -23,6 +24,7 @@ from sim.faults.agents import (
     Lie,
     Loss,
     OldCommand,
+    OldEntries,
     Partition,
     RadioRange,
     Reorder,
@@ -55,8 +57,8 @@ from sim.faults.machines import (
 
 AnyFault = (
     Kill | Freeze | Late | SlowCpu | Revoked | Disk
-    | Partition | Cut | Loss | Lag | Stall | Throttle | Reorder | Duplicate | Corrupt | RadioRange | Flood
-    | Lie | Equivocating | Forged | CopiedKey | OldCommand
+    | Partition | Cut | Loss | Lag | Stall | Throttle | Reorder | Duplicate | Corrupt | RadioRange
+    | Flood | OldEntries | DenseEntries | Lie | Equivocating | Forged | CopiedKey | OldCommand
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
     | SatellitesLost | PositionJump | HeadingReset | Drag | Gust | MotorFailure | Battery
     | MavlinkLoss | MavlinkImpaired | StreamLost | Takeover | Disarm | Refusal
@@ -69,6 +71,8 @@ DEALT_ONLY = (
     CopiedKey,
     OldCommand,
     HeadingReset,
+    OldEntries,
+    DenseEntries,
 )  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}

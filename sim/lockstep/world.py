@@ -15,6 +15,7 @@ from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from protocol.messages import Action
 from sim.faults.agents import Late
+from sim.faults.crowding import Crowds
 from sim.faults.disk import check_playable
 from sim.faults.forgers import Forgers, OldCommands
 from sim.faults.network import FaultyRadio
@@ -98,6 +99,7 @@ class World:
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
         trusts = [authority.trust(name) for name in names]
         self._forgers, self._thieves = Forgers(self._faults, names, trusts), Thieves(self._faults, trusts)
+        self._crowds = Crowds(self._faults, mission.swarm, trusts)
         self._old_commands = OldCommands(self._faults)
         self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude, self._onboard.clocks.own_ns)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
@@ -201,6 +203,8 @@ class World:
             self._thieves.overhear(drone, key, payload)
             for forged in self._forgers.forged(drone, key, payload):
                 self._radio.send(drone, key, forged, now_ns)
+            for place, entry in self._crowds.beside(drone, key, payload, now_ns):
+                self._radio.send(drone, place, entry, now_ns)
             if key.endswith(KINDS):
                 self.recorder.take(drone, self._computing.read(key, payload))
 

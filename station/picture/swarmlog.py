@@ -82,8 +82,8 @@ class SwarmLog:
         return posterior_of(self.fusion, now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What was dropped because its publisher has not signed it."""
-        return self._proofs.problems(now_ns)
+        """What was dropped because its publisher has not signed it, and whose entries are put off."""
+        return *self._proofs.problems(now_ns), *self._world.problems(now_ns)
 
     def summary(self) -> bytes:
         """A request for the entries that are missing here."""

@@ -23,6 +23,8 @@ ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the 
     *((thief, ("takeover", {"mode": "return"})) for thief in (LANDED, ANYHOW)),
     (("heading-reset", {}),),
     (("heading-reset", {}), ("satellites-lost", {"for_s": 1.8})),
+    (("old-entries", {}),),
+    (("dense-entries", {}),),
 )
 
 

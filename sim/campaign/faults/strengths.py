@@ -156,6 +156,8 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
         "lead_s": strike.uniform(-0.1, 0.099),
         "period_s": strike.one(0.05, 0.1, 0.2),
     },
+    "old-entries": lambda strike: {"per_s": strike.scale(1.0, 10.0), "ago_s": strike.scale(10.0, 100.0)},
+    "dense-entries": lambda strike: {"what": strike.one("exposure", "cone", "coverage"), "per_s": strike.scale(200.0, 1000.0)},
     "old-command": _none,
     "heading-reset": lambda strike: {"turn_deg": strike.scale(1.0, 12.0)},  # the largest of 15 recorded ones: 9.3
 }

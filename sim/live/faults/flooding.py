@@ -1,60 +1,98 @@
 """A peer that floods the mesh in the name of a drone, a process of its own: ``python -m sim.live.faults.flooding PLAN``.
 
-It sends the drone's newest pose again and again, padded to the wanted size by a field that no receiver knows: valid messages, and
-many of them.
+It sends the drone's newest pose again and again, padded to the wanted size by a field that no receiver knows; or valid log
+entries beside the drone's own.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
 from msgspec import Struct
 
-from protocol.identity import load_identity
+from protocol.codec import decode_from
+from protocol.identity import Identity, load_identity
 from protocol.keys import drone_key
 from protocol.mesh.session import Mesh, MeshConfig
+from protocol.trust import trust_of
+from sim.faults.agents import DenseEntries, Flood, OldEntries
+from sim.faults.crowding import Crowd
 from sim.faults.network import padded
 
 BURST_S = 0.005  # between two bursts
 
 
 class FloodPlan(Struct, frozen=True):
-    """Whose messages are sent, with the folder of its certificate, where the drones listen, and how much: bytes a second, in
-    messages of so many bytes.
-    """
+    """Whose messages are sent, with the folder of its certificate, where the drones listen, and what is sent."""
 
     swarm: str
     drone: str
     identity: str
     mesh: tuple[str, ...]
-    rate_bytes_ps: float
-    message_bytes: int
+    fault: Flood | OldEntries | DenseEntries
 
 
-async def flood(plan: FloodPlan, now_s: Callable[[], float]) -> None:
+class Padded:
+    """The drone's newest pose, again and again."""
+
+    def __init__(self, fault: Flood) -> None:
+        self._fault = fault
+        self._copy: tuple[str, bytes] | None = None
+        self._began_ns = self._sent = 0
+
+    def take(self, key: str, payload: bytes) -> None:
+        """Hear what the drone itself publishes."""
+        if self._copy is None and key.endswith("/pose"):
+            self._copy = key, padded(payload, self._fault.message_bytes)
+
+    def due(self, now_ns: int) -> Iterator[tuple[str, bytes]]:
+        """What is to be sent by now."""
+        if self._copy is None:
+            return
+        self._began_ns = self._began_ns or now_ns
+        while self._sent < self._fault.rate_mbps * 1e-3 * (now_ns - self._began_ns):  # MB/s are bytes in a microsecond
+            yield self._copy
+            self._sent += len(self._copy[1])
+
+
+class Entries:
+    """Valid log entries."""
+
+    def __init__(self, fault: OldEntries | DenseEntries, swarm: str, identity: Identity) -> None:
+        trust = trust_of(identity)
+        assert trust is not None
+        self._crowd = Crowd(fault, swarm, trust, os.urandom(8).hex())
+
+    def take(self, key: str, payload: bytes) -> None:
+        """Hear what the drone itself publishes."""
+        self._crowd.follow(decode_from(key, payload))
+
+    def due(self, now_ns: int) -> list[tuple[str, bytes]]:
+        """What is to be sent by now."""
+        return self._crowd.due(now_ns)
+
+
+async def flood(plan: FloodPlan, now_ns: Callable[[], int]) -> None:
     """Send until cancelled."""
-    key = drone_key(plan.swarm, plan.drone, "pose")
-    payload = b""
+    identity = load_identity(Path(plan.identity))
+    sender = Padded(plan.fault) if isinstance(plan.fault, Flood) else Entries(plan.fault, plan.swarm, identity)
+    heard = {drone_key(plan.swarm, plan.drone, kind) for kind in ("pose", "exposure")}
 
-    def receive(place: str, message: bytes) -> None:
-        nonlocal payload
-        if place == key and not payload:
-            payload = padded(message, plan.message_bytes)
+    def receive(key: str, payload: bytes) -> None:
+        if key in heard:
+            sender.take(key, payload)
 
-    links = MeshConfig(connect=plan.mesh, identity=load_identity(Path(plan.identity)))
-    mesh = await Mesh.open(links, plan.swarm, None, receive=receive)
+    mesh = await Mesh.open(MeshConfig(connect=plan.mesh, identity=identity), plan.swarm, None, receive=receive)
     try:
-        while not payload:
-            await asyncio.sleep(BURST_S)
-        began_s, sent = now_s(), 0.0
         while True:
-            while sent < plan.rate_bytes_ps * (now_s() - began_s):
+            for key, payload in sender.due(now_ns()):
                 mesh.publish(key, payload)
-                sent += len(payload)
             await asyncio.sleep(BURST_S)
     finally:
         await mesh.close()
@@ -62,7 +100,7 @@ async def flood(plan: FloodPlan, now_s: Callable[[], float]) -> None:
 
 async def _main() -> None:
     plan = msgspec.json.decode(sys.argv[1], type=FloodPlan)
-    await flood(plan, asyncio.get_running_loop().time)
+    await flood(plan, time.time_ns)
 
 
 if __name__ == "__main__":

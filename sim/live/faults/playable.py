@@ -6,7 +6,22 @@ from collections.abc import Sequence
 from typing import get_args
 
 from agent.errors import ConfigError
-from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu, Stall, Throttle
+from sim.faults.agents import (
+    Cut,
+    DenseEntries,
+    Disk,
+    Flood,
+    Freeze,
+    Kill,
+    Lag,
+    Late,
+    OldEntries,
+    Partition,
+    RadioRange,
+    SlowCpu,
+    Stall,
+    Throttle,
+)
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
 from sim.faults.machines import CameraDead, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
@@ -15,7 +30,21 @@ from sim.vehicle.px4.faults import VehicleFault
 
 ON_LINKS = (Partition, Cut, Lag, Stall, Throttle, RadioRange)
 _RELAYED = (*ON_LINKS, MavlinkLoss, MavlinkImpaired)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *get_args(VehicleFault))
+PLAYABLE = (
+    Kill,
+    Freeze,
+    Late,
+    SlowCpu,
+    Disk,
+    *_RELAYED,
+    Flood,
+    OldEntries,
+    DenseEntries,
+    CameraDead,
+    SatellitesLost,
+    Takeover,
+    *get_args(VehicleFault),
+)
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 
 

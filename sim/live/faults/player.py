@@ -13,7 +13,7 @@ from random import Random
 import msgspec
 from msgspec import Struct
 
-from sim.faults.agents import Disk, Flood, Freeze, Kill, Late, RadioRange, SlowCpu
+from sim.faults.agents import DenseEntries, Disk, Flood, Freeze, Kill, Late, OldEntries, RadioRange, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
 from sim.faults.machines import (
@@ -126,6 +126,12 @@ class FaultPlayer:
             case Flood():
                 self._go(fault, drone, self._flood(drone, fault))
                 return f"floods the mesh, {fault.rate_mbps:g} MB/s in messages of {fault.message_bytes} bytes"
+            case OldEntries():
+                self._go(fault, drone, self._flood(drone, fault))
+                return f"publishes {fault.per_s:g} log entries of {fault.ago_s:g} s before a second"
+            case DenseEntries():
+                self._go(fault, drone, self._flood(drone, fault))
+                return f"publishes {fault.per_s:g} log entries a second, of the kind {fault.what}"
             case MavlinkLoss():
                 return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
             case MavlinkImpaired():
@@ -165,7 +171,7 @@ class FaultPlayer:
                 self._agents.signal_agent(drone, signal.SIGCONT)
                 self._go(fault, drone, self._start_again(drone))
                 return "the agent is not stopped any more"
-            case SlowCpu() | Flood() | MavlinkImpaired():
+            case SlowCpu() | Flood() | OldEntries() | DenseEntries() | MavlinkImpaired():
                 return f"{kind_of(fault)} is over"
             case CameraDead():
                 self._world.order(Order.CAMERA_ON, index)
@@ -216,9 +222,9 @@ class FaultPlayer:
         finally:
             self._agents.signal(drone, signal.SIGCONT)
 
-    async def _flood(self, drone: str, fault: Flood) -> None:
+    async def _flood(self, drone: str, fault: Flood | OldEntries | DenseEntries) -> None:
         identity = str(self._agents.folder(drone) / "identity")
-        plan = FloodPlan(self._swarm, drone, identity, self._places.mesh, fault.rate_mbps * 1e6, fault.message_bytes)
+        plan = FloodPlan(self._swarm, drone, identity, self._places.mesh, fault)
         command = [sys.executable, "-m", "sim.live.faults.flooding", msgspec.json.encode(plan).decode()]
         child = await Child.start(f"flood of {drone}", command)
         try:

@@ -134,6 +134,11 @@ def settle(fusion, now_ns, budget=400):
     return fusion.hypothesis
 
 
+def since_s(entry):
+    """Seconds from the beginning to its stamp."""
+    return 1e-9 * (entry.stamp_ns - T0_NS)
+
+
 def feed(fusion, entries):
     return [fusion.receive(entry, encode(entry)) for entry in entries]
 
@@ -141,7 +146,7 @@ def feed(fusion, entries):
 @pytest.fixture(scope="session")
 def kit():
     """The helpers of this file (test files are imported without packages, so they come as a fixture)."""
-    names = (mission_of, cone_entry, exposure_entry, cone_towards, flight, same_bits, agrees, settle, feed)
+    names = (mission_of, cone_entry, exposure_entry, cone_towards, flight, same_bits, agrees, settle, feed, since_s)
     return SimpleNamespace(T0_NS=T0_NS, BOOT=BOOT, END_NS=END_NS, **{function.__name__: function for function in names})
 
 

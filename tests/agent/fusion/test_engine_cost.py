@@ -75,6 +75,38 @@ def test_old_entries_again_and_again_delay_nothing_and_are_all_in_it_in_the_end(
     assert kit.agrees(fusion_at_rest(fusion, now_ns), fusion_at_rest(whole, now_ns))
 
 
+def test_a_drone_with_old_entries_again_and_again_has_a_quota_and_the_late_ones_of_another_do_not_wait_for_it(kit, mission):
+    """d "c" sends one of a minute before each 0.3 s; "b" was not heard for a minute, and then all of it comes at once."""
+    cones = kit.flight(mission, np.random.default_rng(6), 180.0, lambda _: (40.0, 60.0), rate_hz=3.0)
+    old = [
+        kit.cone_entry(mission, 0.3 * k, (30.0, 30.0, 3.0), (0.6, 0.0, 0.8), 1.0, drone="c", sequence=10**6 + k)
+        for k in range(400)
+    ]
+    missed = [cone for cone in cones if cone.drone == "b" and 60.0 < kit.since_s(cone) < 120.0]
+    counting, fusion = counting_fusion(mission)
+    kit.feed(fusion, [cone for cone in cones if kit.since_s(cone) < 60.0])
+    kit.settle(fusion, kit.T0_NS + 60 * 10**9)
+    counting.folded, put_off, heals_s = 0, set(), None
+    for tick in range(60 * 20, 180 * 20):
+        now_s, now_ns = tick / 20, kit.T0_NS + tick * 50_000_000
+        kit.feed(fusion, [cone for cone in cones if now_s - 0.05 <= kit.since_s(cone) < now_s and cone not in missed])
+        if tick % 6 == 0:
+            kit.feed(fusion, [old[(tick - 1200) // 6]])
+        if tick == 120 * 20:
+            kit.feed(fusion, missed)
+        fusion.advance(now_ns)
+        put_off |= fusion.late.put_off
+        folded = fusion._timeline.step_of(missed[0].entry_id) is not None and not fusion._chains.is_replaying
+        if folded and heals_s is None:
+            heals_s = now_s - 120.0
+    assert put_off == {"c"}
+    assert 0.0 < heals_s < 8.0  # a border, and a replay
+    assert counting.folded < 12 * len(cones)  # without a quota 34 times as many
+    whole = fusion_of(mission)
+    kit.feed(whole, [*cones, *old])
+    assert kit.agrees(fusion_at_rest(fusion, now_ns), fusion_at_rest(whole, now_ns))
+
+
 def fusion_at_rest(fusion, now_ns):
     while True:
         fusion.advance(now_ns)

@@ -15,17 +15,19 @@ class Swarm:
     def __init__(self, left: dict[str, int]) -> None:
         self.left = left
         self.asked: list[tuple[float, str]] = []
+        self.put_off = self.untaken = 0  # entries put off so far, and of each answer
 
     async def ask(self, peer: str, summary: bytes) -> int:
         assert summary == b"what we hold"
         self.asked.append((asyncio.get_running_loop().time(), peer))
         self.left[peer] -= 1
+        self.put_off += self.untaken
         return 500 if self.left[peer] >= 0 else 0
 
 
 async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] | None = None, phase: float = 0.0) -> None:
     peers = swarm.left if alive is None else alive
-    asking = recover(lambda: peers, lambda: b"what we hold", swarm.ask, phase)
+    asking = recover(lambda: peers, lambda: b"what we hold", swarm.ask, phase, lambda: swarm.put_off)
     with pytest.raises(TimeoutError):
         await asyncio.wait_for(asking, seconds)
 
@@ -81,3 +83,10 @@ def test_a_peer_that_always_answers_keeps_no_other_out() -> None:
     asked_s = {peer: [at_s for at_s, who in swarm.asked if who == peer] for peer in swarm.left}
     assert asked_s["d2"][5] < 2.0 * PERIOD_S  # those that appeared take turns
     assert len([at_s for at_s in asked_s["d4"] if at_s > PERIOD_S]) >= 2  # and those known before are asked all the same
+
+
+def test_who_answers_with_what_is_put_off_is_not_asked_again_at_once() -> None:
+    swarm = Swarm({"d2": 1000})
+    swarm.untaken = 400
+    virtual_time.run(ask_for_a_while(swarm, 4.5 * PERIOD_S))
+    assert len(swarm.asked) <= 1 + 5

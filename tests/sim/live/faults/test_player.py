@@ -15,7 +15,21 @@ from msgspec.structs import replace
 from agent.errors import ConfigError
 from protocol.codec import decode, encode
 from protocol.messages import Pose
-from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange, Stall, Throttle
+from sim.faults.agents import (
+    Cut,
+    DenseEntries,
+    Disk,
+    Flood,
+    Freeze,
+    Kill,
+    Lag,
+    Late,
+    OldEntries,
+    Partition,
+    RadioRange,
+    Stall,
+    Throttle,
+)
 from sim.faults.kinds import AnyFault
 from sim.faults.machines import (
     Battery,
@@ -283,5 +297,6 @@ def test_a_fault_that_cannot_be_played_is_told(tmp_path: Path) -> None:
 
 
 def test_the_plan_of_a_flood_reaches_its_process() -> None:
-    plan = FloodPlan("radron", "d2", "/run/identity", ("tls/127.0.0.1:7447",), 1e6, 200)
-    assert msgspec.json.decode(msgspec.json.encode(plan), type=FloodPlan) == plan
+    for fault in (Flood(at_s=1.0), OldEntries(at_s=1.0), DenseEntries(at_s=1.0, what="cone")):
+        plan = FloodPlan("radron", "d2", "/run/identity", ("tls/127.0.0.1:7447",), fault)
+        assert msgspec.json.decode(msgspec.json.encode(plan), type=FloodPlan) == plan
