@@ -43,7 +43,7 @@ CASES = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("cases", nargs="*", default=list(CASES), choices=[*CASES, []])
+    parser.add_argument("cases", nargs="*", help=f"of {', '.join(CASES)}; all if none is given")
     parser.add_argument("--scenario", default="demo")
     parser.add_argument("--at", type=float, default=40.0, help="s after the start, when it begins")
     parser.add_argument("--seconds", type=float, default=20.0, help="how long it lasts")
@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--track", type=float, default=60.0, help="s of tracking")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    rows = [_flown(case, options) for case in options.cases]
+    rows = [_flown(case, options) for case in options.cases or CASES]
     table = Table(title=f"Entries of d2 for {options.seconds:g} s")
     for column in rows[0]:
         table.add_column(column.replace("_", " "))
