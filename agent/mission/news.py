@@ -63,6 +63,7 @@ class News:
         if isinstance(message, Status):
             self.pressing = self._clocks.hear(message, now_ns)  # however old its stamp seems
             if message.disowns is True and abs(now_ns - message.stamp_ns) < TWIN_NS:
+                self.pressing = self.pressing or not self._peers.are_two(message.drone, now_ns)
                 self._peers.disowned(message.drone, now_ns)
         if isinstance(message, _FOR_ONLOOKERS):
             return None
