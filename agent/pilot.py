@@ -75,6 +75,7 @@ class Pilot:
         nonce_key: bytes,
         computing: Computing = ALONE,
         tells_obeyed: bool = True,
+        judges_exposures: bool = True,
     ) -> None:
         """Set up a drone.
 
@@ -88,6 +89,7 @@ class Pilot:
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
             computing: computes what depends on its inputs alone.
             tells_obeyed: whether its statuses tell which order was obeyed last; False in the replay of an older record.
+            judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -96,7 +98,8 @@ class Pilot:
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
         self._swarm, self._mission_id, self._id, self._boot = mission.swarm, mission.mission_id, drone.id, boot
         self._read, self.counters = computing.read, Counter[str]()
-        self._world = WorldModel(mission, listeners, computing.estimators, computing.frame_estimates)
+        estimators, frame_estimates = computing.estimators, computing.frame_estimates
+        self._world = WorldModel(mission, listeners, estimators, frame_estimates, judges_exposures=judges_exposures)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps

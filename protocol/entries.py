@@ -43,7 +43,8 @@ from protocol.units import (
     Variance,
 )
 
-LONGEST_EXPOSURE_NS = 60_000_000_000
+LONGEST_EXPOSURE_NS = 60_000_000_000  # that can be read: records of former releases may hold such
+MAX_EXPOSURE_NS = 2_000_000_000  # that a log takes
 SIGNATURE_BYTES = 64  # Ed25519
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
@@ -141,7 +142,8 @@ class Counts(Struct, frozen=True, array_like=True):
 
 
 class Exposure(Entry, frozen=True, kw_only=True):
-    """Counts over [stamp_ns, end_ns); a drone's exposures neither overlap nor leave gaps, zeros included.
+    """Counts over [stamp_ns, end_ns), zeros included; at most ``MAX_EXPOSURE_NS``. Of a drone's exposures those that overlap do
+    not count.
 
     ``carried``: of a drone whose first frame the mission knows exactly, in later epochs.
     """

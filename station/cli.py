@@ -138,7 +138,7 @@ def open_records(
     from station.web.serving import Place  # noqa: PLC0415
 
     records = Records(flights)
-    hub = _hub(records.mission, records.verifier, replay=True)
+    hub = _hub(records.mission, records.verifier, replay=True, judges_exposures=records.judges_exposures)
     own = load_identity(identity) if identity is not None else None
     hub.background = background(records.mission, layer, tiles)
     hub.findings = reports(hub, own, flights, records)
@@ -249,12 +249,13 @@ def _tak(hub: Hub, url: str) -> Tak:
     return outlet
 
 
-def _hub(mission: MissionConfig, verifier: Verifier | None, replay: bool) -> Hub:
+def _hub(mission: MissionConfig, verifier: Verifier | None, replay: bool, *, judges_exposures: bool = True) -> Hub:
     from agent.fusion.registry import deferred_named, estimator_named  # noqa: PLC0415
     from station.hub import Hub  # noqa: PLC0415
     from station.picture.picture import Picture  # noqa: PLC0415
 
-    return Hub(Picture(mission, verifier, estimator_named if replay else deferred_named), replay)
+    estimators = estimator_named if replay else deferred_named
+    return Hub(Picture(mission, verifier, estimators, judges_exposures=judges_exposures), replay)
 
 
 async def _serve(hub: Hub, place: Place, work: Callable[[], Awaitable[None]], doors: Doors | None = None) -> None:

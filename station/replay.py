@@ -39,7 +39,8 @@ class Heard(NamedTuple):
 class Records:
     """The records of one mission by one or more of its drones.
 
-    ``mission``: of all; ``verifier``: of the log's signatures, None in a swarm without certificates.
+    ``mission``: of all; ``verifier``: of the log's signatures, None in a swarm without certificates. ``judges_exposures``: see
+    ``FlightHeader``.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -54,7 +55,7 @@ class Records:
             flight.header.check_protocol(path, "open", (FORMER, VERSION))
             if flight.header.mission.mission_id != first.mission.mission_id:
                 raise FlightRecordError(f"{path}: a flight of another mission than {paths[0]}: open them one by one")
-        self.mission = first.mission
+        self.mission, self.judges_exposures = first.mission, first.judges_exposures
         try:
             authority = Authority.read(first.authority.encode()) if first.authority else None
         except ProtocolError as error:

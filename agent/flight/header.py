@@ -31,7 +31,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
     ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``deferred``: whether a slow
     estimator was computed in another process. ``tells_obeyed``: whether the statuses tell which order was obeyed last; those of
-    older records do not.
+    older records do not. ``judges_exposures``: whether exposures that overlap or are too long do not count; in older records
+    they did.
     """
 
     mission: MissionConfig
@@ -48,6 +49,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     origin: Origin | None = None
     deferred: bool = False
     tells_obeyed: bool = False
+    judges_exposures: bool = False
 
     @classmethod
     def of(
@@ -90,6 +92,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             origin=origin,
             deferred=deferred,
             tells_obeyed=True,
+            judges_exposures=True,
         )
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
@@ -107,7 +110,13 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             (folder / Path(name).name).write_text(text, encoding="utf-8")
         computing = Computing(deferred_named if self.deferred else estimator_named)
         inputs = self.mission, drone, self.boot, (), self.memory, trust
-        return Pilot(*inputs, nonce_key=self.nonce_key, computing=computing, tells_obeyed=self.tells_obeyed)
+        return Pilot(
+            *inputs,
+            nonce_key=self.nonce_key,
+            computing=computing,
+            tells_obeyed=self.tells_obeyed,
+            judges_exposures=self.judges_exposures,
+        )
 
 
 def _versions() -> dict[str, str]:

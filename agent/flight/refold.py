@@ -119,7 +119,7 @@ class _Fold:
     """The log as the record fills it, and the comparison with each hypothesis in it."""
 
     def __init__(self, flight: RecordedFlight) -> None:
-        self._world = WorldModel(flight.header.mission, (), estimator_named)
+        self._world = WorldModel(flight.header.mission, (), estimator_named, judges_exposures=False)
         self._started_ns = 0
         self.recorded = self.identical = 0
         self.differences_m: list[float] = []

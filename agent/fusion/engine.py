@@ -59,8 +59,17 @@ class Fusion:
     Entries measured long before the mission's start are in the log only.
     """
 
-    def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
-        self.log = ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
+    def __init__(
+        self,
+        mission: MissionConfig,
+        frames: FrameGraph,
+        estimator: Estimator[Any] | None = None,
+        *,
+        judges_exposures: bool = True,
+    ) -> None:
+        """``judges_exposures``: see ``ObservationLog``."""
+        drones = [drone.id for drone in mission.drones]
+        self.log = ObservationLog(mission.mission_id, drones, judges_exposures=judges_exposures)
         self.hypothesis: Hypothesis | None = None
         self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)
         self._grid_ns = round((self.estimator.grid_s or mission.fusion.grid_s) * 1e9)
@@ -157,7 +166,7 @@ class Fusion:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
-        if not self._ended and isinstance(entry, self.estimator.reads) and not self.log.takes_back(entry):
+        if not self._ended and isinstance(entry, self.estimator.reads) and not self.log.leaves_out(entry):
             self._take(self.log.identity_of(entry), entry, known_ns(entry) // self._grid_ns)
         return True
 

@@ -14,11 +14,11 @@ from operator import attrgetter
 from typing import TypeVar
 
 from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
+from agent.fusion.counting import Counting
 from agent.fusion.records import Contradiction, Record
-from agent.fusion.retractions import Retractions
 from agent.fusion.sequences import Range, SequenceSet
 from protocol.codec import decode_as
-from protocol.entries import Coverage, Entry, EntryId, Retraction
+from protocol.entries import MAX_EXPOSURE_NS, Entry, EntryId, Exposure
 from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
@@ -36,6 +36,7 @@ class Outcome(Enum):
     CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor what follows
     LEFT_OUT = "left_out"  # of a publisher that has contradicted itself, at this number or before
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
+    TOO_LONG = "too_long"  # an exposure of more than ``MAX_EXPOSURE_NS``
 
 
 class ObservationLog:
@@ -50,7 +51,7 @@ class ObservationLog:
     same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
 
     What its own drone has taken back (``Retraction``) stays in the log, so that all logs have one content, and does not count
-    (``counts``).
+    (``counts``); nor do exposures of one drone that overlap (``overlaps``).
 
     It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
     an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
@@ -60,8 +61,10 @@ class ObservationLog:
     ``agent.shell.memory`` warns the operator before memory runs out.
     """
 
-    def __init__(self, mission_id: str, drones: Iterable[str]) -> None:
-        """``drones``: ids of the mission's drones; only their entries are accepted."""
+    def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:
+        """``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures may
+        neither overlap nor be longer than ``MAX_EXPOSURE_NS``; False: for the replay of an older record.
+        """
         self.mission_id = mission_id
         self._drones = frozenset(drones)
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
@@ -73,8 +76,9 @@ class ObservationLog:
         self._contradictions: dict[Publisher, Contradiction] = {}  # the first of each publisher
         self._newest_ns: dict[str, int] = {}
         self._blocks = Blocks(self._payloads_of)
-        self._retractions = Retractions()
-        self._recounted: list[tuple[EntryId, bool]] = []
+        self._counting = Counting(self._held_with, self._end_ns, judges_exposures=judges_exposures)
+        self._judges_exposures = judges_exposures
+        self._too_long_ns: dict[str, int] = {}  # by drone, end of the newest exposure that was too long
         self._sum = 0
 
     def __len__(self) -> int:
@@ -107,13 +111,20 @@ class ObservationLog:
         return self._numbered[entry.drone, entry.boot][entry.sequence]
 
     def counts(self, identity: EntryId) -> bool:
-        """Whether the entry of this identity is held, and its drone has not taken it back."""
+        """Whether the entry of this identity is held, its drone has not taken it back, and it is no exposure that overlaps."""
         kind = self._kind_of(identity)
-        return kind is not None and not self._takes_back(kind, identity)
+        return kind is not None and not self._counting.leaves_out(kind, identity)
 
-    def takes_back(self, entry: Entry) -> bool:
-        """Whether its drone has taken back an entry: as ``counts`` has it of one that is held, in a third of the time."""
-        return self._takes_back(type(entry), entry)
+    def leaves_out(self, entry: Entry) -> bool:
+        """Whether an entry held does not count: the opposite of ``counts``, in a third of the time."""
+        return self._counting.leaves_out(type(entry), self.identity_of(entry))
+
+    def misexposed(self, since_ns: int) -> list[tuple[str, str]]:
+        """The drones with exposures since then that do not count, and why."""
+        longer = [drone for drone, end_ns in sorted(self._too_long_ns.items()) if end_ns >= since_ns]
+        return [(drone, "overlap") for drone in self._counting.overlapping(since_ns)] + [
+            (drone, "are too long") for drone in longer
+        ]
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
@@ -121,18 +132,7 @@ class ObservationLog:
 
         It only grows: whoever holds what follows from the entries reads on where it was.
         """
-        self._settle()
-        return self._recounted
-
-    def _settle(self) -> None:
-        for publisher, changed in self._retractions.settled():
-            self._recount(publisher, changed, counts=True)
-
-    def _takes_back(self, kind: type[Entry], one: Entry | EntryId) -> bool:
-        if kind is Coverage:
-            return False
-        self._settle()
-        return self._retractions.takes_back((one.drone, one.boot), one.sequence)
+        return self._counting.recounted
 
     @property
     def contradictions(self) -> Mapping[Publisher, Contradiction]:
@@ -177,10 +177,13 @@ class ObservationLog:
                 return Outcome.DUPLICATE
             self._contradictions[publisher] = Contradiction(entry.sequence, (present, Record(type(entry), payload)))
             return Outcome.CONTRADICTION
-        self._settle()  # what comes now counts from the beginning, or does not
-        self._put(publisher, entry.entry_id, type(entry), payload)
-        if isinstance(entry, Retraction):
-            self._recount(publisher, self._retractions.add(entry), counts=False)
+        if self._judges_exposures and isinstance(entry, Exposure) and entry.end_ns - entry.stamp_ns > MAX_EXPOSURE_NS:
+            self._too_long_ns[entry.drone] = max(entry.end_ns, self._too_long_ns.get(entry.drone, entry.end_ns))
+            return Outcome.TOO_LONG
+        self._counting.settle()  # what comes now counts from the beginning, or does not
+        identity = entry.entry_id
+        self._put(publisher, identity, type(entry), payload)
+        self._counting.added(entry, identity)
         return Outcome.ADDED
 
     def _put(self, publisher: Publisher, identity: EntryId, kind: type[Entry], payload: bytes) -> None:
@@ -193,10 +196,14 @@ class ObservationLog:
         self._revisions[kind] += 1
         self._sum = (self._sum + _hash(payload)) % _MODULUS
 
-    def _recount(self, publisher: Publisher, changed: Iterable[Range], *, counts: bool) -> None:
-        """Note which of the entries held with these numbers have ceased to count, or begun again."""
+    def _held_with(self, publisher: Publisher, ranges: Iterable[Range]) -> Iterator[EntryId]:
+        """The identities held with these numbers."""
         numbered, held = self._numbered.get(publisher, {}), self._held.get(publisher, SequenceSet())
-        self._recounted += [(numbered[number], counts) for first, last in changed for number in held.within(first, last)]
+        return (numbered[number] for first, last in ranges for number in held.within(first, last))
+
+    def _end_ns(self, identity: EntryId) -> int | None:
+        payload = self._payloads[Exposure].get(identity)
+        return None if payload is None else decode_as(Exposure, payload).end_ns
 
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
         for kind, held in self._payloads.items():
@@ -229,12 +236,11 @@ class ObservationLog:
 
     def newest_ns(self, kind: type[Entry]) -> int:
         """The latest stamp of the entries of a kind that count; 0 without any."""
-        self._settle()
-        held, taken_back = self._payloads[kind], self._retractions.takes_back
+        held, leaves_out = self._payloads[kind], self._counting.leaves_out
         newest = max(held, key=attrgetter("stamp_ns"), default=None)
-        if newest is None or not taken_back((newest.drone, newest.boot), newest.sequence):
+        if newest is None or not leaves_out(kind, newest):
             return 0 if newest is None else newest.stamp_ns
-        return max((one.stamp_ns for one in held if not taken_back((one.drone, one.boot), one.sequence)), default=0)
+        return max((one.stamp_ns for one in held if not leaves_out(kind, one)), default=0)
 
     def forget(self, identity: EntryId) -> bool:
         """Remove an entry that does not count any more; whether it was held."""
@@ -249,7 +255,7 @@ class ObservationLog:
         self._held[publisher].discard(identity.sequence)
         block = numbers_of(identity.sequence // BLOCK)
         self._blocks.change(publisher, identity.sequence, empty=not any(number in numbered for number in block))
-        self._retractions.remove(publisher, identity.sequence)
+        self._counting.removed(identity)
         if not numbered:
             del self._numbered[publisher], self._held[publisher]
             if publisher not in self._contradictions:

@@ -51,6 +51,18 @@ class SequenceSet:
         place = bisect_right(self._firsts, number)
         return place > 0 and number <= self._lasts[place - 1]
 
+    def meets(self, first: int, last: int) -> bool:
+        """Whether any number of a range is held."""
+        place = bisect_right(self._firsts, last)
+        return place > 0 and self._lasts[place - 1] >= first
+
+    def range_of(self, number: int) -> Range:
+        """The range that holds a number. Raises KeyError where none does."""
+        place = bisect_right(self._firsts, number) - 1
+        if place < 0 or number > self._lasts[place]:
+            raise KeyError(number)
+        return self._firsts[place], self._lasts[place]
+
     def __iter__(self) -> Iterator[Range]:
         return zip(self._firsts, self._lasts, strict=True)
 

@@ -22,7 +22,9 @@ from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Status
 
+MISEXPOSED_NS = 30_000_000_000  # exposures that do not count are told for so long
 LEFT_OUT = "what it measures does not fit what two others measure, and is left out: its position or its detector may be wrong"
+MISEXPOSED = "they are left out; its agent is faulty, or its key has been copied"
 
 
 class Telling:
@@ -99,14 +101,15 @@ class Telling:
         """All problems, found anew."""
         flying = self._executive.stage in FLYING
         posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
-        entries = *self._proofs.problems(now_ns), *self._world.problems(now_ns), *self._contradictions()
+        entries = *self._proofs.problems(now_ns), *self._world.problems(now_ns), *self._contradictions(now_ns)
         self._problems.seen = (*self._peers.problems(now_ns), *posed, *entries)
         self._problems.noticed = self._camera.problems(now_ns)
         self._problems.flown = self._executive.problems(now_ns)
         self._commanding.look(now_ns)
         return self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
 
-    def _contradictions(self) -> list[str]:
-        """A line for each drone whose measurements do not fit, this one or another."""
-        hypothesis = self._world.fusion.hypothesis
-        return [f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted] if hypothesis is not None else []
+    def _contradictions(self, now_ns: int) -> list[str]:
+        """A line for each drone, this one or another, whose measurements do not fit, or whose exposures cannot be."""
+        hypothesis, log = self._world.fusion.hypothesis, self._world.fusion.log
+        misexposed = [f"{drone}: its exposures {why}: {MISEXPOSED}" for drone, why in log.misexposed(now_ns - MISEXPOSED_NS)]
+        return misexposed + ([f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted] if hypothesis is not None else [])

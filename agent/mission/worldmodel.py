@@ -36,11 +36,15 @@ class WorldModel:
         listeners: Sequence[str],
         estimators: Estimators,
         frame_estimates: FrameEstimates = Estimate,
+        *,
+        judges_exposures: bool = True,
     ) -> None:
+        """``judges_exposures``: see ``ObservationLog``."""
+        judged = {"judges_exposures": judges_exposures}
         self.frames = SwarmFrames(mission, frame_estimates)
         graph = self.frames.graph
-        self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
-        self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}
+        self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission), **judged)
+        self.listeners = {name: Fusion(mission, graph, estimators(name, mission), **judged) for name in listeners}
         self.admission = Admission(len(mission.drones))
         self.last_cone_ns, self.backlog_s = 0, 0.0
         self._started_ns = 0
@@ -89,7 +93,7 @@ class WorldModel:
         self.admission.charge(entry, now_ns)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
-        if log.takes_back(entry):
+        if log.leaves_out(entry):
             return True
         self.frames.receive(entry, payload)
         if isinstance(entry, Cone):

@@ -13,11 +13,22 @@ from agent.config.mission import MissionConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.spectrum import CoarseSpectrum
 from agent.geometry import Quaternion, Vector3, turned
-from agent.localization.history import HISTORY_NS, PoseHistory
+from agent.localization.history import PoseHistory
 from agent.sensing.overground import OverGround
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import VehicleState
-from protocol.entries import CarriedFrame, Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample, Retraction
+from protocol.entries import (
+    MAX_EXPOSURE_NS,
+    CarriedFrame,
+    Cone,
+    ConeOrder,
+    Counts,
+    Coverage,
+    Entry,
+    Exposure,
+    PoseSample,
+    Retraction,
+)
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
@@ -120,10 +131,10 @@ class Observer:
         are held until an exposure is full.
 
         The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
-        counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, while there
-        was no telemetry) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
-        they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their
-        direction, and the others counted in ``withheld``.
+        counted in ``dropped``, where they are longer than an exposure may be, where the pose is not known (before the first
+        telemetry, while there was no telemetry) or not trusted, or where they overlap earlier ones (a clock stepped back):
+        measured at a wrong place, they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are
+        taken, whatever their direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -132,7 +143,7 @@ class Observer:
             self._live_s = 0.0  # the counts held so far carry no information either
             self._waiting.clear()
             return self._unused(end_ns)
-        if not start_ns <= end_ns <= start_ns + HISTORY_NS:
+        if not start_ns <= end_ns <= start_ns + MAX_EXPOSURE_NS:
             self.dropped += 1
             return []
         self._waiting.append(detections)
@@ -162,7 +173,9 @@ class Observer:
         most = ceil((end_ns - start_ns) * 1e-9 * MOST_CONES_PS)
         self.withheld += max(0, len(detections.cones) - most)
         entries: list[Entry] = [self._cone(event) for event in detections.cones[:most]]
-        if self._start_ns is not None and (start_ns > self._end_ns or state.epoch != self._epoch):
+        if self._start_ns is not None and (
+            start_ns > self._end_ns or state.epoch != self._epoch or end_ns > self._start_ns + MAX_EXPOSURE_NS
+        ):
             entries += self._exposure()
         if self._start_ns is None:
             self._start_ns, self._epoch = start_ns, state.epoch

@@ -226,6 +226,21 @@ class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
     ago_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
 
 
+class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
+    """The targets publish exposures that mislead the estimator, signed, at a place on the ground that they know for certain.
+
+    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: with each of their own
+    exposures, ``burst`` more of ``lasts_s``, which overlap it and each other; else in the place of their own.
+    """
+
+    family: ClassVar[Family] = "liar"
+    counts: Literal["none", "many"] = "none"
+    place: Literal["estimate", "elsewhere"] = "estimate"
+    beside: bool = True
+    lasts_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 2.0
+    burst: Annotated[int, Meta(ge=1, le=100)] = 1
+
+
 class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
     """The targets give ``peers`` other log entries than the rest under the same numbers: cones turned, counts multiplied,
     sightings of other places. ``peers``: if not given, every second of the other drones.

@@ -13,6 +13,7 @@ from protocol.message import Message
 from protocol.messages import Action, AnyMessage, Plan, Pose
 from protocol.signing import Trust, sign_entries
 from sim.faults.agents import Forged, OldCommand
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Schedule
 from sim.geometry import Vector3
 
@@ -30,16 +31,17 @@ Again = Callable[[int, int, bytes], None]
 class Forgers:
     """What the drones of a flight send beside their messages."""
 
-    def __init__(self, schedule: Schedule, drones: Sequence[str], trusts: Sequence[Trust]) -> None:
+    def __init__(self, schedule: Schedule, drones: Sequence[str], trusts: Sequence[Trust], poisoners: Poisoners) -> None:
         """``drones``: of the mission; ``trusts``: what signs as each of them, whose key a forger holds."""
-        self._schedule, self._drones, self._trusts = schedule, drones, trusts
+        self._schedule, self._drones, self._trusts, self._poisoners = schedule, drones, trusts, poisoners
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
         """What a drone sends beside this message, under the same key."""
         if key.rsplit("/", 1)[-1] not in _SAID:
             return []
         active = self._schedule.active(Forged, drone)
-        told = [self._changed(key, payload, fault.what, drone) for fault, _ in active]
+        told: list[AnyMessage | None] = [*self._poisoners.beside(drone, key, payload)]
+        told += [self._changed(key, payload, fault.what, drone) for fault, _ in active]
         return [as_bytes(self._signed(one, drone)) for one in told if one is not None]
 
     def _signed(self, message: AnyMessage, drone: int) -> Message:

@@ -26,6 +26,7 @@ from sim.faults.agents import (
     OldCommand,
     OldEntries,
     Partition,
+    Poisoned,
     RadioRange,
     Reorder,
     Revoked,
@@ -58,7 +59,7 @@ from sim.faults.machines import (
 AnyFault = (
     Kill | Freeze | Late | SlowCpu | Revoked | Disk
     | Partition | Cut | Loss | Lag | Stall | Throttle | Reorder | Duplicate | Corrupt | RadioRange
-    | Flood | OldEntries | DenseEntries | Lie | Equivocating | Forged | CopiedKey | OldCommand
+    | Flood | OldEntries | DenseEntries | Lie | Equivocating | Forged | CopiedKey | OldCommand | Poisoned
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
     | SatellitesLost | PositionJump | HeadingReset | Drag | Gust | MotorFailure | Battery
     | MavlinkLoss | MavlinkImpaired | StreamLost | Takeover | Disarm | Refusal
@@ -73,6 +74,7 @@ DEALT_ONLY = (
     HeadingReset,
     OldEntries,
     DenseEntries,
+    Poisoned,
 )  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}

@@ -19,6 +19,7 @@ from protocol.messages import AnyMessage, Plan, Pose
 from protocol.signing import Sign, sign_entries
 from sim.faults.agents import Lie
 from sim.faults.base import Fault
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Active, Schedule
 from sim.geometry import Vector3
 
@@ -28,9 +29,9 @@ KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure",
 class Liars:
     """What the drones of a flight tell instead of what they know."""
 
-    def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign]) -> None:
+    def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign], poisoners: Poisoners) -> None:
         """``faults``: of the scenario. ``signs``: signs as each drone, whose key a liar holds."""
-        self._schedule, self._signs = schedule, signs
+        self._schedule, self._signs, self._poisoners = schedule, signs, poisoners
         lies = [fault for fault in faults if isinstance(fault, Lie)]
         self._kinds = {KIND_OF[lie.what] for lie in lies}
         self._replayed = {KIND_OF[lie.what] for lie in lies if lie.how == "replayed"}
@@ -40,7 +41,9 @@ class Liars:
 
     def tell(self, drone: int, key: str, payload: bytes) -> bytes:
         """What a drone publishes instead of this payload."""
-        kind = key.rsplit("/", 1)[-1]
+        kind, poisoned = key.rsplit("/", 1)[-1], self._poisoners.replaced(drone, key, payload)
+        if poisoned is not None:
+            return self._instead(drone, payload, poisoned)
         if kind not in self._kinds:
             return payload
         lies = [(lie, one) for lie, one in self._schedule.active(Lie, drone) if KIND_OF[lie.what] == kind]
@@ -54,17 +57,21 @@ class Liars:
             changed = self._changed(changed, drone, lie, one)
         if changed is message:
             return payload
+        return self._instead(drone, payload, changed)
+
+    def told(self, drone: int, key: str, payload: bytes) -> bytes:
+        """What a drone answers instead of this log entry, when a peer asks for it."""
+        return self._told.get((drone, payload), payload)
+
+    def _instead(self, drone: int, payload: bytes, message: AnyMessage) -> bytes:
+        """What a drone publishes and answers from now on instead of a payload."""
         try:
-            told = encode(next(sign_entries([changed], self._signs[drone])) if isinstance(changed, Entry) else changed)
+            told = encode(next(sign_entries([message], self._signs[drone])) if isinstance(message, Entry) else message)
         except ProtocolError:  # beyond what can be said
             return payload
         if isinstance(message, Entry):
             self._told[drone, payload] = told
         return told
-
-    def told(self, drone: int, key: str, payload: bytes) -> bytes:
-        """What a drone answers instead of this log entry, when a peer asks for it."""
-        return self._told.get((drone, payload), payload)
 
     def _changed(self, message: AnyMessage, drone: int, lie: Lie, active: Active) -> AnyMessage:
         ago_ns = int(lie.ago_s * 1e9)

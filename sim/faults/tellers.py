@@ -10,9 +10,10 @@ from protocol.entries import Entry
 from protocol.errors import ProtocolError
 from protocol.signing import Sign, sign_entries
 from protocol.summary import decode_summary, encode_summary
-from sim.faults.agents import Equivocating, Lie
+from sim.faults.agents import Equivocating, Lie, Poisoned
 from sim.faults.base import Fault
 from sim.faults.liars import KIND_OF, Liars, falsified
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Active, Schedule
 from sim.world.radio import LOG_KINDS, is_entry
 
@@ -22,9 +23,11 @@ _OTHERWISE = Lie(at_s=0.0, what="cone")  # for its numbers
 class Tellers:
     """What the drones of a flight tell each other."""
 
-    def __init__(self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign]) -> None:
+    def __init__(
+        self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign], poisoners: Poisoners
+    ) -> None:
         """``faults``: of the scenario. ``drones``: of the mission. ``signs``: signs as each of them."""
-        self._liars = Liars(faults, schedule, signs)
+        self._liars = Liars(faults, schedule, signs, poisoners)
         self._schedule, self._drones, self._signs = schedule, list(drones), signs
         self._sly = {drones.index(name) for fault in faults if _lies_to_logs(fault) for name in fault.strikes(drones)}
         self._otherwise: dict[tuple[int, bytes], tuple[frozenset[int], bytes]] = {}  # to whom it has told what instead
@@ -71,4 +74,4 @@ class Tellers:
 
 def _lies_to_logs(fault: Fault) -> bool:
     """Whether the log of who does this holds other entries than those of the others."""
-    return isinstance(fault, Equivocating) or (isinstance(fault, Lie) and KIND_OF[fault.what] in LOG_KINDS)
+    return isinstance(fault, Equivocating | Poisoned) or (isinstance(fault, Lie) and KIND_OF[fault.what] in LOG_KINDS)

@@ -20,6 +20,7 @@ from sim.faults.disk import check_playable
 from sim.faults.forgers import Forgers, OldCommands
 from sim.faults.network import FaultyRadio
 from sim.faults.onboard import OnboardFaults
+from sim.faults.poisoners import Poisoners
 from sim.faults.poses import with_filter_errors
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
@@ -96,9 +97,9 @@ class World:
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
-        trusts = [authority.trust(name) for name in names]
-        self._forgers, self._thieves = Forgers(self._faults, names, trusts), Thieves(self._faults, trusts)
+        poisoners, trusts = Poisoners(self._faults), [authority.trust(name) for name in names]
+        self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names), poisoners)
+        self._forgers, self._thieves = Forgers(self._faults, names, trusts, poisoners), Thieves(self._faults, trusts)
         self._crowds = Crowds(self._faults, mission.swarm, trusts)
         self._old_commands = OldCommands(self._faults)
         self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude, self._onboard.clocks.own_ns)

@@ -111,7 +111,8 @@ def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings
         FlightRecordError: they cannot be read, or are of several missions.
     """
     records = Records(paths)
-    hub = Hub(Picture(records.mission, records.verifier), replay=True, progress=progress)
+    picture = Picture(records.mission, records.verifier, judges_exposures=records.judges_exposures)
+    hub = Hub(picture, replay=True, progress=progress)
 
     async def played() -> Findings:
         await play(hub, records)

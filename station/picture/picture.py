@@ -59,11 +59,20 @@ class Picture:
     they agree. ``link_problems``: of the station's own link.
     """
 
-    def __init__(self, mission: MissionConfig, verifier: Verifier | None, estimators: Estimators = estimator_named) -> None:
-        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: what makes them."""
+    def __init__(
+        self,
+        mission: MissionConfig,
+        verifier: Verifier | None,
+        estimators: Estimators = estimator_named,
+        *,
+        judges_exposures: bool = True,
+    ) -> None:
+        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: what makes them.
+        ``judges_exposures``: see ``ObservationLog``.
+        """
         self.mission = mission
         self._mission_id = mission.mission_id
-        self.log = SwarmLog(mission, verifier, estimators)
+        self.log = SwarmLog(mission, verifier, estimators, judges_exposures=judges_exposures)
         self.orders = Orders(verifier)
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
         self.counters: Counter[str] = Counter()

@@ -23,10 +23,19 @@ from protocol.signing import Verifier
 class SwarmLog:
     """``counters``: of log queries that could not be answered, and revocations that were refused."""
 
-    def __init__(self, mission: MissionConfig, verifier: Verifier | None, estimators: Estimators = estimator_named) -> None:
-        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: what makes them."""
+    def __init__(
+        self,
+        mission: MissionConfig,
+        verifier: Verifier | None,
+        estimators: Estimators = estimator_named,
+        *,
+        judges_exposures: bool = True,
+    ) -> None:
+        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: what makes them.
+        ``judges_exposures``: see ``ObservationLog``.
+        """
         self.counters: Counter[str] = Counter()
-        self._world = WorldModel(mission, (), estimators)
+        self._world = WorldModel(mission, (), estimators, judges_exposures=judges_exposures)
         drones = [drone.id for drone in mission.drones]
         self._revocations = Revocations(verifier, self.counters)
         self._proofs = Proofs(drones, ("", mission.mission_id, ""), None, verifier, self._revocations.leaves_out)

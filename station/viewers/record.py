@@ -34,7 +34,8 @@ def export(paths: Sequence[Path], out: Path, progress: Callable[[float], None]) 
     records = Records(paths)
     if out.resolve() in {file.resolve() for file in records.files}:
         raise FlightRecordError(f"{out}: is one of the records; give another name")
-    hub = Hub(Picture(records.mission, records.verifier), replay=True, progress=progress)
+    picture = Picture(records.mission, records.verifier, judges_exposures=records.judges_exposures)
+    hub = Hub(picture, replay=True, progress=progress)
     foxglove = Foxglove(hub.picture)
     with replacing(out) as written, written.open("wb") as file:
         recording = _Recording(file, foxglove)

@@ -25,6 +25,9 @@ ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the 
     (("heading-reset", {}), ("satellites-lost", {"for_s": 1.8})),
     (("old-entries", {}),),
     (("dense-entries", {}),),
+    (("poisoned", {"beside": True}),),
+    (("poisoned", {"beside": False, "counts": "none", "place": "estimate"}),),
+    (("poisoned", {"beside": False, "counts": "many"}),),
 )
 
 

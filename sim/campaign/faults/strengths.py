@@ -71,6 +71,16 @@ def _lie(strike: Strike) -> Numbers:
     }
 
 
+def _poisoned(strike: Strike) -> Numbers:
+    return {
+        "counts": strike.one("none", "many"),
+        "place": strike.one("estimate", "elsewhere"),
+        "beside": bool(strike.rng.random() < 0.5),
+        "lasts_s": strike.scale(0.1, 60.0),
+        "burst": int(strike.scale(1.0, 26.0)),
+    }
+
+
 def _noisy(strike: Strike) -> Numbers:
     column = bool(strike.rng.random() < 0.4)
     pixels = 128 if column else int(strike.scale(1, 100))
@@ -160,4 +170,5 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "dense-entries": lambda strike: {"what": strike.one("exposure", "cone", "coverage"), "per_s": strike.scale(200.0, 1000.0)},
     "old-command": _none,
     "heading-reset": lambda strike: {"turn_deg": strike.scale(1.0, 12.0)},  # the largest of 15 recorded ones: 9.3
+    "poisoned": _poisoned,
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Disk, Equivocating, Forged, Freeze, Kill, Lie, Revoked, SlowCpu
+from sim.faults.agents import Disk, Equivocating, Forged, Freeze, Kill, Lie, Poisoned, Revoked, SlowCpu
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Takeover
 from sim.faults.process import RESTART_NS, SILENCE_NS
@@ -42,11 +42,11 @@ class Able:
 def _disables(fault: Fault, heal_s: float) -> bool:
     """Whether it leaves a drone unable: vehicle, own position, camera or link are faulted for good, or its agent is dead.
 
-    Some faults last although they are over: a drone whose entries arrived falsified at the others has another log than they for
-    ever, and one that a human pilot has given back holds until the operator resumes its mission, whom nobody plays. Of one that
-    has contradicted itself nothing counts any more, not even where it is, and one that is revoked hears nobody.
+    Some faults last although they are over: a drone whose entries arrived falsified or poisoned at the others has another log
+    than they for ever, and one that a human pilot has given back holds until the operator resumes its mission, whom nobody plays.
+    Of one that has contradicted itself nothing counts any more, not even where it is, and one that is revoked hears nobody.
     """
-    if isinstance(fault, Equivocating | Revoked):
+    if isinstance(fault, Equivocating | Poisoned | Revoked):
         return True
     if isinstance(fault, Takeover) and fault.at_s < heal_s:
         return True

@@ -17,6 +17,7 @@ from sim.scoring.invariants.convergence import Converged
 from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
 from sim.scoring.invariants.liveness import Landed
 from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
+from sim.scoring.invariants.poison import PoisonNamed
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import Moment
@@ -39,7 +40,8 @@ class Judge:
             OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting), KnowsHome(setting),
             Mistimed(setting), PlaceBound(setting), WideBerth(setting),
             Reckoned(setting), Confined(setting), FreshTelemetry(setting),
-            Reserve(setting), Named(setting), Accused(setting), Impersonated(setting), Told(setting), Memory(setting),
+            Reserve(setting), Named(setting), Accused(setting), Impersonated(setting), PoisonNamed(setting),
+            Told(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip
         self.violations: list[Violation] = []

@@ -10,6 +10,7 @@ from protocol.keys import key_of
 from protocol.messages import Action
 from sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
 from sim.faults.kinds import KINDS
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Schedule
 from sim.lockstep.members import SimulatedAuthority
 
@@ -24,7 +25,7 @@ def forged(what, kind, drone=0, second=1.0):
     schedule.advance(second)
     message = at(kind, 3)
     key = key_of("s", message)
-    return key, Forgers(schedule, DRONES, TRUSTS).forged(drone, key, encode(message))
+    return key, Forgers(schedule, DRONES, TRUSTS, Poisoners(schedule)).forged(drone, key, encode(message))
 
 
 @pytest.mark.parametrize("what", ["impossible", "impersonated"])

@@ -13,6 +13,7 @@ from protocol.entries import Entry
 from protocol.keys import key_of
 from sim.faults.kinds import KINDS
 from sim.faults.liars import KIND_OF, Liars
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Schedule
 from sim.lockstep.flight import watched
 from sim.lockstep.members import SimulatedAuthority
@@ -24,7 +25,10 @@ def told(what, how, drone=0, **values):
         {"kind": "lie", "at_s": 10.0, "for_s": 5.0, "target": "d1", "what": what, "how": how, **values}, KINDS["lie"]
     )
     schedule = Schedule([lie], ("d1", "d2"), 1)
-    liars, pairs = Liars([lie], schedule, [SimulatedAuthority(1).trust(name).sign for name in ("d1", "d2")]), []
+    liars, pairs = (
+        Liars([lie], schedule, [SimulatedAuthority(1).trust(name).sign for name in ("d1", "d2")], Poisoners(schedule)),
+        [],
+    )
     for second in range(20):
         schedule.advance(float(second))
         known = at(KIND_OF[what], second)

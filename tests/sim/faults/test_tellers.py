@@ -10,6 +10,7 @@ from protocol.keys import key_of
 from protocol.messages import Stage
 from protocol.summary import Held, decode_summary, encode_summary
 from sim.faults.kinds import KINDS, read_faults
+from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
 from sim.lockstep.flight import watched
@@ -23,7 +24,7 @@ MISSION, BOOT = "0123456789abcdef", "00000000000000aa"
 def tellers(kind, **values):
     fault = msgspec.convert({"kind": kind, "at_s": 10.0, "for_s": 5.0, "target": "d2", **values}, KINDS[kind])
     schedule = Schedule([fault], NAMES, 1)
-    return Tellers([fault], schedule, NAMES, SimulatedAuthority(1).signs(NAMES)), schedule
+    return Tellers([fault], schedule, NAMES, SimulatedAuthority(1).signs(NAMES), Poisoners(schedule)), schedule
 
 
 def published(told, kind, second, drone=1):

@@ -1,0 +1,99 @@
+"""Members that poison the log: signed exposures at a place of their choice, with counts of their choice."""
+
+from __future__ import annotations
+
+from itertools import count
+from math import cos, pi, sin
+
+from msgspec.structs import replace
+
+from protocol.codec import decode_from
+from protocol.entries import Counts, Exposure, PoseSample
+from protocol.messages import Estimate, Frame
+from sim.faults.agents import Poisoned
+from sim.faults.schedule import Active, Schedule
+from sim.geometry import Vector3
+
+BESIDE = 2**29  # added to the numbers of exposures beside the drone's own
+ELSEWHERE_M = 15.0
+_COUNTS = {"none": Counts(0, 0, 0), "many": Counts(100_000, 40_000, 5_000)}
+_APART_NS = 1_000_000  # between the ends of the exposures of a burst
+
+
+class Poisoners:
+    """What the drones of a flight know of the source estimate, and the exposures that they poison."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        self._schedule = schedule
+        self._estimates: dict[int, Vector3] = {}  # by drone, the newest that it has published, mission frame
+        self._frames: dict[tuple[int, int], Frame] = {}  # by drone and epoch
+        self._angles: dict[Active, float] = {}
+        self._numbers = count(BESIDE)
+
+    def replaced(self, drone: int, key: str, payload: bytes) -> Exposure | None:
+        """The exposure that a drone publishes in the place of its own; None where it publishes its own."""
+        self._listen(drone, key, payload)
+        faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if not fault.beside]
+        if not faults or not key.endswith("/exposure"):
+            return None
+        fault, one = faults[0]
+        own = _exposure(key, payload)
+        return self._poisoned(own, drone, fault, one, own.end_ns - own.stamp_ns, 0)
+
+    def beside(self, drone: int, key: str, payload: bytes) -> list[Exposure]:
+        """The exposures that a drone publishes beside its own."""
+        faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if fault.beside]
+        if not faults or not key.endswith("/exposure"):
+            return []
+        own = _exposure(key, payload)
+        return [
+            replace(
+                self._poisoned(own, drone, fault, one, round(fault.lasts_s * 1e9), number * _APART_NS),
+                sequence=next(self._numbers),
+            )
+            for fault, one in faults
+            for number in range(fault.burst)
+        ]
+
+    def _listen(self, drone: int, key: str, payload: bytes) -> None:
+        if key.endswith(("/estimate", "/frame")) and self._schedule.active(Poisoned, drone):
+            message = decode_from(key, payload)
+            if isinstance(message, Estimate):
+                self._estimates[drone] = message.sources[0].position_m
+            elif isinstance(message, Frame):
+                self._frames[drone, message.epoch] = message
+
+    def _poisoned(self, own: Exposure, drone: int, fault: Poisoned, one: Active, lasts_ns: int, ago_ns: int) -> Exposure:
+        end_ns = own.end_ns - ago_ns
+        place = self._place(own, drone, fault, one)
+        return replace(
+            own,
+            stamp_ns=end_ns - lasts_ns,
+            end_ns=end_ns,
+            live_time_s=lasts_ns * 1e-9,
+            counts=_COUNTS[fault.counts],
+            poses=(PoseSample(0, place, own.poses[0].quaternion),),
+            position_sigma_m=0.0,
+            clock_sigma_m=0.0,
+            spectrum=(),
+        )
+
+    def _place(self, own: Exposure, drone: int, fault: Poisoned, one: Active) -> Vector3:
+        """On the ground at the estimate, or beside it; without an estimate, below the drone. Its local frame, m."""
+        x, y, _ = own.poses[0].position_m
+        told, frame = self._estimates.get(drone), self._frames.get((drone, own.epoch))
+        if told is not None and frame is not None:
+            east, north = told[0] - frame.translation_m[0], told[1] - frame.translation_m[1]
+            x = cos(frame.yaw_rad) * east + sin(frame.yaw_rad) * north
+            y = cos(frame.yaw_rad) * north - sin(frame.yaw_rad) * east
+        if fault.place == "elsewhere":
+            if one not in self._angles:
+                self._angles[one] = float(one.rng.uniform(0.0, 2.0 * pi))
+            x, y = x + ELSEWHERE_M * cos(self._angles[one]), y + ELSEWHERE_M * sin(self._angles[one])
+        return x, y, 0.0
+
+
+def _exposure(key: str, payload: bytes) -> Exposure:
+    message = decode_from(key, payload)
+    assert isinstance(message, Exposure)
+    return message

@@ -1,0 +1,48 @@
+"""Members that poison the log: the others name them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sim.faults.agents import Poisoned
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+NAMED_S = 15.0
+_LOOK_TICKS = 10
+
+
+class PoisonNamed(Invariant[Moment]):
+    """A drone that publishes exposures beside its own, which overlap them or are too long, is named by another one within 15 s.
+
+    They are published in flight only; what it publishes instead of its own may be what a dead camera would tell.
+    """
+
+    name = "poison-named"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._spans = [
+            (setting.names.index(name), fault.at_s, fault.end_s)
+            for fault in setting.scenario.fault
+            if isinstance(fault, Poisoned) and fault.beside
+            for name in setting.strikes(fault)
+        ]
+        self._unnamed_s = [0.0] * len(self._spans)
+        self._ticks = 0
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Poisoners that nobody names; looked for twice a second."""
+        self._ticks += 1
+        looks = self._ticks % _LOOK_TICKS == 0
+        for place, (drone, begin_s, end_s) in enumerate(self._spans):
+            if looks and begin_s <= moment.time_s < end_s and moment.airborne(drone):
+                named = self._is_named(moment, drone)
+                self._unnamed_s[place] = 0.0 if named else self._unnamed_s[place] + 0.05 * _LOOK_TICKS
+            if self._unnamed_s[place] > NAMED_S:
+                yield Breach((drone,), f"it poisons the log since {begin_s:.1f} s, and nobody names it")
+
+    def _is_named(self, moment: Moment, drone: int) -> bool:
+        said = f"{self.setting.names[drone]}: its exposures "
+        others = (pilot for other, pilot in enumerate(moment.pilots) if other != drone and pilot is not None)
+        return any(text.startswith(said) for pilot in others for text in pilot.problems)
