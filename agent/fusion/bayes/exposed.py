@@ -17,7 +17,12 @@ from agent.geometry import Array, Vector3
 _ITERATIONS = 6
 _LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, of which no share can be taken
 _LONGEST_GAP_S = 2.0
+_ROOM_M = 1.5  # between camera and source, for anything unknown to stand there
 _KNOWN = 0.2  # 1 sigma of the logarithm of the rate, up to which an exposure is missed for what it lacks
+
+
+REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
+_WHOLE_S = 0.5  # live time of an exposure that costs as much; shorter ones cost a share of it
 
 
 class Exposed(Struct, frozen=True, eq=False):
@@ -33,6 +38,11 @@ class Exposed(Struct, frozen=True, eq=False):
     background: Array
     middle_ns: int
     facing: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def weight(self) -> float:
+        """Share of a whole exposure, so that many short ones cost no more than one."""
+        return min(self.live_time_s / _WHOLE_S, 1.0)
 
     def follows(self, earlier: Exposed) -> bool:
         """Whether there is no long gap between the earlier exposure and this one."""
@@ -68,20 +78,23 @@ class Fit(Struct, frozen=True, eq=False):
         """mean: (S, M, d) m, covariance: (S, M, d, d) P of the track; age_s: T."""
         response, background, counts = scene.response, exposed.background, exposed.counts
         sight = LineOfSight.of(mean, scene.ground, exposed.vehicle, exposed.position, age_s)
-        slope = -(2.0 / sight.distance + response.air_per_m) / sight.distance
+        spot = sight.spot(covariance)
+        distance = np.sqrt(sight.distance * sight.distance + spot)
+        slope = -(2.0 / distance + response.air_per_m) / distance
         gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
         log_gain = BIASES + BIAS * exposed.vehicle + GAIN
         gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
         gain = np.matvec(covariance, gradient)
-        spread = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
-        fluence = response.flux(sight.distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
+        spread = np.maximum(np.vecdot(gain, gradient), 0.0) + np.square(spot / (distance * distance)) + MODEL_VARIANCE
+        fluence = response.flux(distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
         fluence = np.maximum(fluence, _LEAST_FLUENCE)
-        facing = Facing.of(sight.way[..., 0], sight.way[..., 1], sight.distance, *exposed.facing).cosine()
+        facing = Facing.of(sight.way[..., 0], sight.way[..., 1], distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
-        expected, unsure = hidden.behind(*response.parts(fluence, sight.distance, facing), shielding)
+        expected, unsure = hidden.behind(*response.parts(fluence, distance, facing), shielding)
         variance = spread + unsure
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
         innovation = innovation_squared(counts, expected, background, variance)
+        clear = np.maximum(innovation[0], shift[0] * shift[0] / variance[0])
         known = spread < _KNOWN**2
         fewer = expected[0].sum(axis=-1) + background.sum() > counts.sum()
         return Fit(
@@ -90,6 +103,6 @@ class Fit(Struct, frozen=True, eq=False):
             pull=shift[0] / variance[0],
             shrink=(1.0 - after[0] / variance[0]) / variance[0],
             log_likelihood=likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)),
-            innovation=innovation.min(axis=0),
+            innovation=np.where(distance < _ROOM_M, clear, innovation.min(axis=0)),
             deficit=np.where(known & fewer, np.sqrt(innovation[0]), 0.0),
         )

@@ -25,7 +25,7 @@ from msgspec.structs import replace
 
 from agent.fusion.bayes import hidden
 from agent.fusion.bayes.cones import OUTLIER_FRACTION, Orders
-from agent.fusion.bayes.exposed import Exposed, Fit
+from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.reduction import clusters, merged, moments_of
 from agent.fusion.bayes.sight import LineOfSight, Scene
@@ -33,7 +33,6 @@ from agent.geometry import Array, Vector3
 
 _MIX_S = 1.0  # the modes are mixed at this interval at least; in the textbook at each step
 _LEAST_SINE = 1e-3
-_HIDDEN_COST = 1.0  # loss of log Bayes factor by an exposure that is told by a hidden view alone: as much as by a rejected one
 _LOW_SIGMAS = 1.0  # an exposure that is lower by more waits for the next one
 _LEAST_CLEAR = 0.3  # probability of a clear view before, for it to wait
 _GATE_SIGMAS = 5.0  # an exposure whose normalised innovation is larger is rejected
@@ -160,7 +159,7 @@ class Mixture(Struct, frozen=True, eq=False):
 
         ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
         neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
-        log Bayes factor of the exposure, less the cost of a hidden view.
+        log Bayes factor of the exposure, less the cost of a hidden view, which is that of a rejected exposure.
         """
         if self.rejects(fit):
             return None
@@ -182,7 +181,13 @@ class Mixture(Struct, frozen=True, eq=False):
         chain = self.hidden.copy()
         chain[:, vehicle] = levels
         clear = float(after.weight.sum(axis=1) @ levels[:, 0])
-        return replace(after, hidden=chain), gained - _HIDDEN_COST * (1.0 - clear)
+        return replace(after, hidden=chain), gained - REJECTED_COST * fit.exposed.weight * (1.0 - clear)
+
+    def wider(self, factor: float) -> Mixture:
+        """With so many times the variances of the place; correlations stay."""
+        scale = np.ones(self.mean.shape[-1])
+        scale[:2] = math.sqrt(factor)
+        return replace(self, covariance=self.covariance * scale[:, None] * scale)
 
     def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
         """Measurement update with a cone: probabilistic data association [BST75] over its readings and "no information".

@@ -53,6 +53,12 @@ class LineOfSight(Struct, frozen=True, eq=False):
         way -= position
         return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
 
+    def spot(self, covariance: Array) -> Array:
+        """(S, M) m2, trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""
+        b = BIASES + BIAS * self.vehicle
+        east, north = (covariance[..., k, k] + 2.0 * covariance[..., k, b + k] + covariance[..., b + k, b + k] for k in (0, 1))
+        return np.maximum(east + north, 0.0)
+
     def gradient(self, slope: Array, dimensions: int) -> Array:
         """Gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
 

@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.contradicted import is_contradicted, rejected
-from agent.fusion.bayes.exposed import Exposed, Fit
+from agent.fusion.bayes.contradicted import is_contradicted, is_disputed, rejected
+from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import GAIN
 from agent.fusion.bayes.sight import Scene
@@ -22,7 +22,7 @@ from agent.geometry import Array
 EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
 _NS = 1e9
 _EVIDENCE_FADE_S = 10.0
-_REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
+_WIDER = 1.2  # variance of the place, after an exposure that the gate rejects where one other vehicle alone measures
 
 
 class Tracking:
@@ -109,7 +109,10 @@ def _fused(state: BayesState, track: Mixture, fit: Fit, ahead: Array | None = No
     """Update with an exposure, unless the gate rejects it: the state, and its track. ``ahead``: as in ``after_counts``."""
     after = track.after_counts(fit, ahead)
     if after is None:
-        return _gained(_noted(state, fit.exposed), track, -_REJECTED_COST), track
+        exposed, state = fit.exposed, _noted(state, fit.exposed)
+        if is_disputed(state.sure, exposed.vehicle, exposed.middle_ns):
+            track = track.wider(_WIDER)
+        return _gained(state, track, -REJECTED_COST * exposed.weight), track
     return _gained(state, *after), after[0]
 
 
