@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import count
-from math import cos, pi, sin
+from math import cos, pi, radians, sin
 
 from msgspec.structs import replace
 
@@ -23,10 +24,11 @@ _APART_NS = 1_000_000  # between the ends of the exposures of a burst
 class Poisoners:
     """What the drones of a flight know of the source estimate, and the exposures that they poison."""
 
-    def __init__(self, schedule: Schedule) -> None:
-        self._schedule = schedule
+    def __init__(self, schedule: Schedule, layout: Sequence[tuple[Vector3, float]]) -> None:
+        """``layout``: launch place (mission frame, m) and heading (degrees) of each drone, whose frame is known exactly."""
+        self._schedule, self._layout = schedule, layout
         self._estimates: dict[int, Vector3] = {}  # by drone, the newest that it has published, mission frame
-        self._frames: dict[tuple[int, int], Frame] = {}  # by drone and epoch
+        self._frames: dict[tuple[int, int], tuple[Vector3, float]] = {}  # by drone and epoch: translation, heading in radians
         self._angles: dict[Active, float] = {}
         self._numbers = count(BESIDE)
 
@@ -61,7 +63,7 @@ class Poisoners:
             if isinstance(message, Estimate):
                 self._estimates[drone] = message.sources[0].position_m
             elif isinstance(message, Frame):
-                self._frames[drone, message.epoch] = message
+                self._frames[drone, message.epoch] = message.translation_m, message.yaw_rad
 
     def _poisoned(self, own: Exposure, drone: int, fault: Poisoned, one: Active, lasts_ns: int, ago_ns: int) -> Exposure:
         end_ns = own.end_ns - ago_ns
@@ -81,11 +83,11 @@ class Poisoners:
     def _place(self, own: Exposure, drone: int, fault: Poisoned, one: Active) -> Vector3:
         """On the ground at the estimate, or beside it; without an estimate, below the drone. Its local frame, m."""
         x, y, _ = own.poses[0].position_m
-        told, frame = self._estimates.get(drone), self._frames.get((drone, own.epoch))
-        if told is not None and frame is not None:
-            east, north = told[0] - frame.translation_m[0], told[1] - frame.translation_m[1]
-            x = cos(frame.yaw_rad) * east + sin(frame.yaw_rad) * north
-            y = cos(frame.yaw_rad) * north - sin(frame.yaw_rad) * east
+        told, (origin_m, yaw_deg) = self._estimates.get(drone), self._layout[drone]
+        if told is not None:
+            origin_m, yaw_rad = self._frames.get((drone, own.epoch), (origin_m, radians(yaw_deg)))
+            east, north = told[0] - origin_m[0], told[1] - origin_m[1]
+            x, y = cos(yaw_rad) * east + sin(yaw_rad) * north, cos(yaw_rad) * north - sin(yaw_rad) * east
         if fault.place == "elsewhere":
             if one not in self._angles:
                 self._angles[one] = float(one.rng.uniform(0.0, 2.0 * pi))

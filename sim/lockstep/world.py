@@ -97,7 +97,7 @@ class World:
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        poisoners, trusts = Poisoners(self._faults), [authority.trust(name) for name in names]
+        poisoners, trusts = Poisoners(self._faults, layout), [authority.trust(name) for name in names]
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names), poisoners)
         self._forgers, self._thieves = Forgers(self._faults, names, trusts, poisoners), Thieves(self._faults, trusts)
         self._crowds = Crowds(self._faults, mission.swarm, trusts)

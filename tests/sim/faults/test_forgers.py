@@ -25,7 +25,7 @@ def forged(what, kind, drone=0, second=1.0):
     schedule.advance(second)
     message = at(kind, 3)
     key = key_of("s", message)
-    return key, Forgers(schedule, DRONES, TRUSTS, Poisoners(schedule)).forged(drone, key, encode(message))
+    return key, Forgers(schedule, DRONES, TRUSTS, Poisoners(schedule, [])).forged(drone, key, encode(message))
 
 
 @pytest.mark.parametrize("what", ["impossible", "impersonated"])

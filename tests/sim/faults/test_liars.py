@@ -26,7 +26,7 @@ def told(what, how, drone=0, **values):
     )
     schedule = Schedule([lie], ("d1", "d2"), 1)
     liars, pairs = (
-        Liars([lie], schedule, [SimulatedAuthority(1).trust(name).sign for name in ("d1", "d2")], Poisoners(schedule)),
+        Liars([lie], schedule, [SimulatedAuthority(1).trust(name).sign for name in ("d1", "d2")], Poisoners(schedule, [])),
         [],
     )
     for second in range(20):

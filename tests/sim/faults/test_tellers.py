@@ -24,7 +24,7 @@ MISSION, BOOT = "0123456789abcdef", "00000000000000aa"
 def tellers(kind, **values):
     fault = msgspec.convert({"kind": kind, "at_s": 10.0, "for_s": 5.0, "target": "d2", **values}, KINDS[kind])
     schedule = Schedule([fault], NAMES, 1)
-    return Tellers([fault], schedule, NAMES, SimulatedAuthority(1).signs(NAMES), Poisoners(schedule)), schedule
+    return Tellers([fault], schedule, NAMES, SimulatedAuthority(1).signs(NAMES), Poisoners(schedule, [])), schedule
 
 
 def published(told, kind, second, drone=1):
