@@ -25,7 +25,7 @@ from protocol.messages import GROUND_STAGES, Pose, Status
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
-SAME_M, MAX_ACCELERATION_MPS2 = 0.5, 10.0  # of a place by the last pose and its velocity: what is further off is another story
+SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0  # of place and velocity by the last pose: beyond, it is another story
 RECENT_NS = 3_000_000_000  # poses are kept for this long
 RIVAL_NS = 2_000_000_000  # for how long a second place is kept clear of
 SILENT_NS = 500_000_000  # a place from which nothing has come for so long gives way to the other one
@@ -224,6 +224,8 @@ def _leads(before: Pose, after: Pose) -> bool:
     if before.epoch != after.epoch:
         return before.epoch < after.epoch
     elapsed_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
+    if dist(before.velocity_mps, after.velocity_mps) > SAME_MPS + MAX_ACCELERATION_MPS2 * elapsed_s:
+        return False  # who tells the place, but another velocity, would have it expected elsewhere
     moved = [x - y for x, y in zip(after.position_m, before.position_m, strict=True)]
     way = [elapsed_s * v for v in before.velocity_mps]
     share = min(1.0, max(0.0, sum(map(mul, moved, way)) / (sum(map(mul, way, way)) or 1.0)))

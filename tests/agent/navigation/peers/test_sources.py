@@ -196,6 +196,19 @@ def test_a_thief_that_says_in_every_way_that_a_hovering_drone_has_landed_hides_i
     assert peers["d2"].status.stage is Stage.HOLD
 
 
+def test_a_thief_that_tells_the_place_but_another_velocity_does_not_have_the_drone_expected_elsewhere():
+    """A drone that hovered was expected where 60 m/s would have led: 0.77 m."""
+    news = [
+        one
+        for at_ns in range(START_NS, START_NS + SECOND, 50 * MS)
+        for one in (pose(at_ns), replace(pose(at_ns + 90 * MS), velocity_mps=(60.0, 0.0, 0.0)))
+    ]
+    hovers, flies = pose(START_NS), replace(pose(START_NS), velocity_mps=(60.0, 0.0, 0.0))
+    peers, _ = heard(*news)
+    told = [one.newest.velocity_mps for one in peers["d2"].sources.stories]
+    assert told == [hovers.velocity_mps, flies.velocity_mps]
+
+
 def test_two_stories_are_told_within_a_second_whatever_the_epochs():
     for epoch in (0, 1):
         news = [one for at_ns in stamps(10) for one in (thief(at_ns, epoch=epoch)[0], pose(at_ns))]
