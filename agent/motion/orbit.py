@@ -31,6 +31,12 @@ def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> f
     return max(shared_m, room_m) + 2.0 * limits.separation_m * ring
 
 
+def ring_change_s(mission: MissionConfig) -> float:
+    """Longest time (s) from the shared circle to any other one of those that sides apart fly on."""
+    outermost_m = ring_radius_m(mission, len(mission.drones) - 1, fits_hypothesis=True)
+    return (outermost_m - ring_radius_m(mission, 0, fits_hypothesis=True)) / _RADIUS_MPS + 2.0 * _TIME_S
+
+
 def ring_lift_m(mission: MissionConfig, ring: int) -> float:
     """By how much such a circle is higher than the shared one: every other one by the separation. Sides that do not hear each
     other have different hypotheses, several metres apart where one has few cameras, so that their circles may cross.

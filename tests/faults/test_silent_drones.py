@@ -74,6 +74,39 @@ def test_the_others_space_anew_within_ten_seconds(seed):
     assert closest.least_m >= LEAST_M
 
 
+@pytest.mark.parametrize("at_s", [6.75, pytest.param(9.0, marks=pytest.mark.slow)])
+def test_the_others_space_anew_after_a_drone_drops_out_on_its_way_to_the_circle(at_s):
+    """They kept to the lines between them and it for a minute, and stood 142 degrees apart."""
+    close_s, speed_mps, closest = [], [], Closest()
+
+    def watch(moment):
+        since_s = moment.time_s - at_s
+        if since_s >= 0.0:
+            centre = moment.pilots[0].hypothesis.position[:2]
+            first, third = ((moment.position_m[drone, :2] - centre) @ (1.0, 1.0j) for drone in (0, 2))
+            if abs(np.angle(third / first, deg=True)) < 160.0:
+                close_s.append(since_s)
+            closest(moment)
+        if since_s >= 15.0:
+            speed_mps.append(np.hypot(*moment.velocity_mps[0, :2]))
+        return since_s >= 20.0
+
+    watched(circling(3, Kill(at_s=at_s, target="d2")), 1, watch)
+    assert close_s[-1] < 15.0
+    assert np.median(speed_mps) > 2.0  # they circle again
+    assert closest.least_m >= LEAST_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at_s", [6.75, 9.0])
+@pytest.mark.parametrize("groups", [("d1 d3", "d2"), ("d1", "d2 d3"), ("d1", "d2", "d3")])
+def test_sides_that_lose_each_other_on_their_way_to_the_circle_end_on_circles_of_their_own(at_s, groups):
+    """The lines between them end when each can be on its own."""
+    flight = fly(circling(3, split(at_s, 60.0, *groups), until_s=40.0), seed=1, watch=(closest := Closest()))
+    assert closest.least_m >= LEAST_M
+    assert set(flight.trace.stage[-1]) == {Stage.TRACK}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("drone", ["d1", "d2", "d3"])
 @pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4))])

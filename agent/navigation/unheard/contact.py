@@ -51,13 +51,14 @@ class Circle(Struct, frozen=True):
 
 class Contact(Struct, frozen=True):
     """When two drones last heard each other: the earlier of both directions. What the other one's vehicle would have done from
-    there if its agent had gone then, its stage, how it moved, and whether both were on the circle.
+    there if its agent had gone then, its stage, how it moved, whether both tracked, and whether both were on the circle.
     """
 
     stamp_ns: int
     course: Course
     stage: Stage
     theirs: PeerState
+    tracked: bool
     circled: bool
 
 

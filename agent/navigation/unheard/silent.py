@@ -35,13 +35,13 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import Agentless, Course, Stretch
+from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
 from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastcourses import last_course, last_stage, possible_courses
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
-from agent.navigation.unheard.lines import APART_NS, MAY_TAKE_PART, Lines
+from agent.navigation.unheard.lines import MAY_TAKE_PART, Lines
 from agent.navigation.unheard.relayed import is_kept, relayed
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
@@ -66,7 +66,7 @@ class Silent:
         """``drone``: the own id."""
         self._id, self._order = drone, [member.id for member in mission.drones]
         self._agentless = Agentless(mission)
-        self._lines, self._homes = Lines(), Homes(mission, drone, self._agentless)
+        self._lines, self._homes = Lines(mission), Homes(mission, drone, self._agentless)
         self._above_m = _ABOVE * mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
         self._courses: dict[str, tuple[int, list[Course]]] = {}  # if its agent is gone, with the stamp of the last contact
@@ -282,8 +282,9 @@ class Silent:
         """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
         theirs = motion_of(pose, mission_from_theirs)
-        circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
-        return Contact(pose.stamp_ns, course, stage, theirs, circled)
+        tracked = circle is not None and stage in CIRCLING
+        circled = tracked and circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
+        return Contact(pose.stamp_ns, course, stage, theirs, tracked, circled)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -291,7 +292,7 @@ class Silent:
         """
         self.ignores(name)
         known = self._lines.noted(name, contact)
-        if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
+        if me is None or me.height_m > self._is_over_m:
             return []
         wall = self._lines.of(name, known, me)
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
@@ -334,4 +335,4 @@ class Silent:
             self._lines.drop(name)
             return None
         contact = replace(contact, circled=contact.circled and me.circle is not None)
-        return self._lines.of(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
+        return self._lines.of(name, contact, me)

@@ -540,8 +540,26 @@ def test_who_only_crosses_the_circle_keeps_to_its_own_side(velocity_mps):
         assert peers.receive(message, 0) is None
     hood.around(peers, me)
     assert set(hood.absence.walls) == {"b"}
-    hood.around(peers, replace(me, now_ns=10 * SECOND))
     assert not hood.absence.may_circle
+
+
+def test_the_line_of_two_that_track_ends_when_each_can_be_on_its_own_circle():
+    """It stayed for a minute, in which those that were left stood where it had stopped them, 142 degrees apart.
+
+    Two drones: the next circle is 6 m wider, which takes 3 s and 3 s to settle, a second after they have lost each other.
+    """
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=ON_THE_WAY)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+
+    def parted(now_s, circle=ON_THE_WAY):
+        found = hood.around(peers, replace(me, now_ns=round(now_s * SECOND), circle=circle))
+        assert ("b" in hood.absence.walls) is any(one.plan.away is not None for one in found)
+        return "b" in hood.absence.walls
+
+    assert [parted(now_s) for now_s in (2.0, 6.9, 7.1, 20.0)] == [True, True, False, False]
+    assert [parted(now_s, None) for now_s in (20.0, 59.0, 61.0)] == [True, True, False]  # one that searches meets it anywhere
 
 
 def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
