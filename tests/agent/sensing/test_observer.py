@@ -135,10 +135,27 @@ def test_a_readout_of_seconds_makes_an_entry_that_can_be_sent():
     observer = observer_with(history)
     for tick in range(51):
         history.add(telemetry(START_NS + tick * SECOND // 10, (9999.1, 0.1 * tick, 8.3), Rotation.identity()))
-    (exposure,) = observer.observe(Detections(START_NS, START_NS + 5 * SECOND, 4.9, hits=7))
+    (exposure,) = observer.observe(Detections(START_NS, START_NS + 2 * SECOND, 1.9, hits=7))
     assert len(encode(exposure)) <= 2048
     assert len(exposure.poses) == MOST_POSES
-    assert 4.6 * SECOND < exposure.poses[-1].offset_ns < 5 * SECOND
+    assert 1.8 * SECOND < exposure.poses[-1].offset_ns < 2 * SECOND
+    assert observer.dropped == 0
+    assert observer.observe(Detections(START_NS + 2 * SECOND, START_NS + 5 * SECOND, 2.9, hits=7)) == []  # no log takes it
+    assert observer.dropped == 1
+
+
+def test_no_exposure_is_longer_than_a_log_takes():
+    """What is held is published before a stretch that would make it too long."""
+    history = PoseHistory()
+    observer = observer_with(history)
+    for tick in range(31):
+        history.add(telemetry(START_NS + tick * SECOND // 10, (0.1 * tick, 0.0, 8.3), Rotation.identity()))
+    stretches = [
+        Detections(START_NS + begin * SECOND // 10, START_NS + end * SECOND // 10, 0.1 * (end - begin))
+        for begin, end in pairwise((0, 2, 21))
+    ]
+    exposures = [entry for stretch in stretches for entry in observer.observe(stretch)]
+    assert [(one.end_ns - one.stamp_ns) * 10 // SECOND for one in exposures] == [2, 19]
 
 
 def test_where_a_drone_is_whose_camera_is_silent():
