@@ -17,7 +17,7 @@ from agent.fusion.bayes.doubted import Sure, others
 
 MOST = 3.0  # rejections: more than three in succession
 _REMEMBERED = 8.0  # at most: who is right again counts again half a minute later
-LEAST_OTHERS = 2
+_LEAST_OTHERS = 2
 _TRUSTED = 1.0  # with fewer rejections
 _FADE_NS = 30_000_000_000  # a circle takes 10 to 30 s, and seen from some sides a wrong position changes the counts little
 
@@ -31,16 +31,11 @@ def rejected(rejections: Rejections, vehicle: int, stamp_ns: int) -> Rejections:
     return {**rejections, vehicle: (count, max(stamp_ns, newest_ns))}
 
 
-def contradicted(vehicle: int, stamp_ns: int) -> Rejections:
-    """Those of a vehicle that has been rejected as often as is remembered, of no other one."""
-    return {vehicle: (_REMEMBERED, stamp_ns)}
-
-
 def is_contradicted(rejections: Rejections, sure: Sure, vehicle: int, stamp_ns: int) -> bool:
     """Whether what a vehicle measures is not to count. ``sure``: see ``doubted``."""
     if _faded(rejections, vehicle, stamp_ns) < MOST:
         return False
-    return sum(_faded(rejections, other, stamp_ns) < _TRUSTED for other in others(sure, vehicle, stamp_ns)) >= LEAST_OTHERS
+    return sum(_faded(rejections, other, stamp_ns) < _TRUSTED for other in others(sure, vehicle, stamp_ns)) >= _LEAST_OTHERS
 
 
 def is_disputed(sure: Sure, vehicle: int, stamp_ns: int) -> bool:

@@ -24,12 +24,12 @@ from agent.config.estimators import BayesEstimatorConfig
 from agent.config.mission import MissionConfig
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.contradicted import LEAST_OTHERS, Rejections, contradicted, is_contradicted
-from agent.fusion.bayes.doubted import is_left_out, noted, of_counting, others
+from agent.fusion.bayes.contradicted import is_contradicted
+from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
-from agent.fusion.bayes.search import Grid, Measured, SearchState
+from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.bayes.sight import Scene
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
@@ -47,8 +47,6 @@ _SHIELDED_UNITS = 16  # more, in a track, where buildings are known
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _EVIDENCE_FLOOR = -5.0
-_DISPUTES_S = 1.0  # time between two looks at whether a vehicle alone keeps a search from its end
-_SURENESS = 0.3  # of a source, as a share of what declares it: where others measure, one vehicle alone does not declare it
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
 
 
@@ -88,8 +86,6 @@ class BayesEstimator:
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._tracking = Tracking(self._scene, self._vehicles, config.gain_sigma, beside)
         self._motion = _motion(config)
-        self._disputes_every = max(1, round(_DISPUTES_S / config.grid_s))
-        self._most_influence = math.log(_SURENESS / config.doubt)
 
     def initial(self, start_ns: int | None) -> BayesState:
         """The prior; it does not depend on the mission's start."""
@@ -189,8 +185,6 @@ class BayesEstimator:
         time_s = observation.stamp_ns / _NS
         cones = state.cones + isinstance(observation, ConeObservation)
         search = (state.search or SearchState.prior(self._grid, time_s)).later(self._grid, time_s)
-        vehicle = self._vehicles[observation.identity.drone]
-        by = Measured(vehicle, time_s, self._most_influence, not others(state.sure, vehicle, observation.stamp_ns))
         if isinstance(observation, CountObservation):
             search = search.after_counts(
                 self._grid,
@@ -198,49 +192,28 @@ class BayesEstimator:
                 observation.position,
                 observation.live_time_s,
                 self._scene.response.apart(observation.counts),
-                by,
             )
         else:
-            search = search.after_cone(self._grid, self._scene.response, observation.apex, Orders.of(observation), by)
+            search = search.after_cone(self._grid, self._scene.response, observation.apex, Orders.of(observation))
         known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
         bias_variance = with_variance(known, *self._tracking.errors_of(observation))
         return replace(state, search=search, cones=cones, bias_variance=bias_variance)
 
     def _declared_or_searching(self, state: BayesState, step: GridStep) -> BayesState:
-        """A track if the rule of the initial estimate is met, by all vehicles or without one that contradicts two others; else
-        the search as it is.
-        """
+        """A track if the rule of the initial estimate is met, else the search as it is."""
         search = state.search
-        if search is None or state.bias_variance is None:
+        if search is None or state.bias_variance is None or not search.none <= self._config.doubt:
             return state
-        if self._declares(search):
-            return self._declared(state, search, step, {})
-        if step.index % self._disputes_every:
+        if not search.place(self._grid)[2] <= self._config.declared_rms_m:
             return state
-        for vehicle in self._vehicles.values():
-            if len(others(state.sure, vehicle, step.start_ns)) < LEAST_OTHERS:
-                continue
-            without = search.without(vehicle, self._most_influence)
-            if without is not None and self._declares(without) and without.supporters(self._grid) >= LEAST_OTHERS:
-                return self._declared(state, without, step, contradicted(vehicle, step.start_ns))
-        return state
-
-    def _declares(self, search: SearchState) -> bool:
-        """The rule of the initial estimate."""
-        return search.none <= self._config.doubt and search.place(self._grid)[2] <= self._config.declared_rms_m
-
-    def _declared(self, state: BayesState, search: SearchState, step: GridStep, rejections: Rejections) -> BayesState:
-        """The track that begins with a search."""
-        known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
         return BayesState(
-            track=self._sites(search, of_counting(known, state.sure, step.start_ns)),
+            track=self._sites(search, of_counting(state.bias_variance, state.sure, step.start_ns)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
             recent_evidence=min(search.evidence, EVIDENCE_CAP),
             background=search.background_factor(self._grid),
             sure=state.sure,
-            rejections=rejections,
         )
 
     def _sites(self, search: SearchState, bias_variance: Array) -> Mixture:

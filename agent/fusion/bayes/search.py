@@ -13,10 +13,7 @@ References: agent.fusion.bayes.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +23,6 @@ from shapely import Polygon, contains_xy
 from agent.config.estimators import BayesEstimatorConfig
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
-from agent.fusion.bayes.influence import Influence
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
@@ -44,8 +40,6 @@ _TINY = 1e-30
 _ITERATIONS = 3
 _DISTANCES = 64  # at which the likelihood of counts is computed; between them it is interpolated
 _FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
-_CONTRADICTING = 3.0  # ratio of a mean likelihood to the least one
-_SUPPORTING = 15.0
 _EXCLUDED = 0.05  # posterior odds against H0, relative to prior odds, below which an activity counts as excluded
 
 
@@ -77,23 +71,11 @@ class Grid:
         self.background_prior: Array = prior / prior.sum()
 
 
-class Measured(NamedTuple):
-    """The vehicle of a measurement, and when it measured. limit: of its influence (``influence``); alone: no other one measures,
-    and its influence has none.
-    """
-
-    vehicle: int
-    time_s: float
-    limit: float
-    alone: bool
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
     """The posterior on the grid. weight: (M, A, Y, X) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
 
-    background: (B, A, Y, X) and background_alone: (B,), of the background's levels given those; sums over B are 1. influences: by
-    vehicle, what it has said so far.
+    background: (B, A, Y, X) and background_alone: (B,), of the background's levels given those; sums over B are 1.
     """
 
     time_s: float
@@ -101,7 +83,6 @@ class SearchState:
     none: float
     background: Weights
     background_alone: Array
-    influences: Mapping[int, Influence] = field(default_factory=dict)
 
     @staticmethod
     def prior(grid: Grid, time_s: float) -> SearchState:
@@ -159,9 +140,7 @@ class SearchState:
             modes.append(_blurred(weight, diffusion_m2ps * dt_s / grid.cell_m**2))
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
-    def after_counts(
-        self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array, by: Measured
-    ) -> SearchState:
+    def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
         """Measurement update with an exposure. position: of the camera, mission frame; counts: (2,) k, by channel.
 
             P(k | f, a, cell) by ``counts.fit_rate`` with S = signal(phi(D) exp(a) T), B = f B_0 T and
@@ -193,14 +172,14 @@ class SearchState:
         given_source = by_level.sum(axis=0)
         alone_by_level = self.background_alone * (np.exp(alone - most) + _OUTLIERS)
         given_none = float(alone_by_level.sum())
-        updated = self._reweighted(given_source, given_none, by)
+        updated = self._reweighted(given_source, given_none)
         return replace(
             updated,
             background=by_level / given_source,
             background_alone=alone_by_level / given_none,
         )
 
-    def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders, by: Measured) -> SearchState:
+    def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
         """Measurement update with a cone; apex: mission frame.
 
         weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, delta at the cell's centre, and the angle
@@ -215,49 +194,14 @@ class SearchState:
         directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None, None]
         likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
-        return self._reweighted(likelihood.astype(np.float32), 1.0, by)
+        return self._reweighted(likelihood.astype(np.float32), 1.0)
 
-    def _reweighted(self, given_source: Weights, given_none: float, by: Measured) -> SearchState:
-        """Bayes' rule, with the likelihoods that the vehicle's influence leaves. given_source: (A, Y, X) likelihoods under H1, up
-        to a factor common with given_none, that of H0.
-        """
-        known = self.influences.get(by.vehicle) or Influence(by.time_s)
-        influence, left, left_none = known.after(by.time_s, given_source, given_none, by.limit)
-        if not by.alone:
-            given_source, given_none = left, left_none
+    def _reweighted(self, given_source: Weights, given_none: float) -> SearchState:
+        """Bayes' rule. given_source: (A, Y, X) likelihoods under H1, up to a factor common with given_none, that of H0."""
         weight = self.weight * given_source + np.float32(_TINY)
         none = self.none * given_none + _TINY
         total = float(weight.sum(dtype=np.float64)) + none
-        influences = {**self.influences, by.vehicle: influence}
-        return replace(self, weight=weight / np.float32(total), none=none / total, influences=influences)
-
-    def without(self, vehicle: int, limit: float) -> SearchState | None:
-        """The search without what a vehicle has measured, if that contradicts what the others have: in the mean over their
-        posterior, its likelihood is hardly more than the least that one vehicle's is taken for (``influence``).
-        """
-        influence = self.influences.get(vehicle)
-        if influence is None:
-            return None
-        weight, none = self.weight * np.exp(-influence.applied_source), self.none * math.exp(-influence.applied_none)
-        total = float(weight.sum(dtype=np.float64)) + none
-        most = math.exp(max(float(np.max(influence.applied_source)), influence.applied_none))
-        if 1.0 / total > _CONTRADICTING * most * math.exp(-limit):
-            return None
-        others = {other: one for other, one in self.influences.items() if other != vehicle}
-        return replace(self, weight=weight / np.float32(total), none=none / total, influences=others)
-
-    def supporters(self, grid: Grid) -> int:
-        """How many vehicles have themselves measured what makes the source, where the others have it, ``_SUPPORTING`` times as
-        likely as before the search.
-        """
-        cells, first = self.weight.sum(axis=0), SearchState.prior(grid, self.time_s)
-        total, prior = float(cells.sum(dtype=np.float64)), first.weight.sum(axis=0)
-        count = 0
-        for one in self.influences.values():
-            there = total / float((cells * np.exp(-one.applied_source)).sum(dtype=np.float64))
-            before = float((prior * np.exp(one.applied_source)).sum(dtype=np.float64)) + first.none * math.exp(one.applied_none)
-            count += there > _SUPPORTING * before
-        return count
+        return replace(self, weight=weight / np.float32(total), none=none / total)
 
     def background_factor(self, grid: Grid) -> float:
         """E[f | H1]."""

@@ -11,7 +11,7 @@ from shapely import box
 
 from agent.config.estimators import BayesEstimatorConfig
 from agent.fusion.bayes.response import response_of
-from agent.fusion.bayes.search import Grid, Measured, SearchState
+from agent.fusion.bayes.search import Grid, SearchState
 from agent.terrain.ground import Ground
 
 
@@ -53,12 +53,7 @@ def test_what_is_declared_of_any_activity_is_where_it_says(kit, activity_bq):
         strength = activity_bq / 1e9
         expected = response.signal(response.flux(distance) * strength * 0.5, distance) + response.background_ps * 0.5
         state = state.later(grid, time_s).after_counts(
-            grid,
-            response,
-            tuple(place.tolist()),
-            0.5,
-            rng.poisson(expected).astype(float),
-            Measured(number % 3, time_s, math.log(300.0), alone=False),
+            grid, response, tuple(place.tolist()), 0.5, rng.poisson(expected).astype(float)
         )
         x, y, rms_m = state.place(grid)
         if state.none < config.doubt and rms_m < config.declared_rms_m:
