@@ -3,6 +3,7 @@
 import numpy as np
 
 from sim.faults.network import FaultyRadio
+from sim.faults.poisoners import Poisoners
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
 from sim.faults.tellers import Tellers
@@ -38,7 +39,7 @@ class Pair:
         truth = RadioTruth(delay_s=0.02, jitter_s=0.0, loss=0.0)
         schedule = Schedule((), NAMES, 1)
         self.radio = FaultyRadio(truth, NAMES, np.random.default_rng(1), schedule, 0.05)
-        self.recovery = Recovery("s", NAMES, self.radio, tellers((), schedule, NAMES, ()))
+        self.recovery = Recovery("s", NAMES, self.radio, tellers((), schedule, NAMES, (), Poisoners(schedule, [])))
         self.now_ns = SECOND
 
     def go(self, seconds, poses=True):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.detector.files.calibration import load_calibration
+from agent.detector.files.calibration import load_flight_calibration
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage
@@ -260,9 +260,9 @@ def test_each_drone_has_the_calibration_of_its_own_camera(monkeypatch):
 
     def take(folder):
         slopes.append(np.loadtxt(folder / "a.txt"))
-        return load_calibration(folder)
+        return load_flight_calibration(folder)
 
-    monkeypatch.setattr("agent.sensing.camera.load_calibration", take)
+    monkeypatch.setattr("agent.sensing.camera.load_flight_calibration", take)
     short = {"camera.calibration_spread": 0.05, "source.activity_bq": 1.0, "end.search_s": 1.0}
     fly(override(load_scenario("demo"), short), seed=2)
     assert len(slopes) == 3
