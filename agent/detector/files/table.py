@@ -42,7 +42,7 @@ class Layout:
 
     def is_row(self, text: bytes) -> bool:
         """Whether a line has a whole number in every column."""
-        fields = _fields(text.decode("latin-1").strip("\r\n"), self.delimiter)
+        fields = text.decode("latin-1").strip("\r\n").split(self.delimiter)
         places = [place for place in self.places if place is not None]
         return max(places) < len(fields) and all(fields[place].strip().lstrip("-").isdigit() for place in places)
 
@@ -69,7 +69,7 @@ def find_layout(path: Path, header: bytes, row: bytes) -> Layout:
     first = row.decode("latin-1").strip("\r\n")
     if delimiter is not None and delimiter not in first:
         delimiter = _delimiter(first)
-    if len(_fields(first.strip(), delimiter)) == len(_SHORT):
+    if len(first.strip().split(delimiter)) == len(_SHORT):
         short = tuple(_SHORT.index(column) if column in _SHORT else None for column in range(len(COLUMNS)))
         return Layout(delimiter, short, ("rows of three values: matrix index, ToA and ToT; FToA is taken as 0",))
     return Layout(delimiter, tuple(names.index(name) if name in names else None for name in COLUMNS))
@@ -134,7 +134,3 @@ def _names(text: str, delimiter: str | None) -> list[str]:
     if delimiter is None:  # the one name of two words is found before the blanks separate
         return [name.replace("_", " ") for name in re.sub(r"matrix +index", "matrix_index", text).split()]
     return [name.strip() for name in text.split(delimiter)]
-
-
-def _fields(text: str, delimiter: str | None) -> list[str]:
-    return text.split(delimiter)
