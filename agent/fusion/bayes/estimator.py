@@ -144,7 +144,7 @@ class BayesEstimator:
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
     def mixture(self, state: BayesState, stamp_ns: int) -> Mixture | None:
-        """The Gaussian sum at a later time, of which ``hypothesis`` tells mean and covariance; None where nothing is tracked."""
+        """The Gaussian sum at a later time, as ``hypothesis`` tells it but for the hedge. None without a track."""
         return None if state.track is None else state.track.later(self._motion, stamp_ns / _NS)
 
     def _predicted(self, state: BayesState, step: GridStep) -> BayesState:
