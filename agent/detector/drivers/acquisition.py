@@ -10,22 +10,12 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from agent.detector.files.t3pa import LOST_END
+from agent.detector.delivery import LOST_END, Delivery, Gathering
 from agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
 from agent.detector.readout import PixelHits, Readout
 
 STEP_NS = 20_000_000  # no clock is slewed by so much from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
-
-
-@dataclass(slots=True)
-class Block:
-    """Pixels of one delivery by the camera; ticks from the start of the acquisition."""
-
-    hits: PixelHits
-    lost_hits: int
-    lost_ns: int
-    repaired_hits: int = 0
 
 
 @dataclass(slots=True)
@@ -38,7 +28,7 @@ class Acquisition:
     length_ns: int
     started_ns: int | None = None
     ended_ns: int | None = None
-    blocks: deque[Block] = field(default_factory=deque)
+    blocks: deque[Delivery] = field(default_factory=deque)
     repair: BorderRepair = field(default_factory=BorderRepair)
 
 
@@ -69,7 +59,7 @@ class AcquisitionReader:
         self._clock_ns: int | None = None
         self._current: Acquisition | None = None
         self._start_ns = 0
-        self._lost_ns = 0
+        self._gathering = Gathering()
 
     def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
         """The readouts that are available now; acquisitions that have ended and are read are removed from the left."""
@@ -90,12 +80,12 @@ class AcquisitionReader:
         if self._clock_ns is None:
             self._clock_ns = started_ns
         if acquisition is not self._current:
-            self._current, self._start_ns, self._lost_ns = acquisition, max(started_ns, self._start_ns), 0
+            self._current, self._start_ns, self._gathering = acquisition, max(started_ns, self._start_ns), Gathering()
         blocks = [acquisition.blocks.popleft() for _ in range(len(acquisition.blocks))]
-        offset = round((started_ns - self._clock_ns) * 16 / 25)
-        found = PixelHits.joined(block.hits for block in blocks)
-        hits = replace(found, tick=found.tick + offset)
-        latest_ns = self._clock_ns + int(hits.tick.max()) * 25 // 16 if len(hits) else 0
+        for block in blocks:
+            self._gathering.add(block, round((started_ns - self._clock_ns) * 16 / 25))
+        latest = self._gathering.latest_tick
+        latest_ns = 0 if latest is None else self._clock_ns + latest * 25 // 16
         end_ns = max(latest_ns - MAX_DISORDER_NS, now_ns - HOLD_NS)
         if ended_ns is not None:
             end_ns = min(ended_ns, started_ns + acquisition.length_ns)
@@ -103,14 +93,10 @@ class AcquisitionReader:
         if end_ns == start_ns and not blocks:
             return None
         self._start_ns = end_ns
-        self._lost_ns += sum(block.lost_ns for block in blocks)
-        dead_ns = min(self._lost_ns, end_ns - start_ns)
-        self._lost_ns -= dead_ns
-        lost_hits, repaired = sum(block.lost_hits for block in blocks), sum(block.repaired_hits for block in blocks)
-        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, hits, lost_hits, repaired)
+        return self._gathering.readout(start_ns, end_ns, self._clock_ns)
 
 
-def block_of(columns: list[NDArray[np.int64]], repair: BorderRepair) -> Block:
+def block_of(columns: list[NDArray[np.int64]], repair: BorderRepair) -> Delivery:
     """Pixels from Pixet's ``rawPixels``: matrix index, ToA, overflow, FToA and ToT, each (N,); ``repair``: of the acquisition."""
     index, toa, overflow, ftoa, tot = columns[:5]
     hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
@@ -118,4 +104,4 @@ def block_of(columns: list[NDArray[np.int64]], repair: BorderRepair) -> Block:
     repaired = repair.repaired
     tick = 16 * repair.joined(toa[hit]) - ftoa[hit]
     hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
-    return Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns, repair.repaired - repaired)
+    return Delivery(hits, len(index) - int(np.count_nonzero(hit)), lost_ns, repair.repaired - repaired)

@@ -7,9 +7,10 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
-from agent.detector.files.t3pa import Piece, T3paReader
+from agent.detector.delivery import Gathering
+from agent.detector.files.t3pa import T3paReader
 from agent.detector.files.toa import MAX_DISORDER_NS
-from agent.detector.readout import PixelHits, Readout
+from agent.detector.readout import Readout
 from agent.errors import DetectorError
 
 SLICE_NS = 200_000_000
@@ -71,29 +72,20 @@ def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Ite
     with the line that is not a row of such a file.
     """
     pieces = iter(reader)
+    gathering = Gathering()
     clock_ns: int | None = None
-    held = PixelHits.none()
-    latest_ns, lost_ns, lost_hits, repaired = start_ns, 0, 0, 0
-    piece: Piece | None = None
+    latest_ns, ended = start_ns, False
     while True:
         end_ns = start_ns + slice_ns
-        while clock_ns is None or latest_ns - MAX_DISORDER_NS < end_ns:
+        while not ended and (clock_ns is None or latest_ns - MAX_DISORDER_NS < end_ns):
             piece = next(pieces, None)
-            if piece is None:
-                break
-            lost_ns += piece.lost_ns
-            lost_hits += piece.overflow_rows
-            repaired += piece.repaired
-            if not len(piece.hits):
-                continue
-            if clock_ns is None:
-                clock_ns = start_ns - int(piece.hits.tick.min()) * 25 // 16
-            latest_ns = max(latest_ns, clock_ns + int(piece.hits.tick.max()) * 25 // 16)
-            held = PixelHits.joined((held, piece.hits))
-        if clock_ns is None or (piece is None and not len(held)):
+            ended = piece is None
+            if piece is not None:
+                gathering.add(piece)
+            if gathering.first_tick is not None and gathering.latest_tick is not None:
+                clock_ns = start_ns - gathering.first_tick * 25 // 16 if clock_ns is None else clock_ns
+                latest_ns = clock_ns + gathering.latest_tick * 25 // 16
+        if clock_ns is None or (ended and not gathering):
             return
-        now = held.tick < ((end_ns - clock_ns) * 16 + 24) // 25
-        dead_ns = min(lost_ns, slice_ns)
-        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, held.take(now), lost_hits, repaired)
-        held = held.take(~now)
-        lost_ns, lost_hits, repaired, start_ns = lost_ns - dead_ns, 0, 0, end_ns
+        yield gathering.readout(start_ns, end_ns, clock_ns, later_hits=False)
+        start_ns = end_ns

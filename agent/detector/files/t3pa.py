@@ -9,7 +9,6 @@ each (Advacam's description of its file types).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +16,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.detector.delivery import LOST_END, Delivery, Gathering
 from agent.detector.files.binary import binary_tables, is_binary
 from agent.detector.files.table import CHIP_PIXELS, INDEX, NO_INDEX, OVERFLOW, TOA, Layout, find_layout, parse_rows
 from agent.detector.files.toa import MAX_DISORDER_NS, PERIOD_BITS, BorderRepair, Unwrapper, wraps_in_chip
@@ -24,7 +24,6 @@ from agent.detector.readout import PixelHits, Readout
 from agent.errors import DetectorError
 from agent.inputs import refuse_stream
 
-LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 MAX_UNNUMBERED_ROWS = 5_000_000  # of a file without Index, which is held in memory to be sorted
 _PIECE_BYTES = 1 << 22
 _HEADER_BYTES = 1024
@@ -33,19 +32,6 @@ _MIN_FIRST_BYTES = 1 << 16  # rows among which a counter of 14 bits shows itself
 _PAUSE_TICKS = 16 * 400  # 10 us between two appended measurements, so that no event joins hits of both
 
 Table = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Rows of a part of the file. ``overflow_rows`` are not in ``hits``; ``lost_ns`` is the missing time that they report.
-
-    ``repaired``: hits that were moved to the neighbouring period of the chip's counter.
-    """
-
-    hits: PixelHits
-    overflow_rows: int
-    lost_ns: int
-    repaired: int = 0
 
 
 class T3paReader:
@@ -102,7 +88,7 @@ class T3paReader:
         except OSError as error:
             raise DetectorError(f"{path}: cannot be read: {error.strerror}") from None
 
-    def __iter__(self) -> Iterator[Piece]:
+    def __iter__(self) -> Iterator[Delivery]:
         """Raises DetectorError with the number of the first line that is not a row of such a file."""
         tables = self._tables()
         for table, numbers in tables:
@@ -202,7 +188,7 @@ class T3paReader:
         self.measurements += 1
         self._offset = 0 if self.measurements == 1 or self._chosen is not None else None
 
-    def _piece(self, table: Table, numbers: Table) -> Piece:
+    def _piece(self, table: Table, numbers: Table) -> Delivery:
         hit = table[:, OVERFLOW] == 0
         lost = table[~hit]
         lost_ns = 25 * int(lost[lost[:, 1] == LOST_END, TOA].sum())
@@ -219,7 +205,7 @@ class T3paReader:
             tick += self._offset
             self._latest = max(self._latest, int(tick.max()))
         hits = PixelHits(tick, index.astype(np.uint16), tot.astype(np.uint16))
-        return Piece(hits, len(lost), lost_ns, repaired)
+        return Delivery(hits, len(lost), lost_ns, repaired)
 
 
 def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
@@ -228,24 +214,17 @@ def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
     The detector's clock may have run for long before the measurement began. A readout ends 1 ms before the latest hit read so
     far, because later rows may still contain hits of that time.
     """
+    gathering = Gathering()
     start_ns: int | None = None
-    latest = lost_ns = overflow_rows = repaired = 0
     for piece in reader:
-        lost_ns += piece.lost_ns
-        overflow_rows += piece.overflow_rows
-        repaired += piece.repaired
-        if not len(piece.hits):
+        gathering.add(piece)
+        if gathering.first_tick is None or gathering.latest_tick is None or not len(piece.hits):
             continue
         if start_ns is None:
-            start_ns = clock_ns + int(piece.hits.tick.min()) * 25 // 16
-        latest = max(latest, int(piece.hits.tick.max()) * 25 // 16)
-        end_ns = max(clock_ns + latest - MAX_DISORDER_NS, start_ns)
-        dead_ns = min(lost_ns, end_ns - start_ns)
-        lost_ns -= dead_ns
-        live_s = (end_ns - start_ns - dead_ns) * 1e-9
-        yield Readout(start_ns, end_ns, clock_ns, live_s, piece.hits, overflow_rows, repaired)
-        start_ns, overflow_rows, repaired = end_ns, 0, 0
-    if start_ns is not None:
-        end_ns = max(clock_ns + latest + 1, start_ns)
-        live_ns = max(end_ns - start_ns - lost_ns, 0)
-        yield Readout(start_ns, end_ns, clock_ns, live_ns * 1e-9, PixelHits.none(), overflow_rows, repaired)
+            start_ns = clock_ns + gathering.first_tick * 25 // 16
+        end_ns = max(clock_ns + gathering.latest_tick * 25 // 16 - MAX_DISORDER_NS, start_ns)
+        yield gathering.readout(start_ns, end_ns, clock_ns)
+        start_ns = end_ns
+    if start_ns is not None and gathering.latest_tick is not None:
+        end_ns = max(clock_ns + gathering.latest_tick * 25 // 16 + 1, start_ns)
+        yield gathering.readout(start_ns, end_ns, clock_ns)

@@ -45,5 +45,5 @@ def test_lost_hits_are_marked(tmp_path: Path) -> None:
         T3paWriter(file).write(readout([100, 200], lost=9))
     (piece,) = T3paReader(path)
     assert len(piece.hits) == 2
-    assert piece.overflow_rows == 2
+    assert piece.lost_hits == 2
     assert piece.lost_ns == 75_000_000

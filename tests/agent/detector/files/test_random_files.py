@@ -67,4 +67,4 @@ def test_no_hit_is_lost_no_event_is_split_and_no_two_events_become_one(tmp_path:
         assert len(pairs) == sum(map(len, true)), seed
         assert np.abs(pairs[:, 1] - pairs[:, 0]).max() <= MAX_APART, seed
         assert np.diff(np.sort(pairs[:, 0])).min() > 300, seed
-        assert sum(piece.repaired for piece in pieces) == sum(count for _, count in written), seed
+        assert sum(piece.repaired_hits for piece in pieces) == sum(count for _, count in written), seed

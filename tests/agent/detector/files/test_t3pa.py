@@ -25,7 +25,7 @@ def read(path, **options):
         np.concatenate([piece.hits.tick for piece in pieces]),
         np.concatenate([piece.hits.index for piece in pieces]),
         np.concatenate([piece.hits.tot for piece in pieces]),
-        sum(piece.overflow_rows for piece in pieces),
+        sum(piece.lost_hits for piece in pieces),
         sum(piece.lost_ns for piece in pieces),
     )
 
@@ -255,7 +255,7 @@ def test_a_hit_put_into_the_period_before_joins_its_event_again(path):
         pieces = list(T3paReader(write(path, rows)))
         toa = np.concatenate([piece.hits.tick for piece in pieces]) // 16
         assert (toa - period * BORDER).tolist() == [BORDER - 4, BORDER + 3, 3 * BORDER]
-        assert sum(piece.repaired for piece in pieces) == 1
+        assert sum(piece.repaired_hits for piece in pieces) == 1
 
 
 def test_a_repaired_hit_is_counted_in_the_readouts(path):
