@@ -14,6 +14,7 @@ SENSOR_PIXELS = 256
 PIXEL_PITCH_MM = 0.055
 SENSOR_THICKNESS_MM = 2.0
 SATURATED_TOT = 1022  # the counter of 10 bits is full: the energy is a lower bound
+PAUSE_TICKS = 160  # 250 ns without a hit: longer than any window of an event
 TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
 
 
@@ -67,19 +68,21 @@ class Readout(Struct, frozen=True):
     repaired_hits: int = 0
 
 
-def first_hits(readout: Readout, most: int) -> Readout:
-    """The readout with at most its first ``most`` hits. The others count as lost, and the time from then on as dead time."""
+def shed(readout: Readout, most: int) -> Readout:
+    """The readout up to a time before which there are at most ``most`` hits; the others count as lost.
+
+    The time lies in a pause, so that no event is shed in part; where hits never pause, it is that of the first hit too many.
+    The live time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
+    """
     hits = readout.hits
     if len(hits) <= most:
         return readout
-    cut_ns = readout.clock_ns + int(hits.tick[most]) * 25 // 16
-    seen_ns = min(max(cut_ns - readout.start_ns, 0), readout.end_ns - readout.start_ns)
-    return replace(
-        readout,
-        live_time_s=readout.live_time_s * seen_ns / max(1, readout.end_ns - readout.start_ns),
-        hits=hits.take(slice(most)),
-        lost_hits=readout.lost_hits + len(hits) - most,
-    )
+    tick = np.sort(hits.tick, kind="stable")[: most + 1]
+    pauses = np.flatnonzero(np.diff(tick) > PAUSE_TICKS)
+    kept = hits.take(hits.tick < (tick[pauses[-1] + 1] if len(pauses) else tick[most]))
+    lost = len(hits) - len(kept)
+    live_s = readout.live_time_s * len(kept) / len(hits)
+    return replace(readout, live_time_s=live_s, hits=kept, lost_hits=readout.lost_hits + lost)
 
 
 class Detector(Protocol):

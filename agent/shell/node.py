@@ -23,7 +23,7 @@ import msgspec
 from agent.config.drone import DetectorConfig, DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.drivers import open_detector
-from agent.detector.readout import Detector, first_hits
+from agent.detector.readout import Detector, shed
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.pilot import Pilot
@@ -262,7 +262,7 @@ class Node:
         observe = self._barrier.call("readouts", self._pilot.observe_detector, [])
         async for readout in detector.readouts():
             self._self_report.readout()
-            for key, payload in observe(first_hits(readout, MOST_HITS)):
+            for key, payload in observe(shed(readout, MOST_HITS)):
                 self._publish(key, payload)
 
     async def _see(self, sensor: SightingsFeed) -> None:

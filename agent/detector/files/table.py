@@ -7,6 +7,7 @@ any content, are ignored. Blank lines and a byte order mark are skipped.
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,10 +82,12 @@ def parse_rows(path: Path, layout: Layout, lines: list[bytes], line: int) -> tup
     Raises:
         DetectorError: the first line that is not a row of whole numbers, or whose numbers are out of range.
     """
-    numbers = np.arange(line, line + len(lines))
-    if not all(map(bytes.strip, lines)):
-        full = [k for k, text in enumerate(lines) if text.strip()]
-        lines, numbers = [lines[k] for k in full], numbers[full]
+    return _parse(path, layout, lines, np.arange(line, line + len(lines)))
+
+
+def _parse(
+    path: Path, layout: Layout, lines: list[bytes], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     table = np.zeros((len(lines), len(COLUMNS)), np.int64)
     table[:, INDEX] = NO_INDEX
     if not lines:
@@ -92,11 +95,16 @@ def parse_rows(path: Path, layout: Layout, lines: list[bytes], line: int) -> tup
     present = [column for column, place in enumerate(layout.places) if place is not None]
     places = [place for place in layout.places if place is not None]
     try:
-        read = np.loadtxt(lines, np.int64, delimiter=layout.delimiter, comments=None, ndmin=2, usecols=places)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # nothing but blank lines
+            read = np.loadtxt(lines, np.int64, delimiter=layout.delimiter, comments=None, ndmin=2, usecols=places)
     except (ValueError, OverflowError):
-        raise _broken(path, layout, lines, numbers) from None
+        read = np.empty((0, 0), np.int64)
     if len(read) != len(lines):
-        raise _broken(path, layout, lines, numbers)
+        full = [k for k, text in enumerate(lines) if text.strip()]
+        if len(full) == len(lines):
+            raise _broken(path, layout, lines, numbers)
+        return _parse(path, layout, [lines[k] for k in full], numbers[full])
     table[:, present] = read
     check_ranges(path, table, numbers)
     return table, numbers

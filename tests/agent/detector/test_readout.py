@@ -8,10 +8,12 @@ from detector_feed import readout_at
 
 from agent.config.mission import DetectionConfig
 from agent.detector.chain import DetectorChain
+from agent.detector.clustering import cluster_many
 from agent.detector.files.calibration import Calibration
-from agent.detector.readout import PixelHits, Readout, first_hits
+from agent.detector.readout import PixelHits, Readout, shed
 from agent.shell.node import MOST_HITS
 from agent.shell.problems import LATE_STEP_S
+from benchmarks.detector import COINCIDENCES, synthetic_hits
 
 END_NS = 1_800_000_000_000_000_000
 
@@ -25,7 +27,7 @@ def flooded(count: int) -> Readout:
 
 
 def test_the_time_of_the_hits_that_are_left_out_is_dead() -> None:
-    cut = first_hits(flooded(1000), 250)
+    cut = shed(flooded(1000), 250)
     assert len(cut.hits) == 250
     assert cut.hits.tick[-1] == flooded(1000).hits.tick[249]
     assert cut.live_time_s == pytest.approx(0.18 / 4, abs=1e-6)
@@ -33,15 +35,47 @@ def test_the_time_of_the_hits_that_are_left_out_is_dead() -> None:
     assert (cut.start_ns, cut.end_ns) == (END_NS - 200_000_000, END_NS)
 
 
+@pytest.mark.parametrize(("dose_msv_h", "slices"), [(1.0, 8), (10.0, 6), (100.0, 4)])
+def test_near_a_strong_source_whole_events_are_shed_and_the_live_time_says_so(dose_msv_h: float, slices: int) -> None:
+    """Cs-137: 75 photons/cm2/s per uSv/h, of which 9 % interact in 2 cm2 of CdTe; the camera reads out 2.35 M hits/s."""
+    rng = np.random.default_rng(5)
+    events_per_s = 1000.0 * dose_msv_h * 75.0 * 2.0 * 0.09
+    capacity = 470_000
+    span_s = min(0.2, 1.3 * capacity / 10.0 / events_per_s)
+    counted, live_s = 0, 0.0
+    for _ in range(slices):
+        hits = synthetic_hits(round(events_per_s * span_s), rng, 1e9 / events_per_s)
+        everything = len(hits) * 0.2 / span_s
+        hits = hits.take(slice(capacity))
+        seen_s = 0.2 * min(1.0, capacity / everything)
+        readout = Readout(0, 200_000_000, 0, seen_s, hits, max(0, round(everything) - capacity))
+        kept = shed(readout, MOST_HITS)
+        assert 0.9 * MOST_HITS < len(kept.hits) <= MOST_HITS
+        assert kept.lost_hits == readout.lost_hits + len(hits) - len(kept.hits)
+        assert events_of(kept.hits) <= events_of(hits)
+        chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
+        for part in (chain.process(kept), chain.flush()):
+            counted += part.hits
+            live_s += part.live_time_s
+    assert counted / live_s == pytest.approx((1.0 + COINCIDENCES) * events_per_s, rel=0.05)
+
+
+def events_of(hits: PixelHits) -> set[tuple[int, int, float]]:
+    """The clusters by their first tick, number of pixels and energy."""
+    hits = hits.take(np.argsort(hits.tick, kind="stable"))
+    found = cluster_many(hits, Calibration.nominal().energy_kev(hits.index, hits.tot), 64.0)
+    return set(zip(found.tick.tolist(), found.pixels.tolist(), np.round(found.energy_kev, 6).tolist(), strict=True))
+
+
 def test_an_ordinary_readout_is_left_as_it_is() -> None:
     readout = readout_at(END_NS, 250)
-    assert first_hits(readout, 250) is readout
+    assert shed(readout, 250) is readout
 
 
 def test_a_flood_does_not_keep_the_loop_from_its_steps() -> None:
     chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
     began_s = time.process_time()
-    chain.process(first_hits(flooded(1_000_000), MOST_HITS))
+    chain.process(shed(flooded(1_000_000), MOST_HITS))
     assert time.process_time() - began_s < LATE_STEP_S
     assert chain.lost_hits >= 1_000_000 - MOST_HITS
 
