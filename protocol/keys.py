@@ -36,6 +36,11 @@ def drone_key(swarm: str, drone: str, kind: str) -> str:
     return f"{ROOT}/{_identifier(swarm, 'swarm')}/{_identifier(drone, 'drone')}/{kind}"
 
 
+def log_query_key(swarm: str, drone: str, asker: str) -> str:
+    """Key of a query of a drone's log: the certificate of ``asker`` permits this key only. ``station``: any operator."""
+    return f"{drone_key(swarm, drone, 'log')}/{_identifier(asker, 'asker')}"
+
+
 def command_key(swarm: str, station: str) -> str:
     """Key of an operator's commands."""
     return station_key(swarm, station, "command")

@@ -1,4 +1,6 @@
-"""Answers to the log queries of peers: a bounded share of the event loop's time, and sent in threads of their own."""
+"""Answers to the log queries of peers: a bounded share of the event loop's time, a budget of bytes for each drone and one for all
+operators together, and sent in threads of their own.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,14 @@ import zenoh
 
 from protocol.bucket import Bucket
 from protocol.mesh.link import in_thread
+from protocol.units import STATION
 
 SHARE = 0.1  # of the loop's time goes into answers at most, however often somebody asks
 MOST = 8  # queries answered at the same time
+MAX_DRONE_BPS, MAX_DRONE_BURST = 2e6, 4e6  # bytes; a drone whose log is empty takes in 1.2 MB/s (``inbox.ANSWERED_PER_S``)
+MAX_OPERATORS_BPS, MAX_OPERATORS_BURST = 0.5e6, 4e6  # of all stations; what is published reaches them anyway
+MAX_REFUSED_PS, MAX_REFUSED_BURST = 1.0, 5.0  # before a problem is told: a member that gets no answer waits two seconds
+TOLD_S = 10.0  # after the last refusal
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
 
@@ -25,17 +32,32 @@ class Answers:
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
         self._credit_s = Bucket(SHARE, SHARE, loop.time())
+        self._budgets: dict[str, Bucket] = {}  # bytes, by asker
+        self._refusals: dict[str, Bucket] = {}
 
-    def reply(self, query: zenoh.Query) -> None:
-        """Answer a query, in the loop's thread; failures are counted."""
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """The askers whose budget is spent and that go on asking, one line each."""
+        now_s = self._loop.time()
+        crowding = [asker for asker, refusals in self._refusals.items() if refusals.left(now_s) < 0.0]
+        return tuple(f"{'an operator' if asker == STATION else asker} asks for too much of the log" for asker in crowding)
+
+    def reply(self, query: zenoh.Query, asker: str) -> None:
+        """Answer a query, in the loop's thread; failures are counted. ``asker``: a drone's id, or ``STATION``."""
         replies: list[tuple[str, bytes]] = []
         begun_s = self._loop.time()
-        if self._sending >= MOST or self._credit_s.left(begun_s) <= 0.0:
+        budget = self._budget(asker, begun_s)
+        if budget.left(begun_s) <= 0.0:
+            self._counters["log_answer_refused"] += 1
+            if self._refusals[asker].left(begun_s) > -TOLD_S * MAX_REFUSED_PS:
+                self._refusals[asker].charge(1.0)
+        elif self._sending >= MOST or self._credit_s.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
         else:
             try:
                 replies = self._answer(query.payload.to_bytes() if query.payload is not None else b"")
                 self._counters["log_answered"] += 1
+                budget.charge(sum(len(payload) for _, payload in replies))
             except Exception:
                 self._counters["log_answer_failed"] += 1
             self._credit_s.charge(self._loop.time() - begun_s)
@@ -47,6 +69,13 @@ class Answers:
 
         self._sending += 1
         in_thread(send).add_done_callback(self._sent)
+
+    def _budget(self, asker: str, now_s: float) -> Bucket:
+        if asker not in self._budgets:
+            bounds = (MAX_OPERATORS_BPS, MAX_OPERATORS_BURST) if asker == STATION else (MAX_DRONE_BPS, MAX_DRONE_BURST)
+            self._budgets[asker] = Bucket(*bounds, now_s)
+            self._refusals[asker] = Bucket(MAX_REFUSED_PS, MAX_REFUSED_BURST, now_s)
+        return self._budgets[asker]
 
     def _sent(self, sending: asyncio.Future[None]) -> None:
         self._sending -= 1

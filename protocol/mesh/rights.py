@@ -15,8 +15,9 @@ from protocol.units import STATION
 
 _PREFIX = "radron/*"  # of every version of the protocol: others must be seen to be named
 _VERSIONS = range(1, 10)  # whose liveliness tokens are taken: with a wildcard, a member could have its peers keep any number
-_READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query")
+_READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 LOG_QUERIES_PER_S = 20.0  # of a peer, 50 ms apart; an honest one asks every 0.2 s at most
+MAX_CACHE_QUERIES_PER_S = 5.0  # of a peer and a kind of entries; a query that is dropped leaves its entries to the log query
 COMMANDS_PER_S = 50.0  # of a peer and kind, under whatever names; an operator repeats one every second
 _PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
 
@@ -26,10 +27,10 @@ def access_control(
 ) -> dict[str, object]:
     """Zenoh's ``access_control`` settings of one session.
 
-    Everybody in the swarm may subscribe, query, send what looks like a command or an upload, and answer for the mission of a
-    station, whose parts are known by their hashes. A drone besides publishes under its own name, and answers queries with entries
-    of all. (A rule that denies would not help: of several subjects that fit a peer, Zenoh takes the one that allows. So nobody
-    gets more than is listed here.)
+    Everybody in the swarm may subscribe, query logs as an operator, send what looks like a command or an upload, and query and
+    answer the mission of a station, whose parts are known by their hashes. A drone besides publishes and queries logs under its
+    own name, queries the caches of entries, and answers queries with entries of all. (A rule that denies would not help: of
+    several subjects that fit a peer, Zenoh takes the one that allows. So nobody gets more than is listed here.)
 
     Args:
         swarm: its name.
@@ -39,22 +40,26 @@ def access_control(
     """
     own = f"{_PREFIX}/{swarm}"
     rules = [
-        _rule("send", "egress", (*_READ, *_PUBLISH), f"{own}/**"),
+        _rule("send", "egress", (*_READ, "query", *_PUBLISH), f"{own}/**"),
         _rule("read", "ingress", _READ, f"{own}/**"),
         _rule("command", "ingress", ("put",), *(f"{own}/{STATION}/*/{kind}" for kind in STATION_KINDS)),
-        _rule("mission", "ingress", ("reply", "declare_queryable"), f"{own}/{STATION}/*/mission"),
+        _rule("mission", "ingress", ("query", "reply", "declare_queryable"), f"{own}/{STATION}/*/mission"),
+        _exactly("logs", ("query",), f"{own}/*/log/{STATION}"),
+        _exactly("caches", ("query",), *(f"{own}/*/{kind}/@adv/**" for kind in ENTRY_KINDS)),
         _rule("answer", "ingress", ("reply",), *(f"{own}/*/{kind}" for kind in ENTRY_KINDS)),
         _rule("news", "ingress", _PUBLISH, f"{own}/**"),
     ]
-    basic = ["send", "read", "command", "mission", *(["news"] if drones is None else [])]
+    basic = ["send", "read", "command", "mission", "logs", *(["news"] if drones is None else [])]
     members = [name for name in drones or () if name not in revoked]
     for name in members:
         rules.append(_rule(f"{name} publishes", "ingress", ("put", "delete", "reply"), f"{own}/{name}/**"))
         tokens = [f"radron/{version}/{swarm}/{name}/alive" for version in _VERSIONS]
         rules.append(_exactly(f"{name} is there", ("liveliness_token",), *tokens))
         caches = [f"{ROOT}/{swarm}/{name}/{kind}/@adv/**" for kind in ENTRY_KINDS]
-        rules.append(_exactly(f"{name} answers", ("declare_queryable",), f"{ROOT}/{swarm}/{name}/log", *caches))
-    grants = {name: [*basic, "answer", f"{name} publishes", f"{name} is there", f"{name} answers"] for name in members}
+        rules.append(_exactly(f"{name} answers", ("declare_queryable",), f"{ROOT}/{swarm}/{name}/log/*", *caches))
+        rules.append(_exactly(f"{name} asks", ("query",), f"{own}/*/log/{name}"))
+    own_rights = ("publishes", "is there", "answers", "asks")
+    grants = {name: [*basic, "answer", "caches", *(f"{name} {right}" for right in own_rights)] for name in members}
     if others is not None:
         grants |= {name: basic for name in others if name not in revoked and name not in grants}
     subjects: list[dict[str, object]] = [{"id": name, "cert_common_names": [name]} for name in grants]
@@ -66,17 +71,18 @@ def access_control(
 
 
 def limits(swarm: str) -> list[dict[str, object]]:
-    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can command, and query a log.
+    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can command, and query logs and caches.
 
     What comes sooner is dropped in Zenoh's own threads: whatever gets further takes time of the agent's event loop, commands
     first, and a flood would keep it from its steps and from the news of the others. News and entries are the inbox's to bound:
     after a stall several come at once, and the newest counts.
     """
     commands = [{"key_expr": f"{_PREFIX}/{swarm}/{STATION}/*/{kind}", "freq": COMMANDS_PER_S} for kind in STATION_KINDS]
-    queries = [{"key_expr": f"{_PREFIX}/{swarm}/*/log", "freq": LOG_QUERIES_PER_S}]
+    queries = [{"key_expr": f"{_PREFIX}/{swarm}/*/log/*", "freq": LOG_QUERIES_PER_S}]
+    queries += [{"key_expr": f"{_PREFIX}/{swarm}/*/{kind}/@adv/**", "freq": MAX_CACHE_QUERIES_PER_S} for kind in ENTRY_KINDS]
     return [
         {"id": "commands", "flows": ["ingress"], "messages": ["put", "delete"], "rules": commands},
-        {"id": "queries of logs", "flows": ["ingress"], "messages": ["query"], "rules": queries},
+        {"id": "queries", "flows": ["ingress"], "messages": ["query"], "rules": queries},
     ]
 
 

@@ -18,7 +18,7 @@ from zenoh.handlers import Callback
 
 from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import MeshError, ProtocolError
-from protocol.keys import ROOT, drone_key, parse_key, read_token, station_key, token_keys
+from protocol.keys import ROOT, drone_key, log_query_key, parse_key, read_token, station_key, token_keys
 from protocol.mesh.answers import Answer, Answers
 from protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
 from protocol.mesh.joining import session_of
@@ -164,9 +164,10 @@ class Mesh:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Publishers that flood the mesh, or are two, one line each; and that there is no session."""
+        """Publishers that flood the mesh or are two, askers that crowd it, one line each; and that there is no session."""
         shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
-        return shut + self._inbox.problems
+        asked = () if self._answers is None else self._answers.problems
+        return shut + self._inbox.problems + asked
 
     def publish(self, key: str, payload: bytes) -> None:
         """Send a message, or drop it on congestion; never blocks, never fails because of the network.
@@ -229,7 +230,7 @@ class Mesh:
         await self._pace.turn(drone)
         self._count("log_asked")
         try:
-            await query(session, drone_key(self._swarm, drone, "log"), payload, ASK_S, take, failed)
+            await query(session, log_query_key(self._swarm, drone, self._drone or STATION), payload, ASK_S, take, failed)
         except (TimeoutError, zenoh.ZError):
             self._count("log_ask_failed")
         return replies
@@ -275,7 +276,10 @@ class Mesh:
         for place, origin in origins.items():
             key = f"{ROOT}/{self._swarm}/{place}"
             self._declared.append(session.declare_subscriber(key, on_sample, allowed_origin=origin))
-        history = ext.HistoryConfig(max_samples=CACHE_ENTRIES) if self._drone is not None else None
+        history = recovery = None  # operators have the log query alone: caches answer without bounds
+        if self._drone is not None:
+            history = ext.HistoryConfig(max_samples=CACHE_ENTRIES)
+            recovery = ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
         for kind in ENTRY_KINDS:
             subscriber = ext.declare_advanced_subscriber(
                 session,
@@ -283,7 +287,7 @@ class Mesh:
                 on_sample,
                 allowed_origin=Locality.REMOTE,
                 history=history,
-                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                recovery=recovery,
             )
             missed = subscriber.sample_miss_listener(Callback(self._take_miss, indirect=False))
             self._declared += [subscriber, missed]
@@ -296,7 +300,7 @@ class Mesh:
             key = drone_key(self._swarm, self._drone, kind)
             self._publishers[key] = self._publisher(key, session)
         if self._answers is not None:
-            key = drone_key(self._swarm, self._drone, "log")
+            key = f"{drone_key(self._swarm, self._drone, 'log')}/*"
             self._declared.append(session.declare_queryable(key, Callback(self._take_query, indirect=False)))
         self._declared.append(liveliness.declare_token(drone_key(self._swarm, self._drone, "alive")))
 
@@ -338,8 +342,11 @@ class Mesh:
             self._to_loop(self._presence.take, key, sample.kind == zenoh.SampleKind.PUT)
 
     def _take_query(self, query: zenoh.Query) -> None:
+        asker = str(query.key_expr).rpartition("/")[2]
+        if self._members is not None and asker not in self._members:
+            asker = STATION
         if self._answers is not None:
-            self._to_loop(self._answers.reply, query)
+            self._to_loop(self._answers.reply, query, asker)
 
     def _to_loop(self, call: Callable[..., object], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed

@@ -25,12 +25,13 @@ from protocol.entries import Credential
 from protocol.errors import ProtocolError
 from protocol.identity import Identity, Role, load_identity
 from protocol.issuing import Issuer, write_identity
-from protocol.keys import drone_key, key_of
+from protocol.keys import key_of, log_query_key
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage, Status
 from protocol.signing import sign_entries, sign_status
 from protocol.summary import Held, encode_summary
 from protocol.trust import trust_of
+from protocol.units import STATION
 
 BOOT = "2" * 16
 
@@ -193,7 +194,7 @@ def test_a_stolen_drone_does_not_tell_up_to_where_its_own_entries_count(folder: 
                 receive=lambda *_: None,
             )
             stack.push_async_callback(thief.close)
-            session, asked_of = thief._session, drone_key(MISSION.swarm, "d1", "log")
+            session, asked_of = thief._session, log_query_key(MISSION.swarm, "d1", STATION)
             forging = session.declare_queryable(asked_of, lambda query: query.reply(asked_of, endless))
             stack.callback(forging.undeclare)
             pilot = await stack.enter_async_context(flying(load_identity(folder / "d1"), request.connect[0]))

@@ -7,13 +7,15 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
+import zenoh
 from encrypted import QUIET_S, endpoint, heard, joined, swarm
 from meshes import SWARM, until
 from zenoh.handlers import Callback
 
 from protocol.identity import Role, load_identity
-from protocol.keys import ROOT, command_key, drone_key
+from protocol.keys import ROOT, command_key, drone_key, log_query_key
 from protocol.messages import DRONE_KINDS
+from protocol.units import STATION
 
 
 def test_a_drone_publishes_under_its_own_name_only(folder: Path) -> None:
@@ -128,6 +130,31 @@ def test_a_drone_answers_for_its_own_log_only(folder: Path) -> None:
                 declared.undeclare()
 
     asyncio.run(course())
+
+
+def test_the_log_is_queried_under_the_own_name_and_caches_by_drones_only(folder: Path) -> None:
+    """So that the budget of a drone is its own, and operators draw no more than theirs."""
+
+    async def course() -> None:
+        async with AsyncExitStack() as stack:
+            d1, d2, observer = await swarm(folder, stack, "d1", "d2", "observer")
+            await heard(lambda: d1.publish("cone", b"x"), d2, observer)
+            cache = f"{ROOT}/{SWARM}/d1/cone/@adv/**"
+            ways = {STATION: log_query_key(SWARM, "d1", STATION), "d2": log_query_key(SWARM, "d1", "d2"), "cache": cache}
+            got = {}
+            for one in (d2, observer):
+                for way, key in ways.items():
+                    await asyncio.sleep(QUIET_S)  # what comes sooner is dropped
+                    got[one.drone, way] = await asyncio.to_thread(_replies, one.mesh._session, key)
+            assert {asked for asked, replies in got.items() if replies} == {
+                ("d2", STATION), ("d2", "d2"), ("d2", "cache"), (None, STATION)
+            }  # fmt: skip
+
+    asyncio.run(course())
+
+
+def _replies(session: zenoh.Session, key: str) -> int:
+    return len([reply for reply in session.get(key, timeout=1.0, accept_replies=zenoh.ReplyKeyExpr.ANY) if reply.ok is not None])
 
 
 def test_a_message_goes_over_one_link_so_that_nobody_can_pass_on_what_another_one_never_said(folder: Path) -> None:
