@@ -1,5 +1,9 @@
 """Vehicles that the others contradict: the innovation gate rejects their exposures again and again, and passes those of others.
 
+Cones have no gate: a cone costs its vehicle as many rejections as it makes the source less likely (log Bayes factor, over
+``CONE_NATS``), and one that points to the source takes them back, down to none (a CUSUM test [Page 1954]). Of true cones a sum of
+``MOST * CONE_NATS`` = 18 comes once in e^18.
+
 Such a vehicle has a wrong position, as where its satellites are slowly spoofed, or a camera that counts wrongly. One exposure
 that passes the gate by chance can then move the source by metres: of five vehicles one was spoofed by 8 m, passed close by the
 source, and the track followed it for two seconds (``radron-sim faults --seed 1430388 --runs 1``). So what it measures is left
@@ -16,6 +20,7 @@ from collections.abc import Mapping
 from agent.fusion.bayes.doubted import Sure, others
 
 MOST = 3.0  # rejections: more than three in succession
+CONE_NATS = 6.0
 _REMEMBERED = 8.0  # at most: who is right again counts again half a minute later
 _LEAST_OTHERS = 2
 _TRUSTED = 1.0  # with fewer rejections
@@ -24,10 +29,10 @@ _FADE_NS = 30_000_000_000  # a circle takes 10 to 30 s, and seen from some sides
 Rejections = Mapping[int, tuple[float, int]]  # by vehicle, how many there were, faded, up to the newest, and its stamp
 
 
-def rejected(rejections: Rejections, vehicle: int, stamp_ns: int) -> Rejections:
-    """``rejections``, with that of one more exposure."""
+def rejected(rejections: Rejections, vehicle: int, stamp_ns: int, more: float = 1.0) -> Rejections:
+    """``rejections``, with that of one more exposure, or with ``more`` of a cone; negative: the cone points to the source."""
     _, newest_ns = rejections.get(vehicle, (0.0, stamp_ns))
-    count = min(_faded(rejections, vehicle, stamp_ns) + 1.0, _REMEMBERED)
+    count = min(max(_faded(rejections, vehicle, stamp_ns) + more, 0.0), _REMEMBERED)
     return {**rejections, vehicle: (count, max(stamp_ns, newest_ns))}
 
 

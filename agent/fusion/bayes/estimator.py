@@ -24,7 +24,6 @@ from agent.config.estimators import BayesEstimatorConfig
 from agent.config.mission import MissionConfig
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.contradicted import is_contradicted
 from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
@@ -129,11 +128,7 @@ class BayesEstimator:
             activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + _AREA_VARIANCE) ** 0.5,
             evidence=state.evidence,
             sights=Sights(self._vehicles, mean, covariance, self._ground),
-            contradicted=tuple(
-                drone
-                for drone, vehicle in self._vehicles.items()
-                if is_contradicted(state.rejections, state.sure, vehicle, step.middle_ns)
-            ),
+            contradicted=tuple(drone for drone, vehicle in self._vehicles.items() if state.leaves_out(vehicle, step.middle_ns)),
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from agent.frames.transform import Transform
-from agent.fusion.bayes.contradicted import Rejections
+from agent.fusion.bayes.contradicted import Rejections, is_contradicted
 from agent.fusion.bayes.doubted import Sure
 from agent.fusion.bayes.exposed import Exposed
 from agent.fusion.bayes.mixture import Mixture
@@ -23,8 +23,8 @@ class BayesState(Struct, frozen=True, eq=False):
     relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
     observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
     waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``;
-    rejections: see ``contradicted``. moments: mean and covariance of the track after the step, for the hypotheses until the next
-    one.
+    rejections, contrary: of exposures and by cones, see ``contradicted``. moments: mean and covariance of the track after the
+    step, for the hypotheses until the next one.
     """
 
     search: SearchState | None = None
@@ -39,4 +39,9 @@ class BayesState(Struct, frozen=True, eq=False):
     waiting: Mapping[int, Exposed] = {}
     sure: Sure = {}
     rejections: Rejections = {}
+    contrary: Rejections = {}
     moments: tuple[Array, Array] | None = None
+
+    def leaves_out(self, vehicle: int, stamp_ns: int) -> bool:
+        """Whether what a vehicle measures is not to count, as the others contradict it."""
+        return any(is_contradicted(found, self.sure, vehicle, stamp_ns) for found in (self.rejections, self.contrary))

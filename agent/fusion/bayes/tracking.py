@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.contradicted import is_contradicted, is_disputed, rejected
+from agent.fusion.bayes.contradicted import CONE_NATS, is_disputed, rejected
 from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import GAIN
@@ -47,7 +47,7 @@ class Tracking:
         is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
         waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
         state = replace(state, frames=frames, waiting=waiting)
-        contradicted = is_contradicted(state.rejections, state.sure, vehicle, observation.stamp_ns)
+        contradicted = state.leaves_out(vehicle, observation.stamp_ns)
         if isinstance(observation, CountObservation):
             exposed = self._exposed(state, vehicle, observation)
             if contradicted:
@@ -58,7 +58,8 @@ class Tracking:
             return replace(state, track=track)
         age_s = (step.start_ns - observation.stamp_ns) / _NS
         after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
-        return _gained(replace(state, cones=state.cones + 1), *after)
+        contrary = rejected(state.contrary, vehicle, observation.stamp_ns, -after[1] / CONE_NATS)
+        return _gained(replace(state, cones=state.cones + 1, contrary=contrary), *after)
 
     def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
         response = self._scene.response

@@ -49,6 +49,25 @@ def test_who_is_right_again_counts_again(kit, off):
     assert left_out(108) == ()
 
 
+@pytest.mark.parametrize(("drones", "left_out"), [(("a", "b", "c"), {("c",), ()}), (("a", "c"), {()})])
+def test_of_three_one_with_a_thousand_cones_that_point_nowhere_is_left_out(kit, drones, left_out):
+    """As somebody with c's key sent them: the swarm lost its source within 2 s, and went home."""
+    mission = kit.mission_of(drones)
+    entries = list(entries_of(kit, mission, np.random.default_rng(5), 50.0, lambda _: SOURCE, 3e9))
+    up, many = (0.0, 0.0, 1.0), np.linspace(40.0, 44.0, 1_000)
+    place = (*(SOURCE + 6.0), 3.0)
+    entries += [
+        kit.cone_entry(mission, time_s, place, up, 0.3, drone="c", sequence=number, boot="b" * 16)
+        for number, time_s in enumerate(many)
+    ]
+    found = hypotheses(kit, mission, sorted(entries, key=kit.since_s), 50.0)
+    assert {told.contradicted for time_s, told in found if time_s > 40.0} == left_out
+    if len(drones) > 2:
+        times = [time_s for time_s, _ in found if time_s > 40.0]
+        assert np.diff(times).max() < 0.6  # the track goes on
+        assert np.linalg.norm(errors_of([one for one in found if one[0] > 41.0], lambda _: SOURCE), axis=-1).max() < 1.0
+
+
 def left_out_of(kit, far_m):
     """A source leaps by so much, at 6 m/s from 40 s on, while three cameras circle where it was: time, drones left out, error."""
     mission = kit.mission_of()
