@@ -13,7 +13,7 @@ _MOST_CALLS = 40  # where time stands still, as after the flight
 _CALL_NS = 20_000_000  # so long does a call last at least: no agent makes more, and where time stands still the quotas do not
 # Of each drone: its late entries may have so many seconds of the log computed again at once, and so many in a second. A batch
 # counts as a minute at most. After a partition, or the start of an agent in flight, a drone's late entries are one batch or two.
-_QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 180.0, 4.0, 60.0
+_QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 120.0, 4.0, 60.0
 
 
 class Batches:
