@@ -229,13 +229,15 @@ async def _send_until_done(
     """Send a command again and again, until it lapses: copies have the same stamp, nonces and numbers.
 
     One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
-    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle.
+    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle. One that is landing gets
+    ``land`` once: on the ground its agent disarms then.
     """
     statuses, obeyed = tickets.statuses, set[str]()
+    to_disarm = {name for name in tickets.drones if (order.action, statuses[name].stage) == (Action.LAND, Stage.LANDING)}
     due_s, stamp_ns = 0.0, time.time_ns()
     while True:
         addressed = [name for name in tickets.drones if name not in withdrawn]
-        waiting = [name for name in addressed if statuses[name].stage not in _DONE[order.action]]
+        waiting = [name for name in addressed if name in to_disarm or statuses[name].stage not in _DONE[order.action]]
         obeyed.update(name for name in addressed if name not in waiting)
         if not waiting:
             return
@@ -250,5 +252,6 @@ async def _send_until_done(
                 if to := tickets.to(names):
                     message = _message(order.action, trust, stamp_ns, mission, to)
                     mesh.publish(key_of(order.swarm, message), encode(message))
+                    to_disarm -= to.keys()
                     await asyncio.sleep(PAUSE_S)
         await asyncio.sleep(0.05)

@@ -244,6 +244,13 @@ def test_a_drone_that_a_pilot_has_taken_over_while_it_landed_is_not_told_to_land
     assert len(d2.commands) > 1
 
 
+def test_land_once_more_reaches_a_drone_that_is_landing_as_it_disarms_there() -> None:
+    d1 = Drone("d1")
+    d1.stage = Stage.LANDING
+    assert order(Action.LAND, d1)[-1] == "land: d1 landing"
+    assert [command.action for command in d1.commands] == [Action.LAND]
+
+
 @pytest.mark.parametrize("ahead_s", [-8.0, 8.0])
 def test_a_drone_whose_clock_is_off_can_be_commanded_all_the_same(ahead_s: float) -> None:
     assert order(Action.HOLD, Drone("d1", ahead_s=ahead_s))[-1] == "hold: d1 hold"
