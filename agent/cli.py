@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from agent import version
-from agent.commands import command, doctor, preflight, revoke, run, status, upload, watch
+from agent.commands import ConfigOption, command, doctor, preflight, revoke, run, status, upload, watch
 from agent.terminal import run_command
 
 _HELP = "One drone of the swarm, on board."
@@ -83,6 +83,44 @@ def inspect(
     from agent.detector.inspection_page import run_inspect  # noqa: PLC0415
 
     run_inspect(T3paReader(file, toa_bits, measurement=measurement, chip=chip), calibration, png, json)
+
+
+@app.command()
+def calibrate(
+    facing: Annotated[
+        list[str],
+        typer.Option(
+            metavar="BEARING[,ELEVATION][=FILE]",
+            help="Direction of the source, degrees clockwise from the nose and above the vehicle's horizon, at least three; "
+            "with a file for each, or measured with the camera.",
+        ),
+    ],
+    activity: Annotated[float, typer.Option(metavar="BQ", help="The source's activity.")],
+    distance: Annotated[float, typer.Option(metavar="M", help="From the source to the camera.")],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="The camera's folder of calibrations, with their history.")],
+    config: ConfigOption,
+    nuclide: Annotated[str, typer.Option(help="The source's nuclide.")] = "Cs-137",
+    background: Annotated[
+        Path | None, typer.Option(metavar="FILE.t3pa", help="A recording without the source.", show_default="measured first")
+    ] = None,
+) -> None:
+    """Calibrate this drone's camera with a known source: gain, drift time, pixels, orientation on the vehicle, background.
+
+    Exit code 0: usable; 1: not usable, and why; 2: it could not be measured.
+    """
+    import os  # noqa: PLC0415
+    from datetime import UTC, datetime  # noqa: PLC0415
+
+    from agent.calibration.command import Order, parse_facings, run_calibrate  # noqa: PLC0415
+    from agent.calibration.plan import Source  # noqa: PLC0415
+    from agent.shell.overrides import load_drone_file  # noqa: PLC0415
+
+    drone = load_drone_file(config, os.environ)
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    order = Order(drone, Source(nuclide, activity, distance), parse_facings(facing), background, out, stamp)
+    usable = run_calibrate(order, lambda text: typer.prompt(f"{text} Then press Enter", default="", show_default=False))
+    if not usable:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -120,7 +120,7 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     state: str | None = None
     updates: str | None = None
     camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
-    calibration: str | None = None  # folder of a.txt, b.txt, c.txt, t.txt, or Pixet's XML; none: the nominal camera
+    calibration: str | None = None  # folder of a.txt, b.txt, c.txt, t.txt (drift.txt), or Pixet's XML; none: the nominal camera
     mesh: PeerMeshConfig = PeerMeshConfig()
     vehicle: VehicleConfig = VehicleConfig()
     detector: DetectorConfig = DetectorConfig()

@@ -14,7 +14,7 @@ from agent.detector.coincidence import events_of, merge_satellites
 from agent.detector.cones import Line, cone_event
 from agent.detector.detection import ConeEvent
 from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
-from agent.detector.sensor import MM_PER_TICK
+from agent.detector.sensor import DRIFT_NS
 from agent.detector.spectrum import CoarseSpectrum
 from agent.detector.windows import Windows, candidates_of
 
@@ -39,15 +39,20 @@ class EventReader:
     """
 
     def __init__(
-        self, config: DetectionConfig, nuclide: str | tuple[str, ...] | None, on_energies: EnergySink | None = None
+        self,
+        config: DetectionConfig,
+        nuclide: str | tuple[str, ...] | None,
+        on_energies: EnergySink | None = None,
+        drift_ns: float = DRIFT_NS,
     ) -> None:
-        """``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. Raises ConfigError for an
-        unknown nuclide.
+        """``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. ``drift_ns``: of electrons
+        across the sensor. Raises ConfigError for an unknown nuclide.
         """
         self._windows = Windows(() if nuclide is None else candidates_of(nuclide), config)
         self._window_ticks = config.coincidence_window_ns / TICK_NS
         self._minimum_pixels = config.minimum_pixels
         self._on_energies = on_energies
+        self._mm_per_tick = SENSOR_THICKNESS_MM / drift_ns * TICK_NS
 
     def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
         """Evaluate clusters, sorted by tick, one by one."""
@@ -103,7 +108,7 @@ class EventReader:
         if not (line.allows(*energies) or line.allows(*energies[::-1])):
             return None
         drift = first.tick - second.tick + first.delay - second.delay
-        depth = drift * MM_PER_TICK  # the later, the further from the pixels at the rear
+        depth = drift * self._mm_per_tick  # the later, the further from the pixels at the rear
         depth = min(max(depth, -SENSOR_THICKNESS_MM), SENSOR_THICKNESS_MM)
         separation = (first.x_mm - second.x_mm, first.y_mm - second.y_mm, depth)
         return cone_event(clock_ns + first.tick * 25 // 16, energies, separation, line)

@@ -88,16 +88,28 @@ def _log_likelihood(
     sigma: NDArray[np.float64],
     probability: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Log likelihood (D,) of the directions (D, 3), from axes (N, 2, 3) and the other arrays (N, 2)."""
+    """Log likelihood (D,) of the directions (D, 3) for all cones, from axes (N, 2, 3) and the other arrays (N, 2)."""
     total = np.zeros(len(directions))
     for start in range(0, len(axis), _BLOCK):
         part = slice(start, start + _BLOCK)
-        delta = np.arccos(np.clip(axis[part] @ directions.T, -1.0, 1.0)) - theta[part, :, None]  # (n, 2, D)
-        pull = -0.5 * (delta / sigma[part, :, None]) ** 2
-        shape = 0.77 / 0.9 * np.exp(pull / 0.9**2) + 0.23 / 2.8 * np.exp(pull / 2.8**2)
-        scale = 2.0 * probability[part] / (np.sqrt(2.0 * np.pi) * sigma[part] * np.maximum(np.sin(theta[part]), 0.15))
-        total += np.log(0.88 * (scale[:, :, None] * shape).sum(axis=1) + 0.12).sum(axis=0)
+        total += cone_log_likelihood(directions, axis[part], theta[part], sigma[part], probability[part]).sum(axis=0)
     return total
+
+
+def cone_log_likelihood(
+    directions: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    probability: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Log likelihood (N, D) of the directions (D, 3) for each cone, from axes (N, 2, 3) and the other arrays (N, 2)."""
+    delta = np.arccos(np.clip(axis @ directions.T, -1.0, 1.0)) - theta[:, :, None]  # (N, 2, D)
+    pull = -0.5 * (delta / sigma[:, :, None]) ** 2
+    shape = 0.77 / 0.9 * np.exp(pull / 0.9**2) + 0.23 / 2.8 * np.exp(pull / 2.8**2)
+    scale = 2.0 * probability / (np.sqrt(2.0 * np.pi) * sigma * np.maximum(np.sin(theta), 0.15))
+    found: NDArray[np.float64] = np.log(0.88 * (scale[:, :, None] * shape).sum(axis=1) + 0.12)
+    return found
 
 
 def _rms_angle(directions: NDArray[np.float64], log_likelihood: NDArray[np.float64], centre: NDArray[np.float64]) -> float:

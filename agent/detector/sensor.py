@@ -9,12 +9,9 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 
-from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
-
 ELECTRON_KEV = 510.99895  # rest energy of the electron
 CDTE_DENSITY_G_CM3 = 5.85
-DRIFT_NS = 86.0  # across the full thickness
-MM_PER_TICK = SENSOR_THICKNESS_MM / DRIFT_NS * TICK_NS  # depth per step of the fine time of arrival
+DRIFT_NS = 86.0  # across the full thickness, where the camera's calibration does not say it
 NOISE_KEV = 2.5  # 1 sigma of a cluster's energy: constant part ...
 RELATIVE_NOISE = 0.02  # ... and the part proportional to the energy
 DOPPLER_MOMENTUM = 4.2 / 137.036  # 68 % limit of the bound electrons' momentum along the photon's momentum transfer, in m c

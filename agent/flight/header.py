@@ -13,7 +13,7 @@ from msgspec import Struct
 from agent.computing import Computing
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.detector.files.calibration import NAMES
+from agent.detector.files.calibration import calibration_files
 from agent.errors import ConfigError, FlightRecordError
 from agent.fusion.registry import deferred_named, estimator_named
 from agent.mission.memory import Memory
@@ -71,8 +71,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             ConfigError: a calibration file cannot be read.
         """
         calibration = {}
-        for name in NAMES if drone.calibration else ():
-            path = Path(drone.calibration or "") / f"{name}.txt"
+        for path in calibration_files(Path(drone.calibration)) if drone.calibration else ():
             try:
                 calibration[path.name] = path.read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:
@@ -105,9 +104,11 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
 
     def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
         """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""
-        drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
-        for name, text in self.calibration.items():
-            (folder / Path(name).name).write_text(text, encoding="utf-8")
+        files = [folder / Path(name).name for name in self.calibration]
+        for file, text in zip(files, self.calibration.values(), strict=True):
+            file.write_text(text, encoding="utf-8")
+        calibration = None if not files else str(files[0] if len(files) == 1 else folder)
+        drone = msgspec.structs.replace(self.drone, calibration=calibration)
         computing = Computing(deferred_named if self.deferred else estimator_named)
         inputs = self.mission, drone, self.boot, (), self.memory, trust
         return Pilot(

@@ -32,12 +32,17 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
         ConfigError: unreadable, not TOML, unknown keys, values out of range, in the file or in the environment; no mission
             given, or one without this drone, with an unknown estimator, or with unusable launch places or ground model.
     """
-    drone = _with_paths_from(path.absolute().parent, _converted(path, environment))
+    drone = load_drone_file(path, environment)
     if drone.mission is None:
         raise ConfigError(f"{path}: the key 'mission' is missing: the path of the mission file")
     mission = load_mission(Path(drone.mission))
     check_for_drone(mission, drone.id, drone.mission)
     return drone, mission
+
+
+def load_drone_file(path: Path, environment: Mapping[str, str]) -> DroneConfig:
+    """Read a drone file alone. Raises ConfigError as ``load_drone``, but for the mission."""
+    return _with_paths_from(path.absolute().parent, _converted(path, environment))
 
 
 def _converted(path: Path, environment: Mapping[str, str]) -> DroneConfig:

@@ -3,7 +3,7 @@
 hostname               the computer's name
 drone.toml             the drone file
 mission/               the mission file, its elevation grid and its map of buildings
-calibration/           the camera's a.txt, b.txt, c.txt, t.txt, if there are any
+calibration/           the camera's a.txt, b.txt, c.txt, t.txt and drift.txt, if there are any
 identity/              certificate, key, the swarm's authority
 authorized_keys        who may log in
 network/*.network      for systemd-networkd
@@ -21,9 +21,9 @@ import msgspec
 from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
-from agent.detector.files.calibration import load_flight_calibration
+from agent.detector.files.calibration import calibration_files, load_flight_calibration
 from deploy.fleet.config import FleetDrone
-from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
+from deploy.fleet.loading import Fleet, autopilot_of
 
 # On board: what systemd hands over, and what is kept on the data partition.
 CREDENTIALS, DATA = "/run/credentials/radron-agent.service", "/var/lib/radron"
@@ -53,8 +53,8 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
     calibration = fleet.calibration(drone)
     if calibration is not None:
         load_flight_calibration(calibration)
-        names = CALIBRATION_FILES if calibration.is_dir() else ("",)  # the file itself
-        files |= {_CALIBRATION / name: (calibration / name).read_bytes() for name in names}
+        names = {file: file.name if calibration.is_dir() else "" for file in calibration_files(calibration)}
+        files |= {_CALIBRATION / name: file.read_bytes() for file, name in names.items()}
     return files
 
 

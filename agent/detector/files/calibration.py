@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from agent.detector.files.pixetxml import read_pixet_xml
 from agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from agent.detector.sensor import DRIFT_NS
 from agent.errors import DetectorError
 
 NAMES = ("a", "b", "c", "t")
+DRIFT_FILE = "drift.txt"
+DRIFT_RANGE_NS = (10.0, 1000.0)  # of the time that a drift across the sensor may take
 NOMINAL = (1.6, 24.0, 60.0, 1.8)  # a (counts/keV), b (counts), c (counts keV), t (keV)
 MAX_BAD_SHARE = 0.2  # of the pixels, beyond which a calibration is refused
 RANGE_KEV = (10.0, 1500.0)  # energies for which a pixel's time over threshold must be finite and rising
@@ -27,12 +30,13 @@ class Calibration:
 
     With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t: E = t +
     (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index, or (1, 4) for all; of
-    a bad pixel it is NaN. bad_pixels: their number; thickness_mm: of the sensor.
+    a bad pixel it is NaN. bad_pixels: their number; thickness_mm: of the sensor; drift_ns: of electrons across its thickness.
     """
 
     table: FloatArray
     bad_pixels: int = field(default=0)
     thickness_mm: float = field(default=SENSOR_THICKNESS_MM)
+    drift_ns: float = field(default=DRIFT_NS)
 
     @property
     def good_share(self) -> float:
@@ -47,6 +51,21 @@ class Calibration:
         energy: FloatArray = t + (y + np.sqrt(np.maximum(y * y + curvature, 0.0))) * slope
         return energy
 
+    @property
+    def constants(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """a, b, c and t of every pixel, (65536,) each by matrix index; NaN for bad pixels."""
+        t, start, curvature, slope = np.broadcast_to(self.table, (PIXELS, 4)).T
+        a = 0.5 / slope
+        return a, start - a * t, curvature / (4.0 * a), t.copy()
+
+    def with_gain(self, gain: FloatArray | float) -> Calibration:
+        """The calibration of the same camera whose pixels read ``gain`` times the energy by this one: (65536,), or for all.
+
+        Pixels of gain NaN are bad.
+        """
+        a, b, c, t = self.constants
+        return Calibration.of(a * gain, b, c, t, np.isnan(a * gain), self.thickness_mm, self.drift_ns)
+
     @classmethod
     def of(
         cls,
@@ -56,6 +75,7 @@ class Calibration:
         t: FloatArray,
         bad: NDArray[np.bool_] | None = None,
         thickness_mm: float = SENSOR_THICKNESS_MM,
+        drift_ns: float = DRIFT_NS,
     ) -> Calibration:
         """From the four constants of every pixel, (65536,) each by matrix index, or (1,) for all; E and t in keV.
 
@@ -65,7 +85,7 @@ class Calibration:
             table = np.column_stack((t, a * t + b, 4.0 * a * c, 0.5 / a))
         if bad is not None:
             table[bad] = np.nan
-        return cls(table, 0 if bad is None else int(np.count_nonzero(bad)), thickness_mm)
+        return cls(table, 0 if bad is None else int(np.count_nonzero(bad)), thickness_mm, drift_ns)
 
     @classmethod
     def nominal(cls) -> Calibration:
@@ -74,18 +94,28 @@ class Calibration:
         return cls.of(a, b, c, t)
 
 
+def calibration_files(path: Path) -> tuple[Path, ...]:
+    """The files of a calibration: those of its folder, or Pixet's configuration alone."""
+    if not path.is_dir():
+        return (path,)
+    drift = path / DRIFT_FILE
+    return (*(path / f"{name}.txt" for name in NAMES), *([drift] if drift.exists() else []))
+
+
 def load_calibration(path: Path) -> Calibration:
     """Read a camera's calibration: a folder or Pixet's configuration.
 
-    The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first; the
-    configuration is an XML file as the camera's manufacturer delivers it. Bad pixels are masked.
+    The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first, and
+    may hold ``drift.txt``, the electrons' drift time across the sensor, ns (``radron-agent calibrate``). The configuration is an
+    XML file as the camera's manufacturer delivers it. Bad pixels are masked.
 
     Raises:
         DetectorError: a file is missing, is not a calibration, or more than a fifth of its pixels are bad.
     """
-    masked, thickness_mm = np.zeros(PIXELS, np.bool_), SENSOR_THICKNESS_MM
+    masked, thickness_mm, drift_ns = np.zeros(PIXELS, np.bool_), SENSOR_THICKNESS_MM, DRIFT_NS
     if path.is_dir():
         a, b, c, t = (_load_matrix(path / f"{name}.txt") for name in NAMES)
+        drift_ns = _load_drift_ns(path / DRIFT_FILE)
     elif path.is_file():
         found = read_pixet_xml(path)
         a, b, c, t = found.constants
@@ -100,7 +130,20 @@ def load_calibration(path: Path) -> Calibration:
             f"{path}: {np.count_nonzero(bad):,} of {PIXELS:,} pixels are masked or have no energy that rises with the time over "
             f"threshold from {RANGE_KEV[0]:g} to {RANGE_KEV[1]:g} keV; at most {MAX_BAD_SHARE:.0%} may"
         )
-    return Calibration.of(a, b, c, t, bad, thickness_mm)
+    return Calibration.of(a, b, c, t, bad, thickness_mm, drift_ns)
+
+
+def write_calibration(folder: Path, calibration: Calibration) -> None:
+    """Write a calibration as ``load_calibration`` reads a folder; bad pixels get zeros in b, c and t.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    bad = np.isnan(calibration.constants[0])
+    for name, values in zip(NAMES, calibration.constants, strict=True):
+        matrix = np.where(bad, float(name == "a"), values).reshape(SENSOR_PIXELS, SENSOR_PIXELS)
+        np.savetxt(folder / f"{name}.txt", matrix, fmt="%.7g")
+    (folder / DRIFT_FILE).write_text(f"{calibration.drift_ns:.2f}\n", encoding="ascii")
 
 
 def load_flight_calibration(path: Path) -> Calibration:
@@ -131,6 +174,20 @@ def bad_pixels(a: FloatArray, b: FloatArray, c: FloatArray, t: FloatArray) -> ND
     empty = (b == 0.0) & (c == 0.0) & (t == 0.0)
     bad: NDArray[np.bool_] = ~(finite & rising) | empty
     return bad
+
+
+def _load_drift_ns(path: Path) -> float:
+    """The drift time in a file with one number; the default one where there is no such file."""
+    if not path.exists():
+        return DRIFT_NS
+    try:
+        drift_ns = float(path.read_text(encoding="utf-8-sig")[:100])
+    except (OSError, ValueError):
+        drift_ns = 0.0
+    if not DRIFT_RANGE_NS[0] <= drift_ns <= DRIFT_RANGE_NS[1]:
+        low, high = DRIFT_RANGE_NS
+        raise DetectorError(f"{path}: not a drift time; it holds one number, {low:g} to {high:g} ns")
+    return drift_ns
 
 
 def _load_matrix(path: Path) -> FloatArray:

@@ -42,13 +42,18 @@ class Reading:
 NOMINAL = Reading()
 
 
+def peak_area_mm2(energy_kev: float) -> float:
+    """Effective area for full-energy events, mean over all directions."""
+    return float(np.exp(np.interp(np.log(energy_kev), np.log(_PEAK_KEV), np.log(_PEAK_MM2))))
+
+
 def peaks(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
     """Full-energy peaks of lines (keV, photons per decay), with the sensor's efficiency."""
     shape = np.zeros(len(MIDDLES_KEV))
     for energy, photons in lines:
-        area = np.exp(np.interp(np.log(energy), np.log(_PEAK_KEV), np.log(_PEAK_MM2)))
+        area = peak_area_mm2(energy)
         shape += (
-            photons * area * np.diff(_lossy(EDGES_KEV / reading.gain - energy, energy_variance(energy) ** 0.5, reading.loss_kev))
+            photons * area * np.diff(lossy(EDGES_KEV / reading.gain - energy, energy_variance(energy) ** 0.5, reading.loss_kev))
         )
     return _normalised(shape)
 
@@ -94,7 +99,7 @@ def _normal(z: Array) -> Array:
     return result
 
 
-def _lossy(above_kev: Array, sigma_kev: float, loss_kev: float) -> Array:
+def lossy(above_kev: Array, sigma_kev: float, loss_kev: float) -> Array:
     """Cumulative distribution of the energy read, less the line's: normal, less an exponentially distributed loss."""
     z = np.maximum(above_kev / sigma_kev, -30.0)  # beyond it there is nothing, and erfcx overflows
     tail = 0.5 * np.exp(-0.5 * z**2) * erfcx((z + sigma_kev / loss_kev) / np.sqrt(2.0))

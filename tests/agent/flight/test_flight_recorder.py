@@ -6,6 +6,7 @@ import resource
 import shutil
 import struct
 import time
+from base64 import b64encode
 from contextlib import suppress
 from types import SimpleNamespace
 
@@ -226,7 +227,7 @@ def test_a_hypothesis_that_comes_out_again_as_before_is_recorded_once():
 
 
 def test_the_header_brings_everything_the_pilot_was_made_of(tmp_path):
-    texts = {f"{name}.txt": "\n".join([" ".join(["1.5"] * 256)] * 256) for name in "abct"}
+    texts = {f"{name}.txt": "\n".join([" ".join(["1.5"] * 256)] * 256) for name in "abct"} | {"drift.txt": "71.5\n"}
     calibration = tmp_path / "camera"
     calibration.mkdir()
     for name, text in texts.items():
@@ -242,3 +243,16 @@ def test_the_header_brings_everything_the_pilot_was_made_of(tmp_path):
     assert read.calibration == texts
     (tmp_path / "made").mkdir()
     assert read.pilot(tmp_path / "made").digest == "0" * 32
+    assert {file.name for file in (tmp_path / "made").iterdir()} == set(texts)
+
+
+def test_the_header_brings_a_configuration_of_pixet(tmp_path):
+    constants = {"caliba": 1.6, "calibb": 24.0, "calibc": 60.0, "calibt": 1.8}
+    body = "".join(f"<{name}>{b64encode(np.full(65536, value).tobytes()).decode()}</{name}>" for name, value in constants.items())
+    file = tmp_path / "camera.xml"
+    file.write_text(f"<xml><chip>{body}</chip></xml>")
+    drone = replace(HEADER.drone, calibration=str(file))
+    header = type(HEADER).of(HEADER.mission, drone, HEADER.boot, HEADER.started_ns, nonce_key=b"drawn")
+    assert list(header.calibration) == ["camera.xml"]
+    (tmp_path / "made").mkdir()
+    assert header.pilot(tmp_path / "made").digest == "0" * 32

@@ -1,0 +1,103 @@
+"""Measurements for a calibration: from files, or with the camera while an operator turns the drone."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+
+from agent.calibration.collection import Collection
+from agent.calibration.facing import Facing
+from agent.calibration.plan import is_enough
+from agent.calibration.result import Background
+from agent.config.mission import DetectionConfig
+from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
+from agent.detector.files.t3pa import T3paReader, readouts
+from agent.detector.readout import Detector, Readout
+from agent.errors import DetectorError
+
+BACKGROUND_S = 300.0
+MAX_SILENCE_S = 15.0  # of a camera; its readouts come five times a second
+Tell = Callable[[str], None]
+
+
+class BackgroundCount:
+    """Counts events without the source."""
+
+    def __init__(self, calibration: Calibration, config: DetectionConfig) -> None:
+        self._chain = DetectorChain(config, None, calibration)
+        self._events, self._live_s = 0, 0.0
+
+    def add(self, readout: Readout) -> None:
+        """Add a readout."""
+        found = self._chain.process(readout)
+        self._events += found.hits
+        self._live_s += found.live_time_s
+
+    @property
+    def live_s(self) -> float:
+        """Time measured."""
+        return self._live_s
+
+    @property
+    def result(self) -> Background | None:
+        """The rate; None where no time was measured."""
+        if self._live_s <= 0.0:
+            return None
+        return Background(self._events / self._live_s, max(self._events, 1) ** 0.5 / self._live_s, self._live_s)
+
+
+def file_readouts(path: Path) -> Iterator[Readout]:
+    """The readouts of a file. Raises DetectorError where it cannot be read to its end, or holds none."""
+    empty = True
+    for readout in readouts(T3paReader(path)):
+        empty = False
+        yield readout
+    if empty:
+        raise DetectorError(f"{path}: holds no hits")
+
+
+async def measure_facing(
+    opened: Callable[[], Detector], collection: Collection, facing: Facing, part: tuple[int, int], limit_s: float, tell: Tell
+) -> None:
+    """Measure one facing with the camera, until it is enough or the time is over.
+
+    ``part``: which of how many facings, from 1. Raises DetectorError where the camera delivers nothing.
+    """
+    collection.begin_facing()
+    start_s, told_s = collection.live_s, 0.0
+    async for readout in _live(opened()):
+        collection.add(readout)
+        measured_s = collection.live_s - start_s
+        if measured_s - told_s >= 60.0:
+            told_s = measured_s
+            tell(f"{facing}: {measured_s:.0f} of at most {limit_s:.0f} s, {len(collection.cones[-1])} cones")
+        if measured_s >= limit_s or is_enough(collection, part[0] / part[1]):
+            break
+    collection.end_facing()
+
+
+async def measure_background(opened: Callable[[], Detector], count: BackgroundCount) -> None:
+    """Count the background with the camera. Raises DetectorError where the camera delivers nothing."""
+    async for readout in _live(opened()):
+        count.add(readout)
+        if count.live_s >= BACKGROUND_S:
+            break
+
+
+async def _live(detector: Detector) -> AsyncIterator[Readout]:
+    """Readouts of a detector, which is closed at the end; an error where none comes."""
+    stream = detector.readouts()
+    try:
+        while True:
+            try:
+                async with asyncio.timeout(MAX_SILENCE_S):
+                    yield await anext(stream)
+            except StopAsyncIteration:
+                return
+            except TimeoutError:
+                why = "; ".join(detector.problems) or "it answers, but delivers nothing"
+                raise DetectorError(f"camera: no readout for {MAX_SILENCE_S:g} s: {why}") from None
+    finally:
+        await detector.close()

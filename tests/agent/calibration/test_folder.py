@@ -1,0 +1,68 @@
+"""A calibration in its folder is one that a flight can load, and the history grows."""
+
+import numpy as np
+import pytest
+
+from agent.calibration.depth import Drift
+from agent.calibration.folder import check_folder, corrected
+from agent.calibration.gain import Gain
+from agent.calibration.page import verdict
+from agent.calibration.result import Background, Result, goals, judge_pixels
+from agent.detector.files.calibration import Calibration, load_calibration, load_flight_calibration, write_calibration
+from agent.errors import DetectorError, OutputError
+
+
+def result_of(**changes):
+    values = {
+        "stamp": "20260101T000000Z", "nuclide": "Cs-137", "activity_bq": 1e7, "distance_m": 0.5, "facings": (), "live_s": 1500.0,
+        "events": 90_000, "gain": Gain(1.05, 0.004, 6000.0), "blocks": (Gain(1.05, 0.01, 400.0),) * 16,
+        "drift": Drift(90.0, 3.0, 2000), "walk_ns": (1.0, 0.1), "orientation": None, "noisy_pixels": (7,),
+        "dead_pixels": (9, 300), "background": Background(1.5, 0.07, 300.0),
+    }  # fmt: skip
+    return Result(**(values | changes))
+
+
+def test_what_is_written_reads_true_energies_without_the_bad_pixels(tmp_path):
+    blocks = tuple(Gain(0.9 + 0.01 * k, 0.01, 400.0) for k in range(16))
+    write_calibration(tmp_path, corrected(Calibration.nominal(), result_of(blocks=blocks)))
+    found = load_flight_calibration(tmp_path)
+    assert found.bad_pixels == 3
+    assert found.drift_ns == pytest.approx(90.0)
+    index = np.array([7, 9, 300, 0, 255, 65535], np.uint16)
+    tot = np.round(1.6 * 200.0 + 24.0 - 60.0 / (200.0 - 1.8)) + np.zeros(6)
+    seen = found.energy_kev(index, tot.astype(np.uint16))
+    assert np.isnan(seen[:3]).all()
+    np.testing.assert_allclose(seen[3:] * (0.9, 0.93, 1.05), 200.0, rtol=0.01)
+
+
+def test_a_drift_time_that_is_none_is_refused(tmp_path):
+    write_calibration(tmp_path, Calibration.nominal())
+    assert load_calibration(tmp_path).drift_ns == pytest.approx(86.0)
+    (tmp_path / "drift.txt").write_text("soon\n")
+    with pytest.raises(DetectorError, match=r"drift\.txt: not a drift time"):
+        load_calibration(tmp_path)
+
+
+def test_the_verdict_names_what_is_missing():
+    missed = [goal.name for goal in goals(result_of(gain=Gain(1.05, 0.02, 90.0), dead_pixels=None)) if not goal.reached]
+    assert missed == ["gain", "orientation", "pixels"]
+    assert verdict(result_of(background=None)) == "not usable: orientation, background"
+
+
+def test_pixels_are_judged_by_their_hits():
+    pixels = np.random.default_rng(1).poisson(12.0, 65536)
+    pixels[[5, 70]] = 0
+    pixels[900] = 5000
+    noisy, dead = judge_pixels(pixels)
+    assert noisy == (900,)
+    assert {5, 70} <= set(dead)
+    assert len(dead) <= 6  # of healthy ones 0.4 are expected
+    assert judge_pixels(np.random.default_rng(1).poisson(2.0, 65536))[1] is None
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_measurement(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written to"):
+        check_folder(tmp_path / "file" / "below")
+    check_folder(tmp_path / "new")
+    assert list((tmp_path / "new").iterdir()) == []
