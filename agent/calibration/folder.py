@@ -16,7 +16,6 @@ from agent.calibration.result import Result, goals
 from agent.detector.files.calibration import PIXELS, Calibration, write_calibration
 from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
 from agent.errors import OutputError
-from agent.geometry import Array
 
 HISTORY = "history.csv"
 _COLUMNS = ("stamp", "verdict", "nuclide", "live_s", "gain", "gain_sigma", "drift_ns", "drift_sigma_ns", "roll_deg", "pitch_deg",
@@ -47,7 +46,7 @@ def corrected(calibration: Calibration, result: Result) -> Calibration:
 
 def _block_of_pixels() -> NDArray[np.intp]:
     index = np.arange(PIXELS)
-    place: Array = (np.arange(SENSOR_PIXELS) + 0.5 - SENSOR_PIXELS / 2.0) * PIXEL_PITCH_MM
+    place = np.arange(0.5 - SENSOR_PIXELS / 2.0, SENSOR_PIXELS / 2.0, dtype=np.float64) * PIXEL_PITCH_MM
     return block_of(place[index % SENSOR_PIXELS], place[index // SENSOR_PIXELS])
 
 

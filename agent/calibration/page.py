@@ -64,12 +64,8 @@ def draw(result: Result, collection: Collection, path: Path) -> bool:
 
 def _draw_spectrum(axes: Axes, result: Result, collection: Collection) -> None:
     line = strongest_line_kev(result.nuclide)
-    axes.hist(
-        collection.energies_kev,
-        np.arange(0.0, 1.5 * line, _BIN_KEV).tolist(),
-        histtype="step",
-        label="by the present calibration",
-    )
+    edges = np.arange(0.0, 1.5 * line, _BIN_KEV).tolist()
+    axes.hist(collection.energies_kev, edges, histtype="step", label="measured, by the coarse gain")
     axes.axvline(line, color="black", linewidth=0.8, label=f"{line:g} keV")
     axes.set(title="Single clusters", xlabel="keV", ylabel=f"events per {_BIN_KEV:g} keV", yscale="log")
     axes.legend()

@@ -1,14 +1,17 @@
 """Measuring with the camera: stops when it is enough, or the time is over, and says when nothing comes."""
 
 import asyncio
+import json
 
 import numpy as np
 import pytest
 
-from agent.calibration import measuring
+from agent.calibration import command, measuring
 from agent.calibration.collection import Collection
 from agent.calibration.facing import Facing
 from agent.calibration.measuring import BackgroundCount, measure_background, measure_facing
+from agent.calibration.plan import Source
+from agent.config.drone import DroneConfig
 from agent.config.mission import DetectionConfig
 from agent.detector.files.calibration import Calibration
 from agent.detector.readout import PixelHits, Readout
@@ -70,3 +73,31 @@ def test_the_background_is_counted():
     asyncio.run(measure_background(Camera, count))
     assert count.result.per_s == pytest.approx(10.0, rel=0.01)
     assert count.result.sigma_per_s == pytest.approx((10.0 / 300.0) ** 0.5, rel=0.02)
+
+
+def test_the_operator_is_led_through_background_and_facings(tmp_path, monkeypatch):
+    asked, opened = [], []
+
+    def open_camera(config):
+        opened.append(Camera())
+        return opened[-1]
+
+    monkeypatch.setattr(command, "open_detector", open_camera)
+    drone = DroneConfig(id="d1")
+    facings = command.parse_facings(["0", "60,10", "-60"])
+    order = command.Order(drone, Source("Cs-137", 1e10, 0.5), facings, None, tmp_path / "H07", "20260101T000000Z")
+    assert not command.run_calibrate(order, asked.append)
+    assert "at least 20 m away" in asked[0]
+    assert asked[2].startswith("2 of 3: place the source at 0.5 m from the camera, at bearing 60 deg, elevation 10 deg")
+    assert len(asked) == len(opened) == 4
+    assert all(camera.closed for camera in opened)
+    report = json.loads((tmp_path / "H07" / "20260101T000000Z" / "result.json").read_text())
+    assert report["result"]["background"]["per_s"] == pytest.approx(10.0, rel=0.01)
+    assert report["verdict"].startswith("not usable: gain, ")
+
+
+def test_without_a_camera_files_are_needed(tmp_path):
+    facings = command.parse_facings(["0", "60,10", "-60"])
+    order = command.Order(DroneConfig(id="d1"), Source("Cs-137", 1e10, 0.5), facings, None, tmp_path, "20260101T000000Z")
+    with pytest.raises(DetectorError, match="names no camera"):
+        command.run_calibrate(order, lambda text: None)
