@@ -11,7 +11,7 @@ from agent.detector.clustering import Clusters, cluster_many
 from agent.detector.detection import ConeEvent
 from agent.detector.files.calibration import PIXELS, Calibration
 from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from agent.detector.spectroscopy.recognition import Recogniser
+from agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, Recogniser
 from agent.detector.spectroscopy.shapes import Reading
 
 BLOCKS = 4  # along each side of the sensor
@@ -99,7 +99,7 @@ class Collection:
 
     def _look(self) -> None:
         found = self._recogniser.look()
-        self.coarse_gain = found.gain if found is not None and found.peak_events > 0.0 else 1.0
+        self.coarse_gain = found.gain if found is not None and found.evidence >= LEAST_EVIDENCE else 1.0
         self._calibration = self._calibration.with_gain(self.coarse_gain)
         self._chain = self._new_chain()
         pending, self._pending = self._pending, []

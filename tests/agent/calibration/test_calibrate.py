@@ -8,9 +8,11 @@ import pytest
 from calibrated_camera import ACTIVITY_BQ, DISTANCE_M, FACINGS, RPY_DEG, BenchCamera
 from typer.testing import CliRunner
 
+from agent.calibration.folder import corrected
 from agent.calibration.plan import Source
 from agent.calibration.result import evaluate
 from agent.cli import app
+from agent.detector.files.calibration import Calibration
 from sim.radiation.t3pa import T3paWriter
 
 SOURCE = Source("Cs-137", ACTIVITY_BQ, DISTANCE_M)
@@ -36,6 +38,22 @@ def test_a_camera_of_unknown_gain_drift_time_and_orientation_is_found():
     found = pulls(3)
     for name, limit in (("gain", 3.0), ("blocks", 4.0), ("drift", 3.0), ("orientation", 3.0)):
         assert max(map(abs, found[name])) < limit, (name, found[name])
+
+
+@pytest.mark.slow
+def test_a_calibrated_camera_needs_no_other_calibration():
+    camera = BenchCamera.draw(3)
+    collection = camera.collected(60.0)
+    found = evaluate(collection, SOURCE, FACINGS, RPY_DEG, None, "20260101T000000Z")
+    calibration = corrected(Calibration.nominal(), found)
+    again = evaluate(
+        camera.collected(60.0, calibration), SOURCE, FACINGS, found.orientation.camera_rpy_deg, None, "20260101T010000Z"
+    )
+    assert abs(found.gain.value - 1.0) > 0.02
+    assert again.gain.value == pytest.approx(1.0, abs=0.005)
+    assert np.std([block.value for block in again.blocks]) < 0.5 * np.std([block.value for block in found.blocks])
+    assert np.abs(again.orientation.turned_deg).max() < 0.5
+    assert calibration.drift_ns == pytest.approx(camera.drift_ns, rel=0.1)
 
 
 @pytest.mark.long

@@ -52,9 +52,10 @@ class BenchCamera:
         edges = np.append(np.arange(0, round(seconds * 1e9), _SLICE_NS), round(seconds * 1e9))
         return [camera.expose(int(start), int(end)) for start, end in pairwise(edges)]
 
-    def collected(self, seconds: float) -> Collection:
-        """What a calibration collects of it in so long at each facing."""
-        collection = Collection(Calibration.nominal(), "Cs-137", strongest_line_kev("Cs-137"), DetectionConfig())
+    def collected(self, seconds: float, calibration: Calibration | None = None) -> Collection:
+        """What a calibration collects of it in so long at each facing; its present ``calibration``: the nominal one."""
+        present = calibration or Calibration.nominal()
+        collection = Collection(present, "Cs-137", strongest_line_kev("Cs-137"), DetectionConfig())
         for place, facing in enumerate(FACINGS):
             collection.begin_facing()
             for readout in self.readouts(place, facing, seconds):
