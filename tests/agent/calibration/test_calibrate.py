@@ -58,7 +58,7 @@ def test_a_calibrated_camera_needs_no_other_calibration():
 
 @pytest.mark.long
 def test_stated_sigmas_cover_the_truth():
-    """Of 40 cameras, 95 % of all values within 2 sigma; 85 % allows for the chance with 40 values (98 % of all such tests)."""
+    """Of 40 cameras, 95 % of all values are to be within 2 sigma; chance leaves less than 85 % of 40 in one of 300 cases."""
     found = [pulls(seed) for seed in range(40)]
     for name in found[0]:
         within = np.mean([abs(pull) <= 2.0 for one in found for pull in one[name]])
