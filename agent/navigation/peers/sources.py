@@ -140,8 +140,8 @@ class Sources:
             self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)
 
     def disowned(self, now_ns: int) -> None:
-        """The drone says that not all of this is its own."""
-        self._shown_ns = now_ns
+        """The drone says that not all of this is its own. Its word counts until its next statuses should have come."""
+        self._shown_ns = max(self._shown_ns or 0, now_ns - SHOWN_NS + FRESH_NS)
 
     def second_places(self, now_ns: int) -> list[Pose]:
         """Where the drone may be as well, by the other stories."""

@@ -239,6 +239,19 @@ def test_the_word_of_a_drone_that_it_has_not_sent_all_that_is_under_its_id_is_be
         one.observe_vehicle(state(START_NS))
 
 
+def test_the_word_of_a_drone_that_it_has_a_twin_ends_with_its_statuses():
+    """It says so for ten seconds itself: another ten seconds of its peers would name it long after the thief has gone."""
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    told_by(one, pose(START_NS), replace(status(START_NS), disowns=True))
+    for tick in range(80):
+        now_ns = START_NS + tick * SECOND // 20
+        one.observe_vehicle(state(now_ns))
+        one.step(now_ns)
+        if tick in (20, 79):
+            assert (TWO in one.problems) is (tick == 20)
+
+
 def test_a_drone_says_when_it_hears_news_of_its_own_boot_that_it_has_not_sent_and_an_echo_is_none():
     one = pilot()
     for tick in range(40):
