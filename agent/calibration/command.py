@@ -12,7 +12,6 @@ from rich.console import Console
 from agent.calibration.collection import Collection
 from agent.calibration.facing import Facing, check_facings, parse_facing
 from agent.calibration.folder import check_folder, save
-from agent.calibration.gain import strongest_line_kev
 from agent.calibration.measuring import BACKGROUND_S, BackgroundCount, file_readouts, measure_background, measure_facing
 from agent.calibration.page import table, verdict
 from agent.calibration.plan import Source, plan
@@ -22,6 +21,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.drivers import open_detector
 from agent.detector.files.calibration import Calibration, load_flight_calibration
 from agent.detector.readout import Detector
+from agent.detector.spectroscopy.shapes import strongest_line_kev
 from agent.errors import ConfigError, DetectorError
 
 

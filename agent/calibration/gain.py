@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from agent.calibration.collection import BLOCKS
 from agent.calibration.likelihood import fitted
-from agent.detector.lines import GAMMAS, lines_of
+from agent.detector.lines import GAMMAS
 from agent.detector.sensor import energy_variance
-from agent.detector.spectroscopy.shapes import lossy, peak_area_mm2
+from agent.detector.spectroscopy.shapes import lossy, peak_area_mm2, strongest_line_kev
 from agent.geometry import Array
 
 SYSTEMATIC = 0.003  # relative: the peak's shape is not known any better
@@ -32,12 +32,6 @@ class Gain(Struct, frozen=True):
     def times(self, factor: float) -> Gain:
         """The gain of a camera whose energies were divided by a factor before."""
         return Gain(self.value * factor, self.sigma * factor, self.events)
-
-
-def strongest_line_kev(nuclide: str) -> float:
-    """The line of a nuclide with the most full-energy events. Raises ConfigError for an unknown nuclide."""
-    photons = dict(GAMMAS[nuclide]) if nuclide in GAMMAS else {}
-    return max(lines_of(nuclide), key=lambda line: photons.get(line, 0.0) * peak_area_mm2(line))
 
 
 def fit_gain(energies_kev: Array, nuclide: str) -> tuple[Gain, tuple[float, float]] | None:

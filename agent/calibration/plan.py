@@ -7,11 +7,10 @@ import math
 from msgspec import Struct
 
 from agent.calibration.collection import BLOCKS, Collection
-from agent.calibration.gain import strongest_line_kev
 from agent.detector.lines import GAMMAS
 from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
 from agent.detector.sensor import attenuation_per_mm
-from agent.detector.spectroscopy.shapes import peak_area_mm2
+from agent.detector.spectroscopy.shapes import peak_area_mm2, strongest_line_kev
 from agent.errors import ConfigError
 
 HITS_PER_PIXEL = 8.0  # of which a healthy pixel has none once in 3,000: 22 of them are masked in vain

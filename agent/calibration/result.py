@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 from agent.calibration.collection import BLOCKS, Collection
 from agent.calibration.depth import Drift, fit_drift
 from agent.calibration.facing import Facing
-from agent.calibration.gain import Gain, fit_blocks, fit_gain, strongest_line_kev
+from agent.calibration.gain import Gain, fit_blocks, fit_gain
 from agent.calibration.orientation import Orientation, fit_orientation
 from agent.calibration.plan import HITS_PER_PIXEL, Source
 from agent.detector.files.calibration import MAX_BAD_SHARE, PIXELS
 from agent.detector.inspection import NOISY
+from agent.detector.spectroscopy.shapes import strongest_line_kev
 from agent.geometry import Vector3
 
 GAIN_GOAL, BLOCK_GOAL, DRIFT_GOAL, ORIENTATION_GOAL_DEG, BACKGROUND_GOAL = 0.01, 0.03, 0.05, 1.0, 0.10

@@ -7,13 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from agent.detector.spectroscopy.recognition import Recogniser, prepare_readings
-from agent.detector.spectroscopy.shapes import Reading
+from agent.detector.spectroscopy.shapes import NOMINAL, Reading, strongest_line_kev
 from agent.geometry import Array
 
 MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds
-# In which one may read whose energy scale has moved: 2 % apart, and more than 5 % off.
-_MOVED = tuple(Reading(float(gain)) for gain in np.geomspace(0.6, 1.7, 53) if abs(gain - 1.0) > 0.05)
-_SAME_SCALE = 0.03  # relative: scales are told apart by steps of 2 %
+# Ways in which a camera of this nuclide may read energies: 1 % apart within the range of a drift, 2 % beyond.
+_NEAR, _FAR = 0.10, 0.6
+_READINGS = tuple(
+    Reading(float(gain))
+    for gain in (*np.arange(1.0 - _NEAR, 1.0 + _NEAR + 0.005, 0.01), *np.geomspace(_FAR, 0.88, 20), *np.geomspace(1.12, 1.7, 21))
+)
+_IN_PLACE = 0.04  # relative: a scale that is off by more is corrected, and told
+_SAME_SCALE = 0.025  # relative: a corrected scale stays while it is off by no more
+_DISTANT = 0.06  # relative: further off, another nuclide may be taken for it
 # Between two looks: enough to tell the scale to 1 %, and mostly from before or after it has moved.
 _LOOK_NS, _LOOK_EVENTS = 2_000_000_000, 400
 
@@ -29,9 +35,8 @@ class EnergyScale:
         self.factor = 1.0
         self._nuclide = nuclide
         self._recent, self._since_ns = Recogniser(), 0  # since the last look: energies by the calibration
-        self._in_place = Recogniser((nuclide,))
         self._is_seen = False  # the nuclide, with its lines in place
-        prepare_readings(nuclide, _MOVED)
+        prepare_readings(nuclide, _READINGS)
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Add the energies (keV) of events, by the present scale."""
@@ -42,30 +47,35 @@ class EnergyScale:
         if 0 <= now_ns - self._since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:  # negative: the clock was set back
             return False
         recent, self._recent, self._since_ns = self._recent, Recogniser(), now_ns
-        self._in_place.restart(recent.counts)
-        is_in_place = self._in_place.best() is not None
+        gain = _gain(recent.counts, self._nuclide)
+        if gain is None:
+            return False
+        is_in_place = abs(gain - 1.0) <= _IN_PLACE
         self._is_seen = self._is_seen or is_in_place
-        if not self._is_seen:
-            return False
-        gain = 1.0 if is_in_place else _moved_gain(recent.counts, self._nuclide)
-        if gain is None or abs(gain * self.factor - 1.0) <= _SAME_SCALE:
-            return False
-        self.factor = 1.0 / gain
-        return True
+        before = self.factor
+        if self._is_seen and abs(gain * before - 1.0) > (_IN_PLACE if before == 1.0 else _SAME_SCALE):
+            self.factor = 1.0 if is_in_place else 1.0 / gain
+        return self.factor != before
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """That it is corrected."""
+        """By how much the gain is off, where it is corrected."""
         if self.factor == 1.0:
             return ()
-        return (f"camera: it reads {1.0 / self.factor:.2f} of all energies, by the lines of its nuclide; corrected",)
+        off = 1.0 / self.factor - 1.0
+        return (
+            f"camera: gain {100.0 * abs(off):.0f} % {'high' if off > 0.0 else 'low'}, by the lines of its nuclide; corrected",
+        )
 
 
-def _moved_gain(counts: Array, nuclide: str) -> float | None:
-    """Which part of its energies a camera reads that sees a nuclide with its lines elsewhere, by its counts (B,); None: not
-    known, or another nuclide is recognised.
+def _gain(counts: Array, nuclide: str) -> float | None:
+    """Energies that a camera reads over true ones, by its counts (B,) of a nuclide; None: not known, or another nuclide is
+    recognised.
     """
-    found = Recogniser((nuclide,), _MOVED, counts).best()
-    if found is None or found.evidence < MOVED_EVIDENCE or Recogniser(counts=counts).best() is not None:
+    found = Recogniser((nuclide,), _READINGS, counts).best()
+    if found is None:
         return None
-    return found.gain
+    gain = found.gain * (1.0 - NOMINAL.loss_kev / strongest_line_kev(nuclide))  # calibrated: the peak's mean is at the line
+    off = abs(gain - 1.0)
+    unsure = off > _IN_PLACE and found.evidence < MOVED_EVIDENCE
+    return None if unsure or (off > _DISTANT and Recogniser(counts=counts).best() is not None) else gain

@@ -33,7 +33,7 @@ _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 class Recognition:
     """``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to that without them, or
     to that with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
-    ``against``: what in the spectrum speaks against the nuclide; None: nothing. ``gain``: the reading that fits best.
+    ``against``: what in the spectrum speaks against the nuclide; None: nothing. ``gain``: mean of the readings by likelihood.
     """
 
     nuclide: str
@@ -71,10 +71,6 @@ class Recogniser:
         place = np.searchsorted(EDGES_KEV, energies_kev)  # 0 and the last are outside of the spectrum
         self._counts = self._counts + np.bincount(place, minlength=len(EDGES_KEV) + 1)[1:-1]
 
-    def restart(self, counts: Array) -> None:
-        """Replace the spectrum by a similar one (B,): the fits go on from their last results, in half of the time."""
-        self._counts = counts
-
     @property
     def counts(self) -> Array:
         """(B,) the spectrum."""
@@ -107,8 +103,10 @@ class Recogniser:
         evidence = likelihood[place] - max(without.max(), others)
         expected = peaks[place] @ parts[place] * self._counts.sum()
         nuclide = self._candidates[first]
-        gain = self._readings[reading].gain
-        against = contradiction(self._counts, expected, [energy * gain for energy, _ in GAMMAS[nuclide]])
+        read = self._readings[reading].gain
+        against = contradiction(self._counts, expected, [energy * read for energy, _ in GAMMAS[nuclide]])
+        weights = np.exp(by_nuclide[first] - by_nuclide[first, reading])
+        gain = float(np.average([each.gain for each in self._readings], weights=weights))
         return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against, gain)
 
     def _fitted(self, parts: Array, before: Array | None) -> tuple[Array, Array]:
@@ -159,8 +157,7 @@ def prepare(expected: Sequence[str]) -> None:
 
 
 def prepare_readings(nuclide: str, readings: tuple[Reading, ...]) -> None:
-    """The same for a nuclide alone, as it is and in further readings."""
-    _parts((nuclide,), _READINGS)
+    """The same for a nuclide alone, in these readings."""
     _parts((nuclide,), readings)
 
 

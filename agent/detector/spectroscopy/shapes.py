@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import erf, erfcx
 
 from agent.detector.cones import compton_edge_kev, klein_nishina_recoil
+from agent.detector.lines import GAMMAS, lines_of
 from agent.detector.sensor import attenuation_per_mm, energy_variance
 from agent.geometry import Array
 
@@ -45,6 +46,12 @@ NOMINAL = Reading()
 def peak_area_mm2(energy_kev: float) -> float:
     """Effective area for full-energy events, mean over all directions."""
     return float(np.exp(np.interp(np.log(energy_kev), np.log(_PEAK_KEV), np.log(_PEAK_MM2))))
+
+
+def strongest_line_kev(nuclide: str) -> float:
+    """The line of a nuclide with the most full-energy events. Raises ConfigError for an unknown nuclide."""
+    photons = dict(GAMMAS.get(nuclide, ()))
+    return max(lines_of(nuclide), key=lambda line: photons.get(line, 0.0) * peak_area_mm2(line))
 
 
 def peaks(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from agent.calibration.collection import Collection
 from agent.calibration.facing import Facing
-from agent.calibration.gain import strongest_line_kev
 from agent.config.mission import DetectionConfig
 from agent.detector.files.calibration import Calibration
 from agent.detector.readout import Readout
+from agent.detector.spectroscopy.shapes import strongest_line_kev
 from sim.radiation.beam import BeamCamera
 from sim.radiation.camera import SourceView
 from sim.radiation.truth import CameraTruth

@@ -277,6 +277,34 @@ def test_an_energy_scale_that_moves_is_corrected_by_the_lines_of_the_nuclide_and
     assert not any("corrected" in text for text in watch.problems)
 
 
+@pytest.mark.parametrize(("drift_per_s", "word"), [(-0.01 / 60.0, "low"), (0.01 / 60.0, "high")])
+def test_a_slow_drift_is_told_within_a_minute_of_passing_4_percent(drift_per_s, word):
+    """1 % a minute at 40 events a second: passes 4 % after 240 s."""
+    rng = np.random.default_rng(3)
+    watch, told = NuclideWatch("Cs-137"), {}
+    for second in range(0, 480, 2):
+        gain = 1.0 + drift_per_s * second
+        watch.add(watch.scale * gain * np.concatenate((rng.choice(pool("Cs-137"), 76), rng.choice(pool("background"), 4))))
+        watch.look(second * 1_000_000_000)
+        for text in watch.problems:
+            told.setdefault(text, second)
+        if second > 300:
+            assert watch.scale * gain == pytest.approx(1.0, abs=0.035)
+    first = next(iter(told))
+    assert first == f"camera: gain 4 % {word}, by the lines of its nuclide; corrected"
+    assert 200 < told[first] <= 300
+
+
+@pytest.mark.parametrize("gain", [0.97, 1.0, 1.02])
+def test_a_gain_within_its_uncertainty_is_left_alone(gain):
+    for seed in range(4):
+        watch = NuclideWatch("Cs-137")
+        watch.look(0)
+        for second in range(1, 8):
+            assert looked_at(watch, 100 * seed + second, gain) == ()
+        assert watch.scale == 1.0
+
+
 @pytest.mark.parametrize("nuclide", ["Ir-192", "I-131", "Co-60"])
 def test_another_nuclide_is_no_moved_scale(nuclide):
     """Only Na-22 looks like Cs-137 of which a camera reads 0.77: 511 of 662 keV."""
