@@ -62,10 +62,9 @@ class EnergyScale:
         """By how much the gain is off, where it is corrected."""
         if self.factor == 1.0:
             return ()
-        off = 1.0 / self.factor - 1.0
-        return (
-            f"camera: gain {100.0 * abs(off):.0f} % {'high' if off > 0.0 else 'low'}, by the lines of its nuclide; corrected",
-        )
+        percent = 100.0 * (1.0 / self.factor - 1.0)
+        way = "high" if percent > 0.0 else "low"
+        return (f"camera: gain {abs(percent):.0f} % {way}, by the lines of its nuclide; corrected",)
 
 
 def _gain(counts: Array, nuclide: str) -> float | None:
