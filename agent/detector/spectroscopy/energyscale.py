@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agent.detector.spectroscopy.recognition import Recogniser, prepare_readings
-from agent.detector.spectroscopy.shapes import NOMINAL, Reading, strongest_line_kev
+from agent.detector.spectroscopy.shapes import Reading
 from agent.geometry import Array
 
 MOVED_EVIDENCE = 20.0  # that the peaks are elsewhere: of many places, and looked at every few seconds
@@ -17,7 +17,7 @@ _READINGS = tuple(
     Reading(float(gain))
     for gain in (*np.arange(1.0 - _NEAR, 1.0 + _NEAR + 0.005, 0.01), *np.geomspace(_FAR, 0.88, 20), *np.geomspace(1.12, 1.7, 21))
 )
-_IN_PLACE = 0.04  # relative: a scale that is off by more is corrected, and told
+_IN_PLACE = 0.035  # relative: a scale that is off by more, read to 1 %, is corrected, and told
 _SAME_SCALE = 0.025  # relative: a corrected scale stays while it is off by no more
 _DISTANT = 0.06  # relative: further off, another nuclide may be taken for it
 # Between two looks: enough to tell the scale to 1 %, and mostly from before or after it has moved.
@@ -74,7 +74,6 @@ def _gain(counts: Array, nuclide: str) -> float | None:
     found = Recogniser((nuclide,), _READINGS, counts).best()
     if found is None:
         return None
-    gain = found.gain * (1.0 - NOMINAL.loss_kev / strongest_line_kev(nuclide))  # calibrated: the peak's mean is at the line
-    off = abs(gain - 1.0)
+    off = abs(found.gain - 1.0)
     unsure = off > _IN_PLACE and found.evidence < MOVED_EVIDENCE
-    return None if unsure or (off > _DISTANT and Recogniser(counts=counts).best() is not None) else gain
+    return None if unsure or (off > _DISTANT and Recogniser(counts=counts).best() is not None) else found.gain

@@ -10,6 +10,7 @@ from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
 from agent.detector.lines import GAMMAS, LINES_KEV
 from agent.detector.spectroscopy import recognition, residuals
+from agent.detector.spectroscopy.energyscale import EnergyScale
 from agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
 from agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
 
@@ -279,7 +280,7 @@ def test_an_energy_scale_that_moves_is_corrected_by_the_lines_of_the_nuclide_and
 
 @pytest.mark.parametrize(("drift_per_s", "word"), [(-0.01 / 60.0, "low"), (0.01 / 60.0, "high")])
 def test_a_slow_drift_is_told_within_a_minute_of_passing_4_percent(drift_per_s, word):
-    """1 % a minute at 40 events a second: passes 4 % after 240 s."""
+    """1 % a minute at 40 events a second: passes 4 % after 240 s. Not before 2.5 %: the scale is read to 1 %."""
     rng = np.random.default_rng(3)
     watch, told = NuclideWatch("Cs-137"), {}
     for second in range(0, 480, 2):
@@ -292,10 +293,10 @@ def test_a_slow_drift_is_told_within_a_minute_of_passing_4_percent(drift_per_s, 
             assert watch.scale * gain == pytest.approx(1.0, abs=0.035)
     first = next(iter(told))
     assert first == f"camera: gain 4 % {word}, by the lines of its nuclide; corrected"
-    assert 200 < told[first] <= 300
+    assert 150 < told[first] <= 300
 
 
-@pytest.mark.parametrize("gain", [0.97, 1.0, 1.02])
+@pytest.mark.parametrize("gain", [0.975, 1.0, 1.02])
 def test_a_gain_within_its_uncertainty_is_left_alone(gain):
     for seed in range(4):
         watch = NuclideWatch("Cs-137")
@@ -303,6 +304,16 @@ def test_a_gain_within_its_uncertainty_is_left_alone(gain):
         for second in range(1, 8):
             assert looked_at(watch, 100 * seed + second, gain) == ()
         assert watch.scale == 1.0
+
+
+@pytest.mark.parametrize("nuclide", [name for name in CANDIDATES if name != "Am-241"])  # whose line is at the spectrum's end
+def test_the_scale_of_a_right_camera_is_left_alone_by_all_nuclides(nuclide):
+    rng = np.random.default_rng(6)
+    scale = EnergyScale(nuclide)
+    for second in range(1, 9):
+        scale.add(np.concatenate((rng.choice(pool(nuclide), 900), rng.choice(pool("background"), 45))))
+        assert not scale.look(second * LOOK_NS)
+    assert scale.problems == ()
 
 
 @pytest.mark.parametrize("nuclide", ["Ir-192", "I-131", "Co-60"])
