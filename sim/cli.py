@@ -11,6 +11,7 @@ from agent.terminal import run_command
 from sim.commands.consistency import consistency
 from sim.commands.faults import faults
 from sim.commands.flights import campaign, run, scenarios, table
+from sim.commands.ground import ground
 from sim.live.command import live
 from sim.live.faults.command import live_faults
 from sim.px4test.command import px4_test
@@ -32,6 +33,7 @@ app.command()(consistency)
 app.command()(faults)
 app.command()(live_faults)
 app.command()(hits)
+app.command()(ground)
 
 
 def main() -> None:

@@ -22,6 +22,7 @@ from agent.fusion.registry import check_estimator
 from sim.faults.kinds import AnyFault, check_faults, read_faults
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
+from sim.radiation.truth import GroundTruth
 from sim.vehicle.multirotor import MultirotorTruth
 from sim.world.launch import StartTruth
 from sim.world.localization import LocalizationTruth
@@ -79,6 +80,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
+    ground: GroundTruth | None = None  # None: nothing below scatters or sends out photons, as in the paper's data
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
     sightings: SightingTruth | None = None  # None: no relative observations

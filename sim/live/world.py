@@ -76,7 +76,7 @@ class World:
         self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
         if scenario.measured:
             drones = [DroneConfig(id=drone.id) for drone in mission.drones]
-            self._cameras = Cameras(scenario, self._sources.nuclides, drones, random.cameras, self._began_ns)
+            self._cameras = Cameras(scenario, self._sources.nuclides, drones, random, self._began_ns)
         self._feeds = [FeedServer() for _ in mission.drones if self._cameras is not None]
         self._steps = 0
         self._went_s: float | None = None  # start of the mission

@@ -79,7 +79,7 @@ class World:
         self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
         self._sources_now: tuple[Source, ...] = ()
         nuclides = self._sources.nuclides
-        self._cameras = Cameras(scenario, nuclides, configs, random.cameras, EPOCH_NS) if scenario.measured else None
+        self._cameras = Cameras(scenario, nuclides, configs, random, EPOCH_NS) if scenario.measured else None
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))

@@ -15,9 +15,10 @@ from agent.detector.readout import Readout
 from sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
 from sim.radiation.calibration import PixelCalibration
 from sim.radiation.electronics import Electronics
-from sim.radiation.emission import Emission, Origins, pick
+from sim.radiation.emission import ANY, Emission, Origins, Pool, pick
+from sim.radiation.ground.around import AroundCamera
 from sim.radiation.individual import Individual
-from sim.radiation.truth import CameraTruth
+from sim.radiation.truth import CameraTruth, GroundTruth
 
 __all__ = ["Camera", "CameraTruth", "SourceView"]
 
@@ -28,7 +29,8 @@ _NEAREST_M = 0.05
 class SourceView(Struct, frozen=True):
     """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame.
 
-    concrete_m: length of concrete between them. nuclide: one of the camera's nuclides; empty: its first.
+    concrete_m: length of concrete between them. nuclide: one of the camera's nuclides; empty: its first. camera_m, source_m:
+    heights above the ground at the source, which count where photons of the ground are simulated.
     """
 
     direction: tuple[float, float, float]
@@ -36,34 +38,46 @@ class SourceView(Struct, frozen=True):
     activity_bq: float
     concrete_m: float = 0.0
     nuclide: str = ""
+    camera_m: float = 0.0
+    source_m: float = 0.0
 
 
 class Camera:
     """A MiniPIX TPX3 exposed to sources, with background, scatter, air and electronics.
 
-    Concrete and the vehicle's body attenuate the direct photons only: scattered photons come from all directions.
+    Concrete and the vehicle's body attenuate the direct photons, and those that the ground scatters from about the source's
+    direction: all other scattered photons come from all directions.
 
     Args:
         truth: the camera's true parameters.
         nuclides: those of the sources, each once.
         rng: the camera's own random numbers.
         clock_ns: UTC time of tick 0.
+        ground: what is below; None: nothing, as in the paper's data.
 
     Raises:
         ConfigError: an unknown nuclide.
     """
 
-    def __init__(self, truth: CameraTruth, nuclides: str | Sequence[str], rng: np.random.Generator, clock_ns: int) -> None:
+    def __init__(
+        self,
+        truth: CameraTruth,
+        nuclides: str | Sequence[str],
+        rng: np.random.Generator,
+        clock_ns: int,
+        ground: GroundTruth | None = None,
+    ) -> None:
         self._truth = truth
         self._rng = rng
         self._emissions = [Emission(nuclide, truth) for nuclide in ([nuclides] if isinstance(nuclides, str) else nuclides)]
         self._place = {emission.nuclide: place for place, emission in enumerate(self._emissions)} | {"": 0}
         self._lines = max(emission.lines for emission in self._emissions)
+        self._around = None if ground is None else AroundCamera(ground, truth)
+        self._pools: list[Pool] = [*self._emissions, *([] if self._around is None else [self._around])]
         self._own = Individual(truth, rng)
         self._electronics = Electronics(truth, rng, clock_ns)
         # Records no event, but loads the compiled functions, which takes longer than a second of exposures.
-        none = np.empty(0, np.int64)
-        nowhere = Origins(np.array([1.0]), np.array([BACKGROUND_BIN]), np.array([0]), none, np.empty((0, self._lines)))
+        nowhere = Origins(np.array([1.0]), np.array([BACKGROUND_BIN]), np.array([0]), np.array([ANY]), np.empty((0, self._lines)))
         self._record(clock_ns, clock_ns, np.empty((0, 5)), nowhere)
 
     @property
@@ -71,10 +85,10 @@ class Camera:
         """The camera's own, with ``write(folder)`` for the agent's files."""
         return self._electronics.calibration
 
-    def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView]) -> Readout:
+    def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float = 0.0) -> Readout:
         """All hits of [start_ns, end_ns), UTC, with the sources at ``views`` throughout; their number is Poisson distributed.
 
-        A clock offset shifts all stamps of the readout by the same time.
+        A clock offset shifts all stamps of the readout by the same time. height_m: of the camera above the ground below it.
         """
         rng, truth, own = self._rng, self._truth, self._own
         bins: list[int] = []
@@ -98,11 +112,19 @@ class Camera:
             nuclides.append(nuclide)
             symmetries.append(symmetry)
             rates.append(rate * own.transmission(view.direction) * math.exp(depth - least))
-            scattered[nuclide] += rate * (truth.scatter_near + truth.scatter_air * depth)
+            scattered[nuclide] += rate * (truth.scatter_near + (truth.scatter_air * depth if self._around is None else 0.0))
         span_s = (end_ns - start_ns) * 1e-9
         bins += [SCATTERED_BIN] * len(scattered) + [BACKGROUND_BIN]
         nuclides += [*range(len(scattered)), 0]
-        rates += [*scattered, truth.background_hits_per_s * own.sensitivity * own.background(span_s)]
+        drift = own.background(span_s)
+        rates += [*scattered, truth.background_hits_per_s * own.sensitivity * drift]
+        symmetries += [ANY] * (len(scattered) + 1)
+        if self._around is not None:
+            around = self._around.rates(views, own, drift, height_m, self._emissions[0].nuclide)
+            bins += around.bins
+            symmetries += around.symmetries
+            rates += around.rates
+            nuclides += [len(self._emissions)] * len(around.bins)
         cumulative = list(accumulate(rates))
         count = int(rng.poisson(cumulative[-1] * span_s))
         if count == 0:
@@ -121,5 +143,5 @@ class Camera:
     def _record(self, start_ns: int, end_ns: int, u: NDArray[np.float64], origins: Origins) -> Readout:
         """Hits of as many events as ``u`` (N, 5) has rows of uniform numbers."""
         first_tick, last_tick = self._electronics.ticks(start_ns, end_ns)
-        picked = pick(self._emissions, u, origins, first_tick, max(1, last_tick - GUARD_TICKS - first_tick))
+        picked = pick(self._pools, u, origins, first_tick, max(1, last_tick - GUARD_TICKS - first_tick))
         return self._electronics.read_out(start_ns, end_ns, *picked)

@@ -1,4 +1,4 @@
-"""The events that a camera may see of one nuclide: their bank, and what air and concrete leave of its lines."""
+"""The events that a camera may see of one nuclide, or of scattered photons: from a bank, by the rates of where they come from."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.radiation._jit import jit
+from sim.radiation.bank import EventBank
 from sim.radiation.concrete import concrete_attenuation_per_m
 from sim.radiation.events import KINDS
 from sim.radiation.materials import air_attenuation_per_m
@@ -17,6 +18,8 @@ from sim.radiation.store import load_bank
 from sim.radiation.truth import CameraTruth
 
 IntArray = NDArray[np.int64]
+
+ANY = -1  # symmetry: from all directions
 
 
 class Picked(NamedTuple):
@@ -30,11 +33,11 @@ class Picked(NamedTuple):
 
 
 class Origins(NamedTuple):
-    """Where events of one exposure may come from: the views, then each nuclide's scattered photons, then the background.
+    """Where events of one exposure may come from: the views, each nuclide's scattered photons, the background, and the ground.
 
-    cumulative: (O,) cumulated rates. bins: (O,) of the bank. nuclide: (O,) index of each one's emission. symmetries: (views,) of
-    the views alone; of the others, each event has its own. excess: (views, lines), optical depth of what lies between, beyond
-    that of the most penetrating line.
+    cumulative: (O,) cumulated rates. bins: (O,) of the bank. nuclide: (O,) index of each one's emission. symmetries: (O,) of the
+    sensor, ``ANY``: each event has its own. excess: (views, lines), optical depth of what lies between, beyond that of the most
+    penetrating line.
     """
 
     cumulative: NDArray[np.float64]
@@ -44,29 +47,14 @@ class Origins(NamedTuple):
     excess: NDArray[np.float64]
 
 
-class Emission:
-    """One nuclide before one camera.
+class Pool:
+    """The events of a bank. area_mm2: effective area of each bin."""
 
-    area_mm2: effective area of each bin of its bank. least_attenuation: of its most penetrating line, in air, per metre.
-    """
-
-    def __init__(self, nuclide: str, truth: CameraTruth) -> None:
-        """Raises ConfigError for an unknown nuclide."""
-        lines = nuclide_of(nuclide).lines
-        self.nuclide = nuclide
-        self.lines = len(lines)
-        self._bank = load_bank(nuclide, truth)
-        area = self._bank.area_mm2.sum(axis=1)
+    def __init__(self, bank: EventBank) -> None:
+        self._bank = bank
+        area = bank.area_mm2.sum(axis=1)
         self.area_mm2: list[float] = area.tolist()
-        self._kind = np.ascontiguousarray(np.cumsum(self._bank.area_mm2, axis=1) / np.maximum(area[:, None], 1e-30))
-        self._attenuation = [air_attenuation_per_m(energy) for energy, _ in lines]
-        self.least_attenuation = min(self._attenuation)
-        self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
-
-    def depths(self, distance_m: float, concrete_m: float) -> list[float]:
-        """Optical depth of each line through so much air and concrete."""
-        lines = zip(self._attenuation, self._concrete, strict=True)
-        return [air * distance_m + concrete * concrete_m for air, concrete in lines]
+        self._kind = np.ascontiguousarray(np.cumsum(bank.area_mm2, axis=1) / np.maximum(area[:, None], 1e-30))
 
     def pick(self, u: NDArray[np.float64], origin: IntArray, origins: Origins, first_tick: int, ticks: int) -> Picked:
         """Events from (N, 5) uniform numbers and the origin of each, an index into ``origins``."""
@@ -87,7 +75,29 @@ class Emission:
         return Picked(bank.pixels, bank.first, event, symmetry, tick)
 
 
-def pick(emissions: Sequence[Emission], u: NDArray[np.float64], origins: Origins, first_tick: int, ticks: int) -> Picked:
+class Emission(Pool):
+    """One nuclide before one camera.
+
+    area_mm2: effective area of each bin of its bank. least_attenuation: of its most penetrating line, in air, per metre.
+    """
+
+    def __init__(self, nuclide: str, truth: CameraTruth) -> None:
+        """Raises ConfigError for an unknown nuclide."""
+        lines = nuclide_of(nuclide).lines
+        super().__init__(load_bank(nuclide, truth))
+        self.nuclide = nuclide
+        self.lines = len(lines)
+        self._attenuation = [air_attenuation_per_m(energy) for energy, _ in lines]
+        self.least_attenuation = min(self._attenuation)
+        self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
+
+    def depths(self, distance_m: float, concrete_m: float) -> list[float]:
+        """Optical depth of each line through so much air and concrete."""
+        lines = zip(self._attenuation, self._concrete, strict=True)
+        return [air * distance_m + concrete * concrete_m for air, concrete in lines]
+
+
+def pick(emissions: Sequence[Pool], u: NDArray[np.float64], origins: Origins, first_tick: int, ticks: int) -> Picked:
     """Events of all emissions from (N, 5) uniform numbers, of which the first choose the origins."""
     last = len(origins.bins) - 1
     origin = np.minimum(np.searchsorted(origins.cumulative, u[:, 0] * origins.cumulative[-1], side="right"), last)
@@ -145,12 +155,8 @@ def _pick(
         if count[place, kind] == 0:
             continue
         chosen = start[place, kind] + int(u[n, 2] * count[place, kind])
-        if origin[n] < len(symmetries):
-            keep = np.exp(-excess[origin[n], line[chosen]])
-            symmetry[size] = symmetries[origin[n]]
-        else:
-            keep = 1.0
-            symmetry[size] = int(8.0 * u[n, 4])
+        keep = np.exp(-excess[origin[n], line[chosen]]) if origin[n] < len(excess) else 1.0
+        symmetry[size] = symmetries[origin[n]] if symmetries[origin[n]] != ANY else int(8.0 * u[n, 4])
         if keep < 1.0 and u[n, 4] >= keep:
             continue
         event[size] = chosen

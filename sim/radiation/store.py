@@ -1,4 +1,4 @@
-"""The user's cache of event banks on disk."""
+"""The user's cache of what takes long to simulate: event banks, tables of fluxes over ground; each as a folder of arrays."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import hashlib
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
@@ -23,8 +25,10 @@ from sim.radiation.nuclides import Nuclide, nuclide
 from sim.radiation.timepix3 import Response, response
 from sim.radiation.truth import CameraTruth
 
+Arrays = Mapping[str, NDArray[Any]]
+
 # A bank is valid for the code that made it.
-_MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3", "transport")
+MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3", "transport")
 
 
 def load_bank(name: str, truth: CameraTruth) -> EventBank:
@@ -39,18 +43,37 @@ def load_bank(name: str, truth: CameraTruth) -> EventBank:
 @cache
 def _load(source: Nuclide, camera: Response) -> EventBank:
     digest = bank_key(source, camera)
-    folder = cache_folder() / f"bank-{source.name}-{digest}"
+
+    def build() -> Arrays:
+        return as_arrays(_build(source, camera, int(digest, 16)))
+
+    return as_bank(kept(f"bank-{source.name}-{digest}", build))
+
+
+def as_arrays(bank: EventBank) -> Arrays:
+    """By name of the field."""
+    return {item.name: getattr(bank, item.name) for item in fields(bank)}
+
+
+def as_bank(arrays: Arrays) -> EventBank:
+    """From its fields."""
+    return EventBank(**{item.name: np.asarray(arrays[item.name]) for item in fields(EventBank)})
+
+
+def kept(name: str, build: Callable[[], Arrays]) -> Arrays:
+    """The arrays of that name: from disk (memory-mapped), or built and stored; one process builds, others wait for it."""
+    folder = cache_folder() / name
     if folder.is_dir():
         return _open(folder)
     with _alone(folder):
         if folder.is_dir():  # another process was faster
             return _open(folder)
-        bank = _build(source, camera, int(digest, 16))
+        arrays = build()
         try:
-            _save(bank, folder)
+            _save(arrays, folder)
         except OSError as error:
-            print(f"radron: the event bank could not be stored in {folder.parent}: {error}", file=sys.stderr)
-            return bank
+            print(f"radron: {name} could not be stored in {folder.parent}: {error}", file=sys.stderr)
+            return arrays
     return _open(folder)
 
 
@@ -81,25 +104,25 @@ def _alone(folder: Path) -> Iterator[None]:
 def bank_key(source: Nuclide, camera: Response) -> str:
     """16 hex digits that identify the bank's inputs."""
     content = hashlib.blake2b(repr((source, camera)).encode(), digest_size=8)
-    for module in _MADE_BY:
+    for module in MADE_BY:
         content.update(Path(__file__).with_name(f"{module}.py").read_bytes())
     return content.hexdigest()
 
 
-def _save(bank: EventBank, folder: Path) -> None:
+def _save(arrays: Arrays, folder: Path) -> None:
     """Write beside the folder, then rename: another process sees all of it or nothing."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(prefix=".bank-", dir=folder.parent))
     try:
-        for item in fields(bank):
-            np.save(scratch / f"{item.name}.npy", getattr(bank, item.name))
+        for name, array in arrays.items():
+            np.save(scratch / f"{name}.npy", array)
         scratch.rename(folder)
     except OSError:
-        if not folder.is_dir():  # else another process was faster, with the same bank
+        if not folder.is_dir():  # else another process was faster, with the same arrays
             raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _open(folder: Path) -> EventBank:
-    return EventBank(**{item.name: np.asarray(np.load(folder / f"{item.name}.npy", mmap_mode="r")) for item in fields(EventBank)})
+def _open(folder: Path) -> Arrays:
+    return {path.stem: np.asarray(np.load(path, mmap_mode="r")) for path in sorted(folder.glob("*.npy"))}

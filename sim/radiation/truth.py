@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
+import numpy as np
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -31,7 +33,8 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         dead_time_ns: a pixel's, after the end of its pulse. max_hits_per_s: of the readout.
         background_hits_per_s: hits from the surroundings, without the source.
         scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
-            near + air * mu d, with mu the air's attenuation coefficient and d the distance.
+            near + air * mu d, with mu the air's attenuation coefficient and d the distance. Where a ground is simulated
+            (``GroundTruth``), only near counts, for vehicle and mount, and background_hits_per_s are hits of another origin.
 
     Unknown on board, drawn for each camera and flight; all off by default:
         sensitivity_spread: relative standard deviation of a camera's counts, of source and background alike.
@@ -69,3 +72,27 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     shadow_half_angle_deg: Annotated[float, Meta(gt=0.0, lt=90.0)] = 35.0
     anisotropy: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.0
     clock_offset_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+
+GroundKind = Literal["soil", "sand", "asphalt", "concrete", "water"]
+
+
+class GroundTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The ground below sources and cameras, as it scatters and sends out photons (``sim.radiation.ground``).
+
+    kinds: one of these, drawn from the seed. depth_m: of all sources that are not above the ground. natural: activity of K-40,
+    uranium and thorium series, relative to the kind's own.
+    """
+
+    kinds: Annotated[tuple[GroundKind, ...], Meta(min_length=1, max_length=5)] = ("soil",)
+    depth_m: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    natural: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
+
+    @property
+    def kind(self) -> GroundKind:
+        """The drawn one."""
+        return self.kinds[0]
+
+    def drawn(self, rng: np.random.Generator) -> GroundTruth:
+        """With one of the kinds alone."""
+        return replace(self, kinds=(self.kinds[int(rng.integers(len(self.kinds)))],))

@@ -14,9 +14,11 @@ from agent.detector.readout import PixelHits, Readout
 from sim.geometry import Array
 from sim.radiation.calibration import PixelCalibration
 from sim.radiation.camera import Camera, SourceView
+from sim.radiation.ground.materials import concrete_per
 from sim.scenario import Scenario
 from sim.world.frame import CameraMount
 from sim.world.sources import Source
+from sim.world.streams import Streams
 from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.world.walls import Walls
 
@@ -46,28 +48,39 @@ class Cameras:
         scenario: Scenario,
         nuclides: Sequence[str],
         drones: Sequence[DroneConfig],
-        rngs: Sequence[np.random.Generator],
+        random: Streams,
         clock_ns: int,
     ) -> None:
-        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera. ``clock_ns``: UTC time at which the
-        cameras' clocks were reset.
+        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera. ``random``: of the run. ``clock_ns``: UTC
+        time at which the cameras' clocks were reset.
         """
         emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
         self._terrain = Terrain(scenario.terrain)
+        ground = None if scenario.ground is None else scenario.ground.drawn(random.ground)
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
-        self._cameras = [Camera(scenario.camera, emitted, rng, clock_ns) for rng in rngs]
+        self._cameras = [Camera(scenario.camera, emitted, rng, clock_ns, ground) for rng in random.cameras]
+        self._depth_m = 0.0 if ground is None else ground.depth_m
+        self._concrete_per_ground = 0.0 if ground is None else concrete_per(ground.kind)
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
     def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, sources: Sequence[Source]) -> None:
         """Expose [start_ns, end_ns), UTC, at the vehicle's present pose; without a source, to the background alone."""
         views = [self._view(drone, motion, source) for source in sources]
-        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
+        x, y, z = motion.position_m[drone].tolist()
+        height_m = z - self._terrain.height_m(x, y)
+        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views, height_m))
 
     def _view(self, drone: int, motion: Motion, source: Source) -> SourceView:
         place = motion.position_m[drone]
         view = self._mounts[drone].view(place, motion.quaternion(drone), source.place_m, source.activity_bq)
-        return replace(view, concrete_m=self._concrete_m(place, np.array(source.place_m)), nuclide=source.nuclide)
+        x, y, z = source.place_m
+        ground_m = self._terrain.height_m(x, y)
+        camera_m, source_m = float(place[2]) - ground_m, z - ground_m
+        concrete_m = self._concrete_m(place, np.array(source.place_m))
+        if self._depth_m > 0.0 and source_m == 0.0 and camera_m > 0.0:
+            concrete_m += self._concrete_per_ground * self._depth_m * view.distance_m / camera_m
+        return replace(view, concrete_m=concrete_m, nuclide=source.nuclide, camera_m=camera_m, source_m=source_m)
 
     def _concrete_m(self, place: Array, source: Array) -> float:
         """Length of concrete between camera and source (3,), plus the concrete equivalent of the ground between them."""

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 _FRAMES, _RECEIVERS, _LIAR, _SIGHTINGS = range(1_000_000, 1_000_004)  # beyond any camera's key
-_SOURCES = 1_000_008  # those between belong to sim.faults and sim.campaign.faults
+_SOURCES, _GROUND = 1_000_008, 1_000_010  # those between belong to sim.faults and sim.campaign.faults
 
 
 class Streams(NamedTuple):
-    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all but ``source``."""
+    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all but ``source``.
+    ``ground``: of its kind."""
 
     source: np.random.Generator
     start: np.random.Generator
@@ -27,6 +28,7 @@ class Streams(NamedTuple):
     liar: np.random.Generator
     sightings: np.random.Generator
     sources: np.random.Generator
+    ground: np.random.Generator
 
 
 def streams(seed: int, drones: int) -> Streams:
@@ -46,6 +48,7 @@ def streams(seed: int, drones: int) -> Streams:
         liar=_keyed(seed, _LIAR),
         sightings=_keyed(seed, _SIGHTINGS),
         sources=_keyed(seed, _SOURCES),
+        ground=_keyed(seed, _GROUND),
     )
 
 

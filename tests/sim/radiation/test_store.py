@@ -62,7 +62,7 @@ def test_the_other_process_was_first(built: list[str]) -> None:
     """Two processes build the same bank: the later one's rename finds a full folder and leaves it."""
     bank = store.load_bank("Cs-137", CameraTruth())
     (folder,) = store.cache_folder().glob("*bank-*/")
-    store._save(bank, folder)
+    store._save(store.as_arrays(bank), folder)
     assert list(folder.parent.glob("*bank-*/")) == [folder]
 
 
@@ -74,7 +74,7 @@ def test_who_comes_second_waits_and_does_not_build(built: list[str]) -> None:
             second = other.submit(store.load_bank, "Cs-137", CameraTruth())
             with pytest.raises(TimeoutError):
                 second.result(timeout=0.2)
-            store._save(partial_bank("Cs-137"), folder)
+            store._save(store.as_arrays(partial_bank("Cs-137")), folder)
         assert len(second.result(timeout=30).pixels) > 0
     assert built == []
 

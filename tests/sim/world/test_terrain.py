@@ -64,7 +64,8 @@ def test_the_source_is_seen_on_its_hill_and_not_through_another(monkeypatch):
     def hits(start_m):
         lying = replace(scenario, source=replace(scenario.source, start_m=start_m))
         sources = Sources(lying, 1.0, streams(1, 1))
-        cameras = Cameras(lying, sources.nuclides, [DroneConfig(id="d1")], [np.random.default_rng(1)], 0)
+        random = streams(0, 1)._replace(cameras=[np.random.default_rng(1)])
+        cameras = Cameras(lying, sources.nuclides, [DroneConfig(id="d1")], random, 0)
         for k in range(100):
             cameras.expose(0, k * 100_000_000, (k + 1) * 100_000_000, Hovering(), sources.at(0.0))
         return len(cameras.read_out(0).hits)

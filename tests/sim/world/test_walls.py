@@ -8,6 +8,7 @@ from agent.terrain.ground import Ground
 from sim.scenario import load_scenario, override
 from sim.world.cameras import Cameras
 from sim.world.sources import Source
+from sim.world.streams import streams
 from sim.world.walls import Walls, WallTruth
 
 
@@ -74,7 +75,7 @@ def test_a_camera_behind_a_wall_sees_what_the_concrete_lets_through_and_all_that
     def hits_per_s(values: dict[str, object]) -> float:
         cameras = Cameras(
             override(scenario, values),  # type: ignore[arg-type]
-            ["Cs-137"], [DroneConfig(id="d1")], [np.random.default_rng(2)], 0,
+            ["Cs-137"], [DroneConfig(id="d1")], streams(0, 1)._replace(cameras=[np.random.default_rng(2)]), 0,
         )  # fmt: skip
         seconds = 300
         for second in range(seconds):

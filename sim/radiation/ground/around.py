@@ -1,0 +1,65 @@
+"""Photons of the ground in one simulated camera: those of sources that it scatters, with the air's, and those of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sim.radiation.concrete import concrete_attenuation_per_m
+from sim.radiation.emission import ANY, Pool
+from sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
+from sim.radiation.ground.field import natural_flux, point_field
+from sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
+from sim.radiation.timepix3 import response
+from sim.radiation.truth import CameraTruth, GroundTruth
+
+if TYPE_CHECKING:
+    from sim.radiation.camera import SourceView
+    from sim.radiation.individual import Individual
+
+_NEAREST_M = 0.05
+
+
+class Around(NamedTuple):
+    """Where photons come from: bins of the bank, symmetries of the sensor, and rates of events (1/s)."""
+
+    bins: list[int]
+    symmetries: list[int]
+    rates: list[float]
+
+
+class AroundCamera(Pool):
+    """The ground with what it sends to one camera."""
+
+    def __init__(self, ground: GroundTruth, truth: CameraTruth) -> None:
+        super().__init__(ground_bank(response(truth)))
+        self._ground = ground
+        self._area = np.array(self.area_mm2).reshape(DIRECTIONS + 1, GROUPS)
+        self._concrete = np.array([concrete_attenuation_per_m(energy) for energy in group_energies_kev().tolist()])
+
+    def rates(self, views: Sequence[SourceView], own: Individual, drift: float, height_m: float, first_nuclide: str) -> Around:
+        """Of all views, and of the ground itself. drift: factor on the ground's own photons."""
+        around = own.sensitivity * drift * self._ground.natural * 1e-6 * natural_flux(self._ground.kind, height_m)
+        places, symmetries, rates = [], [], []
+        for view in views:
+            distance_m = max(view.distance_m, _NEAREST_M)
+            rise_m = view.camera_m - view.source_m
+            horizontal_m = math.sqrt(max(distance_m * distance_m - rise_m * rise_m, 0.0))
+            place_m = view.source_m if view.source_m > 0.0 else -self._ground.depth_m
+            field = point_field(view.nuclide or first_nuclide, self._ground.kind, place_m)
+            per_m2 = own.sensitivity * view.activity_bq / (4e6 * math.pi * distance_m * distance_m)
+            flux = per_m2 * field.times_square(view.camera_m, horizontal_m)[:, :GROUPS]
+            around += flux[AROUND]
+            place, symmetry = direction_of(view.direction)
+            towards = flux[TOWARDS] * self._area[place] * own.transmission(view.direction)
+            if view.concrete_m > 0.0:
+                towards *= np.exp(-self._concrete * view.concrete_m)
+            places.append(place)
+            symmetries.append(symmetry)
+            rates.append(towards)
+        bins = np.add.outer([*(place * GROUPS for place in places), ISOTROPIC * GROUPS], np.arange(GROUPS)).ravel()
+        every = np.concatenate([*rates, around * self._area[ISOTROPIC]])
+        return Around(bins.tolist(), np.repeat([*symmetries, ANY], GROUPS).tolist(), every.tolist())

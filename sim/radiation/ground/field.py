@@ -1,0 +1,125 @@
+"""The flux of photons at a camera over ground: scattered ones of a source, and those of the ground's own radioactivity.
+
+Tables of ``photons.follow`` by height and horizontal distance, made when they are first asked for (seconds), with a fixed seed,
+and kept in the user's cache. Checked against published values in tests/sim/ground.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.radiation.ground.materials import GROUNDS, air, ground, kerma_per_fluence
+from sim.radiation.ground.natural import SERIES
+from sim.radiation.ground.photons import GROUPS, Setting, follow
+from sim.radiation.nuclides import nuclide
+from sim.radiation.store import kept
+
+FloatArray = NDArray[np.float64]
+
+LEVELS_M: FloatArray = np.array((0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 17.0, 30.0))
+RINGS: FloatArray = np.array((0.0, 0.5, 1.0, 1.5, 2.2, 3.3, 5.0, 8.0, 13.0, 21.0))
+SOURCE_HEIGHTS_M = (0.0, 0.3, 1.0, 3.0, 10.0)  # the nearest one's table serves
+NATURAL_DEPTH_M = 1.0  # deeper, 10 mean free paths of 2.6 MeV, nothing comes from
+_HISTORIES = 1_000_000
+_NATURAL_HISTORIES = 500_000
+_MADE_BY = ("field", "materials", "natural", "photons")
+
+_PLACES = np.arcsinh(np.sqrt(0.5 * (RINGS[1:] ** 2 + RINGS[:-1] ** 2))).tolist()  # of the rings, where their mean is right
+_LEVELS = np.log(LEVELS_M).tolist()
+_MIN_M = float(LEVELS_M[0])
+
+
+class PointField:
+    """Scattered photons of one nuclide beside a source at rest on, in or above one ground."""
+
+    def __init__(self, table: FloatArray) -> None:
+        """table: (H, R, 2, COLUMNS) of ``LEVELS_M`` and ``RINGS``, per decay, as of ``photons.follow``."""
+        self._table = table
+
+    def times_square(self, height_m: float, horizontal_m: float) -> FloatArray:
+        """(2, COLUMNS): flux of scattered photons per decay times 4 pi D^2, from the source's side and from elsewhere, by energy
+        group, and air kerma (Gy m2); D: distance from the source. Beyond the table: as at its edge.
+        """
+        height_m = max(height_m, _MIN_M)
+        level, above = _between(math.log(height_m), _LEVELS)
+        ring, beyond = _between(math.asinh(horizontal_m / height_m), _PLACES)
+        rows = (1.0 - above) * self._table[level, ring : ring + 2] + above * self._table[level + 1, ring : ring + 2]
+        return np.asarray((1.0 - beyond) * rows[0] + beyond * rows[1])
+
+
+def _between(value: float, places: list[float]) -> tuple[int, float]:
+    """The cell of the rising places in which the value lies, and its share of the way to the next one."""
+    cell = min(max(bisect_left(places, value) - 1, 0), len(places) - 2)
+    return cell, min(max((value - places[cell]) / (places[cell + 1] - places[cell]), 0.0), 1.0)
+
+
+def point_field(nuclide_name: str, ground_name: str, place_m: float) -> PointField:
+    """Of a source at about a height ``place_m`` above the ground or, below zero, so deep in it."""
+    if place_m > 0.0:
+        place_m = min(SOURCE_HEIGHTS_M, key=lambda known: abs(known - place_m))
+    return _point_field(nuclide_name, ground_name, place_m)
+
+
+@cache
+def _point_field(nuclide_name: str, ground_name: str, place_m: float) -> PointField:
+    lines = nuclide(nuclide_name).lines
+    per_decay = sum(intensity for _, intensity in lines)
+
+    def make() -> FloatArray:
+        return per_decay * follow(_setting(lines, ground_name, place_m, 0.0, RINGS), _HISTORIES, np.random.default_rng(1))
+
+    return PointField(_cached(f"{nuclide_name}-{ground_name}-{place_m:g}", make))
+
+
+@cache
+def natural_series(ground_name: str) -> FloatArray:
+    """(series, H, 2, COLUMNS): flux per m2 and s by ``LEVELS_M``, from below and from above, and air kerma rate (Gy/s), of ground
+    with 1 Bq/kg of K-40, of the U-238 or of the Th-232 series.
+    """
+
+    def make() -> FloatArray:
+        rows = []
+        for lines in SERIES:
+            setting = _setting(lines, ground_name, 0.0, NATURAL_DEPTH_M, np.array((0.0, 1e12)))
+            per_area = sum(intensity for _, intensity in lines) * 1e3 * GROUNDS[ground_name].density_gcm3 * NATURAL_DEPTH_M
+            rows.append(per_area * follow(setting, _NATURAL_HISTORIES, np.random.default_rng(2))[:, 0])
+        return np.array(rows)
+
+    return _cached(f"natural-{ground_name}", make)
+
+
+@cache
+def natural_field(ground_name: str) -> FloatArray:
+    """(H, 2, COLUMNS): as ``natural_series``, with the ground's own activities."""
+    return np.asarray(np.tensordot(np.array(GROUNDS[ground_name].natural_bq_kg), natural_series(ground_name), 1))
+
+
+def natural_flux(ground_name: str, height_m: float) -> FloatArray:
+    """(GROUPS,) flux per m2 and s of the ground's own photons at a height."""
+    level, above = _between(math.log(max(height_m, _MIN_M)), _LEVELS)
+    table = natural_field(ground_name)
+    return np.asarray(((1.0 - above) * table[level] + above * table[level + 1]).sum(axis=0)[:GROUPS])
+
+
+def _setting(
+    lines: Sequence[tuple[float, float]], ground_name: str, source_m: float, depth_m: float, rings: FloatArray
+) -> Setting:
+    energy, intensity = np.array(lines).T
+    cumulative = np.cumsum(intensity) / intensity.sum()
+    return Setting(energy, cumulative, source_m, depth_m, LEVELS_M, rings, air(), ground(ground_name), kerma_per_fluence())
+
+
+def _cached(name: str, make: Callable[[], FloatArray]) -> FloatArray:
+    """A table, valid for the code that made it."""
+    code = hashlib.blake2b(digest_size=8)
+    for module in _MADE_BY:
+        code.update(Path(__file__).with_name(f"{module}.py").read_bytes())
+    return np.asarray(kept(f"ground-{name}-{code.hexdigest()}", lambda: {"table": make()})["table"])

@@ -1,0 +1,61 @@
+"""Figures of the fluxes over ground in a camera's terms: hits by scattered photons, natural background, air kerma."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.radiation.bank import SCATTERED_BIN, bin_centres
+from sim.radiation.ground.bank import DIRECTIONS, ground_bank
+from sim.radiation.ground.field import LEVELS_M, natural_flux, natural_series, point_field
+from sim.radiation.ground.photons import GROUPS
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import nuclide
+from sim.radiation.store import load_bank
+from sim.radiation.timepix3 import response
+from sim.radiation.truth import CameraTruth
+
+FloatArray = NDArray[np.float64]
+
+
+@cache
+def isotropic_mm2() -> FloatArray:
+    """(GROUPS,) effective area for any hit, mean over all directions."""
+    area = ground_bank(response(CameraTruth())).area_mm2.sum(axis=1).reshape(DIRECTIONS + 1, GROUPS)
+    return np.asarray(area[DIRECTIONS])
+
+
+@cache
+def direct_mm2(name: str) -> float:
+    """Effective area times photons per decay for direct photons of a nuclide, mean over all directions."""
+    area = load_bank(name, CameraTruth()).area_mm2.sum(axis=1)
+    centres = bin_centres()
+    sine = np.hypot(centres[:, 0], centres[:, 1])
+    rows = np.unique(centres[:, 2], return_counts=True, return_inverse=True)
+    weight = sine / rows[2][rows[1].ravel()]
+    return float(weight @ area[:SCATTERED_BIN] / weight.sum())
+
+
+def scattered_share(name: str, ground: str, place_m: float, height_m: float, horizontal_m: float) -> float:
+    """Hits by scattered photons over those by direct ones from a source with a clear view, as a mean over all directions.
+
+    place_m: of the source above the ground; below 0: in it (its soil then counts as no attenuation).
+    """
+    distance_m = math.hypot(height_m - max(place_m, 0.0), horizontal_m)
+    scattered = point_field(name, ground, place_m).times_square(height_m, horizontal_m)[:, :GROUPS].sum(axis=0)
+    least = min(air_attenuation_per_m(energy) for energy, _ in nuclide(name).lines)
+    return float(scattered @ isotropic_mm2()) / (direct_mm2(name) * math.exp(-least * distance_m))
+
+
+def hits_per_s(ground: str, height_m: float) -> float:
+    """Hits by the ground's own photons."""
+    return float(natural_flux(ground, height_m) @ isotropic_mm2()) * 1e-6
+
+
+def kerma_per_activity(ground: str) -> FloatArray:
+    """(3,) air kerma rate (Gy/s per Bq/kg) 1 m above ground of K-40, of the U-238 series and of the Th-232 series."""
+    level = int(np.flatnonzero(LEVELS_M == 1.0)[0])
+    return np.asarray(natural_series(ground)[:, level, :, GROUPS].sum(axis=1))
