@@ -28,6 +28,9 @@ class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
 class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds."""
 
+    later: ClassVar[frozenset[str]] = frozenset({"ground"})  # no part of a mission's id while it has its default
+
+    ground: Literal["none", "soil"] = "none"  # below the source: what it scatters is expected, and more background
     grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
     activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to the sources of industrial radiography and teletherapy
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 12

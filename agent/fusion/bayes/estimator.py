@@ -30,6 +30,7 @@ from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.bayes.sight import Scene
+from agent.fusion.bayes.soil import SIGMA as SOIL_SIGMA
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
@@ -80,11 +81,12 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
-        response = response or response_of(mission.named())
+        response = response or response_of(mission.named(), config.ground)
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._tracking = Tracking(self._scene, self._vehicles, config.gain_sigma, beside)
         self._motion = _motion(config)
+        self._area_variance = _AREA_VARIANCE + (0.0 if response.soil is None else SOIL_SIGMA**2)
 
     def initial(self, start_ns: int | None) -> BayesState:
         """The prior; it does not depend on the mission's start."""
@@ -106,7 +108,8 @@ class BayesEstimator:
         """Mean and covariance of the track, predicted to the middle of ``step``; that of the place is wider where the modes of
         motion differ (``Mixture.hedge``). What is seen of it by each vehicle (``sights``), and what is decided by it, is not.
 
-        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order.
+        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order; over soil the
+        variance of what is not known of it comes to that.
         """
         if state.track is None:
             return None
@@ -125,7 +128,7 @@ class BayesEstimator:
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
-            activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + _AREA_VARIANCE) ** 0.5,
+            activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + self._area_variance) ** 0.5,
             evidence=state.evidence,
             sights=Sights(self._vehicles, mean, covariance, self._ground),
             contradicted=tuple(drone for drone, vehicle in self._vehicles.items() if state.leaves_out(vehicle, step.middle_ns)),

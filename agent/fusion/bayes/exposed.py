@@ -54,11 +54,12 @@ class Fit(Struct, frozen=True, eq=False):
     """The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
 
         S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
-        h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
+        h = d ln S / ds = -((2 + q) / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
 
-    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``; that scattered photons fall off less than exp(-mu D) / D^2
-    is left out of h, not of S; so is all that buildings and the camera's facing change.)
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). (q is ``steep_share``, 0 where nothing is below; mu is ``air_per_m``. That
+    scattered photons fall off less than exp(-mu D) / D^2 is left out of h, not of S; so is all that buildings and the camera's
+    facing change.)
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
     ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
@@ -80,7 +81,8 @@ class Fit(Struct, frozen=True, eq=False):
         sight = LineOfSight.of(mean, scene.ground, exposed.vehicle, exposed.position, age_s)
         spot = sight.spot(covariance)
         distance = np.sqrt(sight.distance * sight.distance + spot)
-        slope = -(2.0 / distance + response.air_per_m) / distance
+        steepness = np.clip(-sight.way[..., 2] / distance, 0.0, 1.0)
+        slope = -((2.0 + response.steep_share(distance, steepness)) / distance + response.air_per_m) / distance
         gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
         log_gain = BIASES + BIAS * exposed.vehicle + GAIN
         gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
@@ -90,7 +92,7 @@ class Fit(Struct, frozen=True, eq=False):
         fluence = np.maximum(fluence, _LEAST_FLUENCE)
         facing = Facing.of(sight.way[..., 0], sight.way[..., 1], distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
-        expected, unsure = hidden.behind(*response.parts(fluence, distance, facing), shielding)
+        expected, unsure = hidden.behind(*response.parts(fluence, distance, facing, steepness), shielding)
         variance = spread + unsure
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
         innovation = innovation_squared(counts, expected, background, variance)

@@ -19,12 +19,13 @@ within 1 % up to 35 m); that cones of scattered photons grow with the distance (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from agent.errors import ConfigError
+from agent.fusion.bayes.soil import BODY_SHARE, SOIL, SoilChannel, background_over, scattered_by_soil
 from agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities
@@ -69,7 +70,7 @@ class Response:
 
     photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
     events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events
-    that became a cone.
+    that became a cone. soil: of scattered photons in the channels where the source is on soil; None: over nothing.
     """
 
     nuclide: str
@@ -77,6 +78,7 @@ class Response:
     air_per_m: float
     channels: tuple[Channel, Channel]
     cones: Channel
+    soil: tuple[SoilChannel, SoilChannel] | None = None
 
     @staticmethod
     def apart(counts: Array) -> Array:
@@ -94,7 +96,8 @@ class Response:
     @cached_property
     def background_ps(self) -> Array:
         """(2,) B of the channels, per second."""
-        return np.array([channel.background_ps for channel in self.channels])
+        alone = np.array([channel.background_ps for channel in self.channels])
+        return alone if self.soil is None else background_over(self.soil, alone)
 
     @cached_property
     def _terms(self) -> tuple[Array, Array, Array, Array]:
@@ -118,17 +121,36 @@ class Response:
         result: Array = per_mm2 * np.exp(-self.air_per_m * distance_m) / distance_m**2
         return result
 
-    def signal(self, fluence: Array, distance_m: Array) -> Array:
+    def signal(self, fluence: Array, distance_m: Array, steepness: Array | float = 0.0) -> Array:
         """Expected counts (..., 2) of the channels in the mean over the heading, S times the exposure.
 
-        fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D.
+        fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D. steepness: (...) sine of the
+        source's depression below the horizon.
         """
+        if self.soil is not None:
+            straight = self._terms[0] * fluence[..., None]
+            return straight + scattered_by_soil(self.soil, self._body_mm2, fluence, self.air_per_m * distance_m, steepness)
         area_mm2, direct, scattered, _ = self._terms
         depth = self.air_per_m * distance_m
         result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
         return result
 
-    def parts(self, fluence: Array, distance_m: Array, facing: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _body_mm2(self) -> Array:
+        """(2,) areas for photons that vehicle and mount scatter, in whose place and soil's ``direct`` has a fixed share."""
+        area_mm2, direct, _, _ = self._terms
+        result: Array = BODY_SHARE * area_mm2 * (direct - 1.0)
+        return result
+
+    def steep_share(self, distance_m: Array, steepness: Array) -> Array:
+        """(...) share of the counts that falls with the steepness; arguments as of ``signal``."""
+        if self.soil is None:
+            return np.zeros(np.shape(distance_m))
+        whole = self.signal(np.ones(np.shape(distance_m)), distance_m, steepness).sum(axis=-1)
+        result: Array = sum(channel.steep_mm2 for channel in self.soil) * steepness / whole
+        return result
+
+    def parts(self, fluence: Array, distance_m: Array, facing: Array, steepness: Array | float = 0.0) -> tuple[Array, Array]:
         """Expected counts (..., 2) by photons straight from the source, and by scattered ones: their sum is S times the exposure.
 
         facing: (...) f. The others as in ``signal``.
@@ -136,6 +158,8 @@ class Response:
         area_mm2, direct, scattered, edge = self._terms
         depth, unscattered = self.air_per_m * distance_m, area_mm2 * fluence[..., None]
         straight = (1.0 + edge * edge_factor(facing)[..., None]) * unscattered
+        if self.soil is not None:
+            return straight, scattered_by_soil(self.soil, self._body_mm2, fluence, depth, steepness, facing)
         return straight, (direct - 1.0 + scattered * depth[..., None]) * unscattered
 
 
@@ -199,14 +223,15 @@ RESPONSES: dict[str, Response] = {
 }
 
 
-def response_of(nuclide: str) -> Response:
-    """The response to the nuclide of that name.
+def response_of(nuclide: str, ground: str = "none") -> Response:
+    """The response to the nuclide of that name, over soil or nothing: ``fusion.bayes.ground``.
 
     Raises:
         ConfigError: the table has none.
     """
     try:
-        return RESPONSES[nuclide]
+        response = RESPONSES[nuclide]
+        return response if ground == "none" else replace(response, soil=SOIL[nuclide])
     except KeyError:
         raise ConfigError(
             f"nuclide {nuclide!r}: estimator 'bayes' does not know what a camera counts of it; it knows {', '.join(RESPONSES)}; "

@@ -151,7 +151,7 @@ class SearchState:
 
         L depends on the cell by its distance D only: it is tabulated over D and interpolated.
         """
-        far = _seen_from(grid, position)[0]
+        far, _, _, below = _seen_from(grid, position)
         distance = np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, _DISTANCES)
         fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
@@ -159,7 +159,7 @@ class SearchState:
         alone = background_log_likelihood(counts, background, SEARCH_TEMPER)  # (B,)
         _, _, table = fit_rate(
             counts,
-            response.signal(fluence, distance),
+            response.signal(fluence, distance, np.clip(-float(below.mean()) / distance, 0.0, 1.0)),
             background[:, None, None, :],
             np.broadcast_to(spread, fluence.shape),
             SEARCH_TEMPER,

@@ -1,0 +1,87 @@
+"""The count rates that the estimator expects over soil, against a simulated camera over it, whose transport is another code."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.config.estimators import BayesEstimatorConfig
+from agent.config.mission import DetectionConfig
+from agent.config.section import content_of
+from agent.detector.chain import DetectorChain
+from agent.detector.files.calibration import Calibration
+from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
+from agent.fusion.bayes.soil import SOIL
+from agent.fusion.facing import Facing
+
+camera = pytest.importorskip("sim.radiation.camera")
+truth = pytest.importorskip("sim.radiation.truth")
+
+LIVE_S = 4.0
+EVENTS_PS = 3000.0
+OVER_SOIL = truth.CameraTruth(scatter_near=0.05, background_hits_per_s=0.3)
+
+
+def counts(height_m: float, horizontal_m: float, heading_deg: float):
+    """(2,) counted by a camera at a height, a source at a horizontal distance, and expected."""
+    response = response_of("Cs-137", "soil")
+    distance = np.hypot(height_m, horizontal_m)
+    level, turn = horizontal_m / distance, np.deg2rad(heading_deg)
+    towards = (float(level * np.sin(turn)), -float(height_m / distance), float(level * np.cos(turn)))
+    activity_bq = REFERENCE_BQ * EVENTS_PS / 60.0 / float(response.flux(distance))  # 60 mm2 for all hits, about
+    view = camera.SourceView(towards, distance, activity_bq, camera_m=height_m)
+    seen = camera.Camera(OVER_SOIL, "Cs-137", np.random.default_rng(3), 0, truth.GroundTruth())
+    chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
+    found = [chain.process(seen.expose(k * 10**7, (k + 1) * 10**7, [view], height_m)) for k in range(round(100 * LIVE_S))]
+    told = np.array([(one.hits, one.photopeak, one.coincidences) for one in found], dtype=np.float64).sum(axis=0)
+    fluence = response.flux(distance) * (activity_bq / REFERENCE_BQ * LIVE_S)
+    facing = Facing.of(np.array(towards[2]), np.array(-towards[0]), np.array(1.0), 1.0, 0.0).cosine()
+    steepness = np.array(height_m / distance)
+    expected = sum(response.parts(fluence, distance, facing, steepness)) + response.background_ps * LIVE_S
+    return response.apart(told), expected
+
+
+@pytest.mark.parametrize(
+    ("height_m", "horizontal_m", "heading_deg"),
+    [
+        (2.5, 4.0, 0.0),
+        (2.5, 8.0, 30.0),
+        (4.0, 4.0, 60.0),
+        (4.0, 10.0, 0.0),
+        (4.0, 10.0, 75.0),
+        (6.0, 12.0, 20.0),
+        (3.0, 15.0, 45.0),
+    ],
+)
+def test_counts_over_soil(height_m, horizontal_m, heading_deg):
+    """Within 20 %: the table is linear in steepness and facing. Without soil, the sum is expected to be less than half."""
+    counted, expected = counts(height_m, horizontal_m, heading_deg)
+    assert counted[0] == pytest.approx(expected[0], rel=0.2)
+    assert counted[1] == pytest.approx(expected[1], rel=0.1)
+
+
+def test_a_search_and_a_track_expect_the_same_in_the_mean_over_the_heading():
+    response = response_of("Cs-137", "soil")
+    distance, steep = np.array([4.0, 12.0]), np.array([0.7, 0.3])
+    whole = response.signal(np.ones(2), distance, steep)
+    direct, scattered = response.parts(np.ones(2), distance, np.full(2, 0.565), steep)
+    assert whole == pytest.approx(direct + scattered, rel=0.02)  # ``edge`` has another mean of f
+
+
+def test_every_nuclide_is_known_over_soil_and_counts_more_there():
+    assert set(SOIL) == set(RESPONSES)
+    for nuclide in RESPONSES:
+        bare, over = response_of(nuclide), response_of(nuclide, "soil")
+        one, distance = np.array(1.0), np.array(5.0)
+        ratio = over.signal(one, distance, np.array(0.6)) / bare.signal(one, distance)
+        assert 1.5 < ratio[0] < 4.5
+        assert 0.85 < ratio[1] < 1.2
+        assert (over.background_ps > bare.background_ps).all()
+        assert 0.2 < over.steep_share(distance, np.array(0.6)) < 0.9
+        assert bare.steep_share(distance, np.array(0.6)) == 0.0
+
+
+def test_a_mission_without_soil_keeps_its_id():
+    assert "ground" not in content_of(BayesEstimatorConfig())
+    assert content_of(BayesEstimatorConfig(ground="soil"))["ground"] == "soil"
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"ground": "lava"}, BayesEstimatorConfig)
