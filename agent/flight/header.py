@@ -15,6 +15,7 @@ from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.files.calibration import calibration_files
 from agent.errors import ConfigError, FlightRecordError
+from agent.fusion.countstables import tables_version
 from agent.fusion.registry import deferred_named, estimator_named
 from agent.mission.memory import Memory
 from agent.mission.uploads import Origin
@@ -32,7 +33,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``deferred``: whether a slow
     estimator was computed in another process. ``tells_obeyed``: whether the statuses tell which order was obeyed last; those of
     older records do not. ``judges_exposures``: whether exposures that overlap or are too long do not count; in older records
-    they did.
+    they did. ``tables``: version of the tables of what a camera counts; empty in older records.
     """
 
     mission: MissionConfig
@@ -50,6 +51,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     deferred: bool = False
     tells_obeyed: bool = False
     judges_exposures: bool = False
+    tables: str = ""
 
     @classmethod
     def of(
@@ -92,7 +94,15 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             deferred=deferred,
             tells_obeyed=True,
             judges_exposures=True,
+            tables=tables_version(),
         )
+
+    def check_tables(self, file: Path) -> None:
+        """Raise FlightRecordError where the estimates were computed with other tables of what a camera counts."""
+        if self.tables not in ("", tables_version()):
+            release = self.versions.get("radron", "unknown")
+            text = f"{file}: recorded with other tables of what a camera counts"
+            raise FlightRecordError(f"{text}: replay it with the radron that recorded it ({release})")
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
         """Raise FlightRecordError where the messages are of another version of the protocol; ``do``: what was to be done."""

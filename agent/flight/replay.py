@@ -71,6 +71,7 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
     """
     flight = RecordedFlight(path)
     signatures = _signatures(flight)
+    flight.header.check_tables(flight.files[0])
     with TemporaryDirectory() as folder:
         heard = _Received()
         trust = signatures.trust if signatures is not None else None

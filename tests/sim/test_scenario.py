@@ -22,7 +22,7 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
-    "walls-known", "walls-unknown",
+    "walls-known", "walls-unknown", "soil-static-swarm", "mismatch-ground",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",

@@ -58,12 +58,17 @@ class SourcesAtRest:
         """``area``: in which sources are searched for, mission frame.
 
         Raises:
-            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order.
+            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order; soil.
         """
         self._config = mission.fusion.sources
         least_bq, most_bq = self._config.activity_bq
         if least_bq >= most_bq:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
+        if mission.fusion.bayes.ground != "none":
+            raise ConfigError(
+                f"fusion.bayes.ground = {mission.fusion.bayes.ground!r}: estimator 'sources' does not know what soil scatters; "
+                "take estimator 'bayes', or ground 'none'"
+            )
         self.ground = Ground.from_config(mission)
         self._area = area
         self.spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)

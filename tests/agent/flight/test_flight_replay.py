@@ -51,6 +51,15 @@ def test_every_drones_flight_comes_out_identical(flights):
         assert report.calls["in/message"] > report.calls["call/advance"] > 200  # one for each burst
 
 
+def test_a_record_of_other_tables_is_refused_with_its_release(segment, monkeypatch):
+    assert RecordedFlight(segment).header.tables
+    monkeypatch.setattr("agent.flight.header.tables_version", lambda: "0" * 16)
+    told = r"recorded with other tables of what a camera counts: replay it with the radron that recorded it \(.+\)$"
+    with pytest.raises(FlightRecordError, match=told) as refused:
+        replay(segment)
+    assert str(refused.value).count("\n") == 0
+
+
 @pytest.mark.slow
 def test_a_flight_with_fixes_and_sights_comes_out_identical(tmp_path):
     for folder in fly_recorded(tmp_path, name="mixed-frames", mission__track__duration_s=2.0):

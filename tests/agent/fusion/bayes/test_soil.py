@@ -3,18 +3,22 @@
 import msgspec
 import numpy as np
 import pytest
+from shapely import Polygon
 
 from agent.config.estimators import BayesEstimatorConfig
 from agent.config.mission import DetectionConfig
 from agent.config.section import content_of
 from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
+from agent.errors import ConfigError
 from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
 from agent.fusion.bayes.soil import SOIL
 from agent.fusion.facing import Facing
+from agent.fusion.sources.estimator import SourcesAtRest
 
 camera = pytest.importorskip("sim.radiation.camera")
 truth = pytest.importorskip("sim.radiation.truth")
+scenario = pytest.importorskip("sim.scenario")
 
 LIVE_S = 4.0
 EVENTS_PS = 3000.0
@@ -56,7 +60,7 @@ def test_counts_over_soil(height_m, horizontal_m, heading_deg):
     """Within 20 %: the table is linear in steepness and facing. Without soil, the sum is expected to be less than half."""
     counted, expected = counts(height_m, horizontal_m, heading_deg)
     assert counted[0] == pytest.approx(expected[0], rel=0.2)
-    assert counted[1] == pytest.approx(expected[1], rel=0.1)
+    assert counted[1] == pytest.approx(expected[1], rel=0.15)  # three sigmas of 500 events
 
 
 def test_a_search_and_a_track_expect_the_same_in_the_mean_over_the_heading():
@@ -64,7 +68,7 @@ def test_a_search_and_a_track_expect_the_same_in_the_mean_over_the_heading():
     distance, steep = np.array([4.0, 12.0]), np.array([0.7, 0.3])
     whole = response.signal(np.ones(2), distance, steep)
     direct, scattered = response.parts(np.ones(2), distance, np.full(2, 0.565), steep)
-    assert whole == pytest.approx(direct + scattered, rel=0.02)  # ``edge`` has another mean of f
+    assert whole == pytest.approx(direct + scattered, rel=0.04)  # ``edge`` has another mean of f
 
 
 def test_every_nuclide_is_known_over_soil_and_counts_more_there():
@@ -78,6 +82,12 @@ def test_every_nuclide_is_known_over_soil_and_counts_more_there():
         assert (over.background_ps > bare.background_ps).all()
         assert 0.2 < over.steep_share(distance, np.array(0.6)) < 0.9
         assert bare.steep_share(distance, np.array(0.6)) == 0.0
+
+
+def test_the_estimator_of_several_sources_refuses_soil():
+    mission = scenario.load_scenario("soil-static-swarm").mission
+    with pytest.raises(ConfigError, match=r"'sources' does not know what soil scatters"):
+        SourcesAtRest(mission, Polygon(mission.area.polygon_m))
 
 
 def test_a_mission_without_soil_keeps_its_id():

@@ -61,7 +61,7 @@ def test_two_codes_agree_on_scattered_photons() -> None:
         assert spectrum.sum() == pytest.approx(own.sum(), rel=0.05)
         soft, hard = (edges[:-1] > 60.0) & (edges[:-1] < 250.0), edges[:-1] >= 250.0  # keV; below, the compositions differ
         assert spectrum[soft].sum() == pytest.approx(own[soft].sum(), rel=0.06)
-        assert spectrum[hard].sum() == pytest.approx(own[hard].sum(), rel=0.15)  # few photons, known to 5 % each
+        assert spectrum[hard].sum() == pytest.approx(own[hard].sum(), rel=0.2)  # few, and their share changes in a ring
 
 
 def test_natural_background_is_brighter_from_below() -> None:

@@ -1,0 +1,16 @@
+"""The version of the tables of what a camera counts, which the estimates of ``bayes`` and ``sources`` follow from."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+
+from agent.fusion.bayes.response import RESPONSES
+from agent.fusion.bayes.soil import SOIL
+from agent.fusion.sources.tables import TABLES
+
+
+@cache
+def tables_version() -> str:
+    """16 hex digits that change with any number of the tables."""
+    return hashlib.blake2b(repr((RESPONSES, SOIL, TABLES)).encode(), digest_size=8).hexdigest()
