@@ -50,7 +50,7 @@ class Posterior:
             covariance, from other estimators.
         position_m: (C, 2) of the components.
         weight: (C,) probabilities, adding up to 1 - ``none``.
-        covariance_m2: (C, 2, 2) of each component; 0 for the cells of a grid.
+        covariance_m2: (C, 2, 2) of each component; of a grid's cell, a square of side a, a^2 / 12 per axis.
         none: probability that there is no source.
     """
 

@@ -58,6 +58,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     A flight that finds nothing:
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
             listened: it excludes the activities that the mission searches for).
+        finding: that result, as the first drone tells it; empty of an estimator that only listened.
         excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
             else at the end; None with a hypothesis of one source, or where nothing is excluded. Of a search for several sources
             of unknown nuclides, for the one that hides best, beside those that were found.
@@ -94,6 +95,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     bound_median_m: float | None = None
     bound_relative_median_m: float | None = None
     nothing_found: bool = False
+    finding: str = ""
     excluded_bq: float | None = None
     excluded_nuclides_bq: dict[str, float] | None = None
     false_hypothesis: bool = False

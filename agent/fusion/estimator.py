@@ -13,6 +13,7 @@ from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from agent.fusion.observation import Observation
+from agent.geometry import Point2
 from protocol.entries import AnyEntry
 
 S = TypeVar("S")
@@ -123,20 +124,25 @@ class Outlook:
     """The posterior of a search, while no hypothesis is declared; of a search for several sources, which goes on, also beside
     those that are: of one more of the least activity that is searched for. Mission frame.
 
-    places: (C, 2) centres of the cells, metres. weight: (C,) P(source in the cell), adding up to 1 - ``none``. activity_bq: (C,)
-    geometric mean of the activity given a source in the cell. none: P(no source).
+    places: (C, 2) centres of the cells, which are squares along the axes, and cell_m: (C,) their sizes, metres. inside: (C,),
+    cells in the area. weight: (C,) P(source in the cell), adding up to 1 - ``none``. activity_bq: (C,) geometric mean of the
+    activity given a source in the cell. none: P(no source).
     excluded_bq: sources of this activity or more are excluded, in the mean over the places where they may have been; None:
     nothing is excluded yet. exclusion: where the estimator is one of several sources; then ``excluded_bq`` is the largest of its
     limits. lead: the search for a source of which something has been measured, but not enough to tell of it: it comes first.
+    beyond: mean place (m) of a source beyond the fence, where that is more probable than all else.
     """
 
     places: NDArray[np.float64]
+    cell_m: NDArray[np.float64]
+    inside: NDArray[np.bool_]
     weight: NDArray[np.float64]
     activity_bq: NDArray[np.float64]
     none: float
     excluded_bq: float | None
     exclusion: Exclusion | None = None
     lead: Outlook | None = None
+    beyond: Point2 | None = None
 
 
 class Estimator(Protocol, Generic[S]):

@@ -16,8 +16,8 @@ class Posterior(Struct, frozen=True, eq=False):
 
     kind: ``grid``: cells of the search; ``sum``: a Gaussian sum; ``gaussian``: one Gaussian, all that the estimator tells.
     stamp_ns: the time of which it speaks: that of the hypothesis; of a grid the time at which the fusion was asked.
-    position: (C, 2) metres. weight: (C,) probabilities, adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component; 0
-    for the cells of a grid. none: probability that there is no source.
+    position: (C, 2) metres. weight: (C,) probabilities, adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component;
+    of a cell, which is a square of side a, a^2 / 12 per axis. none: probability that there is no source.
     """
 
     kind: Literal["grid", "sum", "gaussian"]
@@ -36,8 +36,8 @@ def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
         return _sum_of(fusion, hypothesis.stamp_ns) or Posterior("gaussian", hypothesis.stamp_ns, *one)
     if outlook is None:
         return None
-    cells = len(outlook.weight)
-    return Posterior("grid", now_ns, outlook.places.copy(), outlook.weight.copy(), np.zeros((cells, 2, 2)), outlook.none)
+    spread = outlook.cell_m[:, None, None] ** 2 / 12.0 * np.eye(2)
+    return Posterior("grid", now_ns, outlook.places.copy(), outlook.weight.copy(), spread, outlook.none)
 
 
 def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:

@@ -71,8 +71,8 @@ class Executive:
         frames, fusion = world.frames.graph, world.fusion
         self._search = Search(mission, drone.id, frames)
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
-        self._prospect = Prospect(lambda: fusion.outlook)
-        informed = InformedSearch(mission, self._prospect)
+        self.prospect = Prospect(lambda: fusion.outlook)
+        informed = InformedSearch(mission, self.prospect)
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding, self._revoked = "", False
@@ -279,7 +279,7 @@ class Executive:
             return False
         if not began:
             return not self._search.is_complete
-        outlook = self._prospect.at(now_ns)
+        outlook = self.prospect.at(now_ns)
         if outlook is None:
             return False
         if outlook.lead is not None:
@@ -311,7 +311,7 @@ class Executive:
         if self._world.fusion.hypothesis is not None:
             self.finding = ""
         elif self.stage is Stage.SURVEY:
-            found = conclusion(self._config.survey, self._mission.searched_s(now_ns), self._prospect.at(now_ns))
+            found = conclusion(self._config, self._mission.searched_s(now_ns), self.prospect.at(now_ns))
             self.finding = found or self.finding
 
     def _decide(self, now_ns: int, peers: Peers) -> Decision:

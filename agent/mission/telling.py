@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from functools import partial
 
+from agent.config.beyond import outside_texts
 from agent.config.mission import MissionConfig
 from agent.fusion.proofs import Proofs
 from agent.localization.clocks import Clocks
@@ -20,7 +21,7 @@ from agent.mission.takeover import FLYING
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
-from protocol.messages import Failsafe, Reaction, Status
+from protocol.messages import Failsafe, Reaction, Stage, Status
 
 MISEXPOSED_NS = 30_000_000_000  # exposures that do not count are told for so long
 LEFT_OUT = "what it measures does not fit what two others measure, and is left out: its position or its detector may be wrong"
@@ -56,6 +57,7 @@ class Telling:
         self._camera, self._peers, self._proofs, self._executive = camera, peers, proofs, executive
         self._reporter = Reporter(drone, mission.mission_id, boot, mission.fusion.estimator)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone))
+        self._area = mission.area
         self._notices = tuple[str, ...]()
         self.told = tuple[str, ...]()
 
@@ -91,7 +93,7 @@ class Telling:
             started_ns=self._executive.started_ns,
             ticket=self._orders.ticket(now_ns),
             failsafe=self._failsafe,
-            notices=(*self._revoking.notices, *self._notices)[:MOST_NOTICES],
+            notices=(*self._outside(now_ns), *self._revoking.notices, *self._notices)[:MOST_NOTICES],
             upload=self._commanding.uploads.answer,
             disowns=self._problems.has_twin(now_ns),
             obeyed=self._orders.obeyed,
@@ -107,6 +109,17 @@ class Telling:
         self._problems.flown = self._executive.problems(now_ns)
         self._commanding.look(now_ns)
         return self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+
+    def _outside(self, now_ns: int) -> list[str]:
+        """A line for each source beyond the fence, tracked or met by the search: the drones cannot circle it."""
+        hypothesis, outlook = self._world.fusion.hypothesis, None
+        if self._executive.stage is Stage.SURVEY:
+            outlook = self._executive.prospect.at(now_ns)
+        tracked = () if hypothesis is None else (hypothesis, *hypothesis.others)
+        places = [(float(source.position[0]), float(source.position[1])) for source in tracked]
+        if outlook is not None and outlook.beyond is not None:
+            places.append(outlook.beyond)
+        return outside_texts(self._area, places)
 
     def _contradictions(self, now_ns: int) -> list[str]:
         """A line for each drone, this one or another, whose measurements do not fit, or whose exposures cannot be."""

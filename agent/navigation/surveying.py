@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig, SurveyConfig
+from agent.config.beyond import outside_texts
+from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Outlook
 from agent.geometry import Point2
@@ -26,6 +27,8 @@ POINT_M = 1.0  # distance between the points of a coverage path
 LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoint
 _PORTION = 3.0  # of the work on new coverage, in a step
 _LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: no longer path is believed
+_INSIDE_M = 5.0  # from the fence to the waypoints of a search for a source outside the area
+_OUTSIDE = 0.2  # probability of a source outside the area, if more than inside, from which on waypoints may lie up to the fence
 _TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
 # Beside a corner where its path turns round, or behind another drone, one may come to a standstill, moving by less than this in a
 # step: then it is taken to go on by so much in each. What it leaves out so is covered when the rest of the area is divided.
@@ -157,10 +160,9 @@ class InformedSearch:
             and (east - west) * (north - south) <= LARGEST_M2
         )
         self._prospect = prospect
-        self._detours = Detours(area)
         self._speed_mps = min(survey.search_speed_mps, mission.limits.speed_mps)
-        acceleration_mps2 = _TURN_SHARE * mission.limits.acceleration_mps2
-        self._waypoints = Waypoints(area, survey.height_m, self._speed_mps, acceleration_mps2) if chosen else None
+        flown_m = max(0.0, mission.area.fence_margin_m - _INSIDE_M)
+        self._regions = tuple(self._region(mission, region) for region in (area, area.buffer(flown_m, quad_segs=2)) if chosen)
         self._follower: PathFollower | None = None
         self._progress = 0.0
         self._due_ns = 0
@@ -189,16 +191,16 @@ class InformedSearch:
             covered: all of the area has been covered by lanes: these come first with an estimator of several sources, whose
                 outlook follows the flight too slowly to lead it from place to place.
         """
-        outlook = self._prospect.at(now_ns) if self._waypoints is not None else None
+        outlook = self._prospect.at(now_ns) if self._regions else None
         outlook = outlook.lead if outlook is not None and outlook.lead is not None else outlook
         if outlook is not None and outlook.exclusion is not None and not (covered and outlook.exclusion.left.any()):
             outlook = None
-        if outlook is None or self._waypoints is None:
+        if outlook is None:
             self._follower = None
             return None
         if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # the clock was set back
             self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
-            self._follower = self._way(self._waypoints, outlook, position, velocity, others, walls)
+            self._follower = self._way(outlook, position, velocity, others, walls)
         length_m = self._follower.length_m
         self._progress = min(self._follower.advance(self._progress, position), length_m)
         travelled = self._progress + self._speed_mps * step_s * np.arange(steps + 2.0)
@@ -207,30 +209,43 @@ class InformedSearch:
 
     def _way(
         self,
-        waypoints: Waypoints,
         outlook: Outlook,
         position: Point2,
         velocity: Point2,
         others: Sequence[Point2],
         walls: Sequence[Wall],
     ) -> PathFollower:
+        """The way to the most informative waypoint: of the area, or up to the fence if the source is probably outside."""
         weight = outlook.weight if outlook.exclusion is None else outlook.weight * outlook.exclusion.left
-        belief = Belief(outlook.places, weight, outlook.activity_bq, outlook.none)
+        inside = float(weight[outlook.inside].sum())
+        is_outside = float(weight.sum()) - inside > max(inside, _OUTSIDE)
+        waypoints, detours = self._regions[is_outside]
+        cells = outlook.inside | is_outside
+        belief = Belief(outlook.places[cells], weight[cells], outlook.activity_bq[cells], outlook.none)
         behind = [(*wall.normal, wall.offset + KEPT_M) for wall in walls]
         start, end = np.array(position), np.array(waypoints.choose(belief, position, velocity, others, behind))
-        return PathFollower(np.vstack([start, self._detours.between(start, end), end]))
+        return PathFollower(np.vstack([start, detours.between(start, end), end]))
+
+    def _region(self, mission: MissionConfig, region: Polygon) -> tuple[Waypoints, Detours]:
+        acceleration_mps2 = _TURN_SHARE * mission.limits.acceleration_mps2
+        return Waypoints(region, mission.survey.height_m, self._speed_mps, acceleration_mps2), Detours(region)
 
 
-def conclusion(survey: SurveyConfig, searched_s: float, outlook: Outlook | None) -> str:
-    """The result of the search: "" while it goes on, else that nothing was found, and the activity that is excluded."""
+def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> str:
+    """The result of the search: "" while it goes on, else that nothing was found, and the activity that is excluded, or the
+    bearing of a source that is probably beyond the fence.
+    """
     excluded_bq = outlook.excluded_bq if outlook is not None else None
-    least_bq = survey.least_activity_bq
+    survey, least_bq = mission.survey, mission.survey.least_activity_bq
     if outlook is not None and outlook.exclusion is not None:
         enough = not outlook.exclusion.left.any()
     else:
         enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
     if not enough and (survey.duration_s is None or searched_s < survey.duration_s):
         return ""
+    outside = [] if outlook is None or outlook.beyond is None else outside_texts(mission.area, [outlook.beyond])
+    if outside:
+        return f"nothing found in the area; {outside[0]}"
     if excluded_bq is None:
         return f"nothing found in {searched_s:.0f} s; no activity can be excluded"
     return f"nothing found; a source of {excluded_bq:.2g} Bq or more is excluded"

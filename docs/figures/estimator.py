@@ -242,8 +242,9 @@ def search(seed: int) -> Figure:
 
 
 def _posterior(figure: Figure, panel: Axes, time_s: float, outlook: Outlook, paths: list[list[Place]], source: Place) -> None:
-    columns = len(np.unique(outlook.places[:, 0]))
-    x, y, weight = (part.reshape(-1, columns) for part in (*outlook.places.T, outlook.weight))
+    area = outlook.cell_m == outlook.cell_m.min()
+    columns = len(np.unique(outlook.places[area, 0]))
+    x, y, weight = (part[area].reshape(-1, columns) for part in (*outlook.places.T, outlook.weight))
     cell_m2 = float((x[0, 1] - x[0, 0]) ** 2)
     density = np.log10(np.maximum(weight / cell_m2, 1e-8))
     mesh = panel.pcolormesh(x, y, density, cmap="cividis", vmin=-7.0, vmax=-1.0, shading="nearest", rasterized=True)

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from msgspec import Struct
 
+from agent.config.beyond import OUTSIDE
 from sim.campaign.flights import Flown
 from sim.campaign.sources import sources_markdown, summarise_sources
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
@@ -61,6 +62,8 @@ def _excluded(result: RunResult) -> str:
 def _without_estimate(result: RunResult, there: bool) -> str:
     """``there``: there is a source."""
     excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
+    if OUTSIDE in result.finding:
+        return f"The swarm tells: {result.finding}."
     if result.nothing_found or not there:
         truth = "though there is one" if there else "and there is none"
         return f"The swarm found no source, {truth}{f'; one of {excluded}' if excluded else ''}."

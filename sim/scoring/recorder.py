@@ -7,7 +7,7 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 from shapely import Polygon
 
 from protocol.messages import AnyMessage, Pose, Stage
@@ -200,7 +200,8 @@ class Recorder:
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
         by_nuclide = excluded_nuclides_bq(first)
-        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
+        result = self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
+        return replace(result, finding=first.finding)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The results of the listening estimators."""

@@ -21,7 +21,7 @@ def source_path(source: SourceTruth, area: Polygon, duration_s: float, rng: np.r
     """The horizontal path of a source for times 0 .. ``duration_s``."""
     if source.motion == "circle":
         return _circle(source, area, rng)
-    start = source.start_m or anywhere(area, rng)
+    start = source.start_m or (anywhere(area, rng) if source.outside_m is None else outside(area, source.outside_m, rng))
     if source.motion == "legs":
         return _legs(source, start, rng)
     if source.motion == "static" or source.speed_mps == 0.0:
@@ -35,6 +35,16 @@ def anywhere(area: Polygon, rng: np.random.Generator) -> Place:
     while True:
         x, y = float(rng.uniform(west, east)), float(rng.uniform(south, north))
         if area.contains(Point(x, y)):
+            return x, y
+
+
+def outside(area: Polygon, between_m: Place, rng: np.random.Generator) -> Place:
+    """A place so far from the area, uniformly distributed."""
+    least_m, most_m = between_m
+    west, south, east, north = area.bounds
+    while True:
+        x, y = float(rng.uniform(west - most_m, east + most_m)), float(rng.uniform(south - most_m, north + most_m))
+        if least_m <= area.distance(Point(x, y)) <= most_m and not area.contains(Point(x, y)):
             return x, y
 
 

@@ -33,7 +33,8 @@ class LegTruth(_Section, frozen=True, kw_only=True):
 
 
 class SourceTruth(_Section, frozen=True, kw_only=True):
-    """A radioactive source, ``height_m`` above the ground. Its start is drawn from the seed unless ``start_m`` is given.
+    """A radioactive source, ``height_m`` above the ground. Its start is drawn from the seed unless ``start_m`` is given: in the
+    area, or with ``outside_m`` around it, at a distance between these two.
 
     ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
     and curved stretches inside the area, each at a speed between ``slowest`` (a fraction) of ``speed_mps`` and ``speed_mps``;
@@ -48,6 +49,7 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
     circle_radius_m: Annotated[float, Meta(ge=0.0, le=1e5)] = 40.0
     legs: Annotated[tuple[LegTruth, ...], Meta(max_length=1000)] = ()
     start_m: Corner | None = None
+    outside_m: tuple[Annotated[float, Meta(ge=0.0, le=1e3)], Annotated[float, Meta(gt=0.0, le=1e3)]] | None = None
     height_m: SourceHeight = 0.0
 
     def check(self, area: Polygon, where: str, name: str = "source") -> None:
@@ -62,7 +64,14 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
                 f"{where}: {name}.motion = 'wander' needs an area more than {2.0 * EDGE_M:g} m wide; "
                 "enlarge mission.area.polygon_m, or give motion = 'static'"
             )
-        if self.start_m is None:
+        if self.outside_m is not None:
+            if self.start_m is not None or self.motion in {"wander", "circle"}:
+                raise ConfigError(
+                    f"{where}: {name}.outside_m draws the start of a source that is static or moves in legs; leave it out"
+                )
+            if self.outside_m[0] >= self.outside_m[1]:
+                raise ConfigError(f"{where}: {name}.outside_m: {self.outside_m[0]:g} is not below {self.outside_m[1]:g}")
+        elif self.start_m is None:
             _check_room(area, where, f"{name}.start_m")
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from html import escape
 
+from agent.config.beyond import towards
 from agent.flight.audit import Audited
 from station.findings.facts import Findings, Located
 from station.findings.figures import charts, flight_map
@@ -97,11 +98,17 @@ def _cones(source: SourceFrame) -> str:
     return f"from {source.cones} cones"
 
 
+def _outside(source: SourceFrame) -> list[Row]:
+    bearing_deg = source.bearing_deg
+    return [] if bearing_deg is None else [("Outside the fence", f"{towards(bearing_deg)}, from the area's centre")]
+
+
 def _source(findings: Findings, source: SourceFrame) -> list[Row]:
     (x, y, z), (xx, xy, _, yy, _, zz) = source.place, source.covariance_m2
     rows = [
         ("Position, mission frame", f"{x:.2f} m east, {y:.2f} m north, {z:.2f} m up; 1 sigma {source.rms_m:.2f} m (RMS radius)"),
         ("Covariance", f"east {xx:.4f}, north {yy:.4f}, east-north {xy:.4f}, up {zz:.4f} m²"),
+        *_outside(source),
         ("90 % region", f"ellipse of {source.region[0]:.2f} m by {source.region[1]:.2f} m (semi-axes)"),
         ("Velocity", f"{math.hypot(*source.velocity_mps):.2f} m/s"),
     ]

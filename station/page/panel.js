@@ -24,6 +24,7 @@ function sourceLines(source) {
     ...(source.dose_usvph === null ? [] : [say("dose", { dose: significant(source.dose_usvph) })]),
     say("position", { x, y, z }),
     ...(source.position_deg === null ? [] : [say("geodetic", degrees(source.position_deg))]),
+    ...(source.bearing_deg === null ? [] : [say("outside", { bearing: (Math.round(source.bearing_deg) % 360).toFixed(0).padStart(3, "0") })]),
     say("region", { long: significant(source.region[0]), short: significant(source.region[1]) }),
     speed < 0.05 ? say("at rest") : say("velocity", { speed: speed.toFixed(2), bearing }),
     say("cones", { cones: source.cones }),

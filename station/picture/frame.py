@@ -48,7 +48,8 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
 class SourceFrame(Struct, frozen=True, kw_only=True):
     """A source of the hypothesis. ``covariance_m2``: xx, xy, xz, yy, yz, zz. ``region``: semi-axes (m) and direction of the long
     one (rad) of the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at
-    1 m, None for an unknown activity or nuclide; ``number``: by which it is named, the same from frame to frame.
+    1 m, None for an unknown activity or nuclide; ``number``: by which it is named, the same from frame to frame;
+    ``bearing_deg``: from the area's centre to a source beyond the fence, None of one within.
     """
 
     place: tuple[float, float, float]
@@ -63,6 +64,7 @@ class SourceFrame(Struct, frozen=True, kw_only=True):
     dose_usvph: float | None = None
     position_deg: Point | None = None  # latitude and longitude
     number: int = 1
+    bearing_deg: float | None = None
 
 
 class SearchFrame(Struct, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import Polygon
 
+from agent.config.beyond import bearing_beyond
 from agent.config.mission import MissionConfig
 from agent.frames.geodesy import geodetic_from_mission
 from agent.fusion.estimator import Hypothesis, Outlook
@@ -269,6 +270,7 @@ class Picture:
             activity_bq=activity,
             activity_sigma_bq=hypothesis.activity_sigma_bq,
             dose_usvph=rate_usvph(nuclide, activity) if activity is not None else None,
+            bearing_deg=bearing_beyond(self.mission.area, x, y),
             position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
         )
 

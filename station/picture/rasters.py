@@ -97,10 +97,13 @@ def _cells(posterior: Posterior, places: NDArray[np.float64]) -> NDArray[np.floa
     """Density of the cell of the search grid in which a place is; 0 beyond the cells, which are squares along the axes."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  half a second that only the search's map needs
 
-    tree = cKDTree(posterior.position)
-    distance, nearest = tree.query(places, p=np.inf)
-    between = float(np.median(tree.query(posterior.position, k=2)[0][:, 1])) if len(posterior.position) > 1 else 1.0
-    density: NDArray[np.float64] = np.where(distance <= 0.501 * between, posterior.weight[nearest] / between**2, 0.0)
+    sides = np.sqrt(12.0 * posterior.covariance[:, 0, 0])
+    density = np.zeros(len(places))
+    for side in np.unique(sides).tolist():
+        of_size = np.flatnonzero(sides == side)
+        distance, nearest = cKDTree(posterior.position[of_size]).query(places, p=np.inf)
+        found = posterior.weight[of_size][nearest] / side**2
+        density = np.maximum(density, np.where(distance <= 0.501 * side, found, 0.0))
     return density
 
 

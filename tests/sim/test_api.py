@@ -23,7 +23,7 @@ def test_the_flight_is_that_of_the_command(flight):
     np.testing.assert_array_equal(flight.trace.hypothesis_m, plain.trace.hypothesis_m)
 
 
-def test_a_search_is_a_grid_over_the_area_and_a_track_a_gaussian_sum(flight):
+def test_a_search_is_a_grid_over_the_area_and_around_it_and_a_track_a_gaussian_sum(flight):
     posteriors = flight.posteriors["bayes"]
     kinds = [posterior.kind for posterior in posteriors]
     assert kinds == sorted(kinds)  # first the grid, then the sum
@@ -34,8 +34,9 @@ def test_a_search_is_a_grid_over_the_area_and_a_track_a_gaussian_sum(flight):
         assert posterior.covariance_m2.shape == (count, 2, 2)
         assert posterior.weight.sum() == pytest.approx(1.0 - posterior.none)
     first = posteriors[0]
-    assert (first.position_m >= 0.0).all()
-    assert (first.position_m <= 100.0).all()
+    inside = ((first.position_m >= 0.0) & (first.position_m <= 100.0)).all(axis=1)
+    assert first.weight[inside].sum() > 0.8 * first.weight.sum()
+    assert (np.abs(first.position_m - 50.0) < 50.0 + 30.0 + 60.0).all()  # the fence's margin, and as far beyond as is searched
     assert posteriors[-1].rms_m < 0.2 * first.rms_m
 
 

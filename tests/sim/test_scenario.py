@@ -24,7 +24,7 @@ NAMES = {
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
     "walls-known", "walls-unknown", "soil-static-swarm", "mismatch-ground",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
-    "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go",
+    "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go", "beyond-fence",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
 }  # fmt: skip
 
@@ -155,7 +155,7 @@ def test_a_file_beside_comes_before_a_shipped_one(tmp_path):
 
 
 def test_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(ConfigError, match=r"unknown scenario 'nope'; shipped: biased-moving-solo, .*paper-static-swarm"):
+    with pytest.raises(ConfigError, match=r"unknown scenario 'nope'; shipped: beyond-fence, .*paper-static-swarm"):
         load_scenario("nope")
 
 

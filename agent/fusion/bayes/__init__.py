@@ -9,7 +9,7 @@ derives the whole.
 Notation of the docstrings: P(..) probability, p(..) density, N(z; m, V) Gaussian density, ' transpose, ~ distributed as;
 H1 a source is there, H0 none is. Sizes: S sites (components of the Gaussian sum), M motion modes, V vehicles, d = 5 + 4 V the
 state's dimension, K readings of a cone, L levels of attenuation, C components of an exposure, A activity levels, B background
-levels, Y x X grid cells. World frame: the mission frame (ENU), metres.
+levels; of a grid, C cells. World frame: the mission frame (ENU), metres.
 
 References
     [AS72] Alspach, Sorenson: Nonlinear Bayesian estimation using Gaussian sum approximations. IEEE Trans. Automatic Control 17

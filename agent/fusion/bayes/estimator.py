@@ -2,7 +2,8 @@
 
 Rules (parameters: ``agent.config.BayesEstimatorConfig``):
 
-- Initial estimate x0: a search becomes a track once P(H0) <= ``doubt`` and the RMS of the place given H1 <= ``declared_rms_m``.
+- Initial estimate x0: a search becomes a track once P(H0) <= ``doubt`` and the RMS of the place given H1 <= ``declared_rms_m``,
+  unless the source is probably beyond the fence, where the drones cannot circle it (``SearchState.beyond``).
 - Reacquisition: a track becomes a search again, beginning with its density, once the RMS of the apparent place exceeds
   ``given_up_rms_m``.
 - Loss: a track is dropped for a search from the prior once its recent evidence falls below ``_EVIDENCE_FLOOR``. Recent evidence
@@ -25,10 +26,11 @@ from agent.config.mission import MissionConfig
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
+from agent.fusion.bayes.grid import Grid
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
-from agent.fusion.bayes.search import Grid, SearchState
+from agent.fusion.bayes.search import SearchState
 from agent.fusion.bayes.sight import Scene
 from agent.fusion.bayes.soil import SIGMA as SOIL_SIGMA
 from agent.fusion.bayes.state import BayesState
@@ -80,7 +82,7 @@ class BayesEstimator:
         self._config: BayesEstimatorConfig = config
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
-        self._grid = Grid(area, config, self._ground)
+        self._grid = Grid(area, mission.area.fence_margin_m, config, self._ground)
         response = response or response_of(mission.named(), config.ground)
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
@@ -202,7 +204,7 @@ class BayesEstimator:
         search = state.search
         if search is None or state.bias_variance is None or not search.none <= self._config.doubt:
             return state
-        if not search.place(self._grid)[2] <= self._config.declared_rms_m:
+        if not search.place(self._grid)[2] <= self._config.declared_rms_m or search.beyond(self._grid) is not None:
             return state
         return BayesState(
             track=self._sites(search, of_counting(state.bias_variance, state.sure, step.start_ns)),
@@ -219,7 +221,7 @@ class BayesEstimator:
         by moment matching over the levels: mean sum_a p_a a, variance sum_a p_a (a - mean)^2 + ``activity_variance``.
         """
         grid = self._grid
-        cells = search.weight.sum(axis=1)  # (M, Y, X)
+        cells = search.weight.sum(axis=1)  # (M, C)
         total = cells.sum(axis=0)
         heavy = total > _LEAST_SHARE * total.max()
         levels = search.weight.sum(axis=0)[:, heavy]  # (A, S)
@@ -231,7 +233,7 @@ class BayesEstimator:
             cells[:, heavy].T,
             grid.x[heavy],
             grid.y[heavy],
-            _SITE_SIGMA * grid.cell_m,
+            _SITE_SIGMA * grid.cell_m[heavy],
             mean,
             np.sqrt(variance),
             self._motion,

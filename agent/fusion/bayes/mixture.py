@@ -59,22 +59,22 @@ class Mixture(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of_sites(
-        time_s: float, weight: Array, x: Array, y: Array, sigma_m: float, log_activity: Array, log_sigma: Array,
+        time_s: float, weight: Array, x: Array, y: Array, sigma_m: Array, log_activity: Array, log_sigma: Array,
         motion: Motion, bias_variance: Array,
     ) -> Mixture:  # fmt: skip
-        """The Gaussian sum that takes over from the search: a site for each place (S,), all with the same sigma.
+        """The Gaussian sum that takes over from the search: a site for each place (S,).
 
         The search ignores the biases, so its places and activities are the apparent ones: y = x + b with b the mean bias of the
         vehicles heard. With y ~ N(place, sigma_m^2) and b_i ~ N(0, P0) independent, the state (x, b) = T (y, b) where
         x = y - sum_i b_i / n over the n vehicles heard (likewise ln activity, with g); its covariance is T diag(..) T'.
 
-        weight: (S, M). log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles without measurements.
+        weight: (S, M). sigma_m, log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles without measurements.
         """
         d = BIASES + len(bias_variance)
         mean = np.zeros((len(x), motion.modes, d))
         mean[..., 0], mean[..., 1], mean[..., ACTIVITY] = x[:, None], y[:, None], log_activity[:, None]
         variance = np.zeros(mean.shape)
-        variance[..., :2] = sigma_m**2
+        variance[..., :2] = (sigma_m**2)[:, None, None]
         variance[..., 2:4] = motion.velocity_variance[:, None]
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
         variance[..., BIASES:] = bias_variance

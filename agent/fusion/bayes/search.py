@@ -1,11 +1,11 @@
 """The search: a point-mass filter [BS71] on a grid of places, activities and motion modes, with "no source" as an alternative.
 
-Hypotheses: H0, no source; or H1 with the cell (x, y), the log activity a and the motion mode j. For each of them the strength f
-of the background relative to the configured one is open too, as a level of its own distribution: otherwise a background that is
-stronger than configured would in the end look like a source. In SearchState
+Hypotheses: H0, no source; or H1 with the cell (x, y), in the area or around it (``grid``), the log activity a and the motion
+mode j. For each of them the strength f of the background relative to the configured one is open too, as a level of its own
+distribution: otherwise a background that is stronger than configured would in the end look like a source. In SearchState
 
-    none = P(H0),   weight[j, a, y, x] = P(H1, j, a, cell),
-    background[f, a, y, x] = P(f | H1, a, cell),   background_alone[f] = P(f | H0).
+    none = P(H0),   weight[j, a, cell] = P(H1, j, a, cell),
+    background[f, a, cell] = P(f | H1, a, cell),   background_alone[f] = P(f | H0).
 
 Poses are taken as exact: the search yields the apparent place of the source (``mixture.Mixture.of_sites`` accounts for biases).
 References: agent.fusion.bayes.
@@ -16,66 +16,30 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, gaussian_filter
-from shapely import Polygon, contains_xy
 
-from agent.config.estimators import BayesEstimatorConfig
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
+from agent.fusion.bayes.grid import Grid, Weights
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
-from agent.geometry import Array, Vector3
-from agent.terrain.ground import Ground
-
-Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
+from agent.geometry import Array, Point2, Vector3
 
 _MOVE_S = 0.5  # least time step of the prediction
-_NARROW = 0.5  # cells squared; a kernel of three cells has a variance of at most 1
 _LONGEST_MOVE_S = 60.0  # greatest time step of the prediction: a stamp may be years off
 _OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or a burst alone makes no source
 _TINY = 1e-30
 _ITERATIONS = 3
-_DISTANCES = 64  # at which the likelihood of counts is computed; between them it is interpolated
 _FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
-_EXCLUDED = 0.05  # posterior odds against H0, relative to prior odds, below which an activity counts as excluded
-
-
-class Grid:
-    """The grid's axes and the priors.
-
-    x, y, z: (Y, X) cell centres on the ground, mission frame, metres; ``inside``: (Y, X), those in the area. log_activity: (A,)
-    a = ln(activity / REFERENCE_BQ), evenly spaced; activity_variance: of a within a level, spacing^2 / 12. background: (B,)
-    levels f; background_prior: (B,) P(f), proportional to exp(-(ln f)^2 / (2 background_sigma^2)). motion_prior: (M,) P(j).
-    diffusion_m2ps: (M - 1,) variance per second and axis, of the moving modes.
-    """
-
-    def __init__(self, area: Polygon, config: BayesEstimatorConfig, ground: Ground) -> None:
-        """``area``: mission frame, metres. Cells of ``config.cell_m``, larger where more than ``config.most_cells`` would fit."""
-        west, south, east, north = area.bounds
-        self.cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
-        columns = np.arange(west + self.cell_m / 2.0, max(east, west + self.cell_m), self.cell_m)
-        rows = np.arange(south + self.cell_m / 2.0, max(north, south + self.cell_m), self.cell_m)
-        self.x, self.y = np.meshgrid(columns, rows)
-        self.z: Array = ground.heights_m(np.column_stack((self.x.ravel(), self.y.ravel()))).reshape(self.x.shape)
-        self.inside: NDArray[np.bool_] = contains_xy(area.buffer(self.cell_m / 2.0), self.x, self.y)
-        least, most = (np.log(value / REFERENCE_BQ) for value in config.activity_bq)
-        self.log_activity = np.linspace(least, most, config.activity_levels)
-        self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0
-        self.diffusion_m2ps = config.search_diffusion_m2ps
-        self.motion_prior: Array = np.array(config.motion_prior) / sum(config.motion_prior)
-        self.background: Array = np.array(config.background_levels)
-        prior = np.exp(-0.5 * (np.log(self.background) / config.background_sigma) ** 2)
-        self.background_prior: Array = prior / prior.sum()
+_EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activity counts as excluded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """The posterior on the grid. weight: (M, A, Y, X) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
+    """The posterior on the grid. weight: (M, A, C) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
 
-    background: (B, A, Y, X) and background_alone: (B,), of the background's levels given those; sums over B are 1.
+    background: (B, A, C) and background_alone: (B,), of the background's levels given those; sums over B are 1.
     """
 
     time_s: float
@@ -86,13 +50,13 @@ class SearchState:
 
     @staticmethod
     def prior(grid: Grid, time_s: float) -> SearchState:
-        """P(H0) = 1/2; given H1 uniform over the area's cells and the levels of ln activity, ``motion_prior`` over the modes."""
-        shape = (len(grid.log_activity), *grid.x.shape)
-        share = np.broadcast_to(grid.inside * np.float32(0.5 / (shape[0] * max(int(grid.inside.sum()), 1))), shape)
-        weight = grid.motion_prior[:, None, None, None].astype(np.float32) * share
-        background = np.broadcast_to(
-            grid.background_prior[:, None, None, None].astype(np.float32), (len(grid.background), *shape)
-        )
+        """P(H0) = 1/2; given H1 ``grid.prior`` over the cells, uniform over the levels of ln activity, ``motion_prior`` over the
+        modes.
+        """
+        shape = (len(grid.log_activity), len(grid.x))
+        share = np.broadcast_to((0.5 / shape[0] * grid.prior).astype(np.float32), shape)
+        weight = grid.motion_prior[:, None, None].astype(np.float32) * share
+        background = np.broadcast_to(grid.background_prior[:, None, None].astype(np.float32), (len(grid.background), *shape))
         return SearchState(time_s, weight, 0.5, background, grid.background_prior)
 
     @staticmethod
@@ -104,17 +68,18 @@ class SearchState:
         scaled to 1 - none; place and activity are taken as independent within each Gaussian, and biases as 0.
         """
         first = SearchState.prior(grid, track.time_s)
-        own = track.covariance[..., :2, :2] + grid.cell_m**2 / 12.0 * np.eye(2)
-        inverse, density = np.linalg.inv(own), np.zeros(first.weight.shape)
+        density = np.zeros(first.weight.shape)
         spread = track.covariance[..., ACTIVITY, ACTIVITY] + grid.activity_variance
         for site, mode in np.ndindex(*track.weight.shape):
             x, y = grid.x - track.mean[site, mode, 0], grid.y - track.mean[site, mode, 1]
-            (xx, xy), (_, yy) = inverse[site, mode]
-            place = np.exp(-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)) * np.sqrt(xx * yy - xy * xy)
+            (xx, xy), (_, yy) = track.covariance[site, mode, :2, :2]
+            xx, yy = xx + grid.cell_m**2 / 12.0, yy + grid.cell_m**2 / 12.0
+            squared = xx * yy - xy * xy
+            place = np.exp(-0.5 * (yy * x * x - 2.0 * xy * x * y + xx * y * y) / squared) * grid.cell_m**2 / np.sqrt(squared)
             away = grid.log_activity - track.mean[site, mode, ACTIVITY]
             level = np.exp(-0.5 * away * away / spread[site, mode])
-            density[mode] += track.weight[site, mode] * level[:, None, None] / (level.sum() + _TINY) * place
-        density *= grid.inside
+            density[mode] += track.weight[site, mode] * level[:, None] / (level.sum() + _TINY) * place
+        density *= grid.prior > 0.0
         total = density.sum()
         kept = (1.0 - _FORGOTTEN) * density / total if total > 0.0 else 0.0
         weight = kept + _FORGOTTEN * 2.0 * first.weight  # half of a search's weight is that of no source
@@ -135,9 +100,8 @@ class SearchState:
         if dt_s < _MOVE_S:
             return self
         dt_s = min(dt_s, _LONGEST_MOVE_S)
-        modes = [self.weight[0]]
-        for weight, diffusion_m2ps in zip(self.weight[1:], grid.diffusion_m2ps, strict=True):
-            modes.append(_blurred(weight, diffusion_m2ps * dt_s / grid.cell_m**2))
+        moving = zip(self.weight[1:], grid.diffusion_m2ps, strict=True)
+        modes = [self.weight[0], *(grid.diffused(weight, rate_m2ps * dt_s) for weight, rate_m2ps in moving)]
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
@@ -149,25 +113,29 @@ class SearchState:
             L = P(k | ..) / max P(k | ..) + ``_OUTLIERS``
             P(f | ..) <- P(f | ..) L / l,   weight <- weight l,   l = sum_f P(f | ..) L,   likewise for H0; normalised.
 
-        L depends on the cell by its distance D only: it is tabulated over D and interpolated.
+        L depends on the cell by its distance D and its size only: for each size it is tabulated over D and interpolated.
         """
         far, _, _, below = _seen_from(grid, position)
-        distance = np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, _DISTANCES)
+        blocks = grid.by_block(far)
+        samples = [block.samples for block in grid.blocks]
+        distances = [_around(cells, count) for cells, count in zip(blocks, samples, strict=True)]
+        distance, cell_m = np.concatenate(distances), np.repeat([block.cell_m for block in grid.blocks], samples)
         fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
-        spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
+        spread = grid.activity_variance + (2.0 * cell_m / np.maximum(distance, cell_m)) ** 2 / 12.0
         background = grid.background[:, None] * (response.background_ps * live_time_s)  # (B, 2)
         alone = background_log_likelihood(counts, background, SEARCH_TEMPER)  # (B,)
         _, _, table = fit_rate(
             counts,
             response.signal(fluence, distance, np.clip(-float(below.mean()) / distance, 0.0, 1.0)),
-            background[:, None, None, :],
+            np.broadcast_to(background[:, None, None, :], (len(background), *fluence.shape, 2)).copy(),  # in sequence: faster
             np.broadcast_to(spread, fluence.shape),
             SEARCH_TEMPER,
             _ITERATIONS,
         )
         most = max(float(table.max()), float(alone.max()))
-        table = np.exp(table - most) + _OUTLIERS
-        likelihood = _interpolated(table.astype(np.float32), distance, far)  # (B, A, Y, X)
+        floored: Weights = (np.exp(table - most) + _OUTLIERS).astype(np.float32)
+        tables = zip(np.split(floored, np.cumsum(samples)[:-1], axis=-1), distances, blocks, strict=True)
+        likelihood = np.concatenate([_interpolated(part, at, cells) for part, at, cells in tables], axis=-1)  # (B, A, C)
         by_level = self.background * likelihood
         given_source = by_level.sum(axis=0)
         alone_by_level = self.background_alone * (np.exp(alone - most) + _OUTLIERS)
@@ -192,12 +160,12 @@ class SearchState:
         delta = np.arccos(np.clip(cosine, -1.0, 1.0)) - orders.theta_rad
         within = np.broadcast_to((grid.cell_m**2 / 12.0 / distance**2)[..., None], delta.shape)
         directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
-        rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None, None]
+        rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None]
         likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
         return self._reweighted(likelihood.astype(np.float32), 1.0)
 
     def _reweighted(self, given_source: Weights, given_none: float) -> SearchState:
-        """Bayes' rule. given_source: (A, Y, X) likelihoods under H1, up to a factor common with given_none, that of H0."""
+        """Bayes' rule. given_source: (A, C) likelihoods under H1, up to a factor common with given_none, that of H0."""
         weight = self.weight * given_source + np.float32(_TINY)
         none = self.none * given_none + _TINY
         total = float(weight.sum(dtype=np.float64)) + none
@@ -205,7 +173,7 @@ class SearchState:
 
     def background_factor(self, grid: Grid) -> float:
         """E[f | H1]."""
-        level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2, 3), dtype=np.float64)
+        level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2), dtype=np.float64)
         return float(level @ grid.background / level.sum())
 
     def place(self, grid: Grid) -> tuple[float, float, float]:
@@ -215,51 +183,61 @@ class SearchState:
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
 
+    def beyond(self, grid: Grid) -> Point2 | None:
+        """Mean place (m) of a source beyond the fence, where that is more probable than all else."""
+        cells = self.weight[..., grid.beyond].sum(axis=(0, 1), dtype=np.float64)
+        if not cells.sum() > 0.5:
+            return None
+        x, y = (float(cells @ axis[grid.beyond] / cells.sum()) for axis in (grid.x, grid.y))
+        return x, y
+
     def outlook(self, grid: Grid) -> Outlook:
         """The posterior over places, for the search's guidance and for the report of a search that found nothing."""
-        cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, Y, X)
+        cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, C)
         place = cells.sum(axis=0)
-        activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ
+        activity = np.exp((cells * grid.log_activity[:, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ
         return Outlook(
-            places=np.column_stack((grid.x.ravel(), grid.y.ravel())),
-            weight=place.ravel(),
-            activity_bq=activity.ravel(),
+            places=np.column_stack((grid.x, grid.y)),
+            cell_m=grid.cell_m,
+            inside=grid.inside,
+            weight=place,
+            activity_bq=activity,
             none=self.none,
-            excluded_bq=self._excluded_bq(grid, cells.sum(axis=(1, 2))),
+            excluded_bq=self._excluded_bq(grid, cells[:, ~grid.beyond].sum(axis=1)),
+            beyond=self.beyond(grid),
         )
 
     def _excluded_bq(self, grid: Grid, levels: Array) -> float | None:
-        """The least level from which on all levels have odds P(a | ..) A / P(H0) of at most ``_EXCLUDED`` (prior: 1), or None."""
-        odds = levels * len(levels) / max(self.none, _TINY)  # 1 each at first
-        possible = np.flatnonzero(odds > _EXCLUDED)
+        """The least level from which on all levels within the fence have posterior odds against no source there, relative to the
+        prior's, of at most ``_EXCLUDED``; None without one.
+
+        levels: (A,) P(a, cell within the fence).
+        """
+        prior = 0.5 * float(grid.prior[~grid.beyond].sum())
+        none = max(1.0 - float(levels.sum()), _TINY) / (1.0 - prior)
+        possible = np.flatnonzero(levels * len(levels) / prior > _EXCLUDED * none)
         first = int(possible[-1]) + 1 if len(possible) else 0
         return float(np.exp(grid.log_activity[first])) * REFERENCE_BQ if first < len(levels) else None
 
 
-def _blurred(weight: Weights, variance: float) -> Weights:
-    """Convolved along the last two axes with a Gaussian of a variance in cells squared, reflected at the edges (same sum)."""
-    if variance > _NARROW:
-        blur = variance**0.5
-        return np.asarray(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
-    to_next = 0.5 * variance  # a narrow Gaussian, sampled at the cells and cut off, would lose its variance
-    for axis in (-2, -1):
-        weight = correlate1d(weight, (to_next, 1.0 - variance, to_next), axis=axis, mode="reflect")
-    return weight
+def _around(far: Array, count: int) -> Array:
+    """So many distances, evenly in their logarithm, with ``far`` between the first and the last."""
+    return np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, count)
 
 
 def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
-    """Linear interpolation of a table (..., D) over a geometric grid of distances, at the distances far (Y, X): (..., Y, X)."""
+    """Linear interpolation of a table (..., D) over a geometric grid of distances, at the distances far (C,): (..., C)."""
     place = np.log(far / distance[0]) * ((len(distance) - 1) / np.log(distance[-1] / distance[0]))
     before = place.astype(np.intp)
     part = (place - before).astype(np.float32)
-    result: Weights = table.take(before, axis=-1)
-    rise = np.diff(table, axis=-1).take(before, axis=-1)
+    result: Weights = table.take(before, axis=-1, mode="clip")
+    rise = np.diff(table, axis=-1).take(before, axis=-1, mode="clip")
     rise *= part
     result += rise
     return result
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, Array]:
-    """Distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (Y, X) each."""
+    """Distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (C,) each."""
     x, y, z = grid.x - position[0], grid.y - position[1], grid.z - position[2]
     return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z

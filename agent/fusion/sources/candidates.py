@@ -89,10 +89,16 @@ def raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
     return np.vstack([np.column_stack((at, np.full(len(at), level))) for at, level in zip(places, levels, strict=True)])
 
 
+def spacing_m(area: Polygon, apart_m: float, most: int) -> float:
+    """Between the places of ``grid_of``."""
+    west, south, east, north = area.bounds
+    return max(apart_m, math.sqrt((east - west) * (north - south) / most))
+
+
 def grid_of(area: Polygon, apart_m: float, most: int) -> Array:
     """(G, 2) places of the area so far apart, or further where that would be too many."""
     west, south, east, north = area.bounds
-    spacing = max(apart_m, math.sqrt((east - west) * (north - south) / most))
+    spacing = spacing_m(area, apart_m, most)
     x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
     places = np.column_stack((x.ravel(), y.ravel()))
     inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]

@@ -22,7 +22,7 @@ from agent.detector.windows import Windows, candidates_of
 from agent.errors import ConfigError
 from agent.fusion.estimator import GridStep, Outlook
 from agent.fusion.observation import Observation
-from agent.fusion.sources.candidates import Scan, grid_of, raised_grid
+from agent.fusion.sources.candidates import Scan, grid_of, raised_grid, spacing_m
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
@@ -107,7 +107,9 @@ class SourcesAtRest:
         if least_bq is None:
             return None
         most_bq = max(self._config.activity_bq[1], least_bq)
-        return Target(grid_of(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
+        places = grid_of(self._area, _HIDDEN_M, _MOST_HIDDEN)
+        cell_m = spacing_m(self._area, _HIDDEN_M, _MOST_HIDDEN)
+        return Target(places, cell_m, least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
 
     def moved(self, state: SourcesState, step: GridStep) -> SourcesState:
         """With all measurements in a fit in which sources may come and go."""

@@ -67,6 +67,8 @@ class Hiding(Struct, frozen=True, eq=False):
         known = [limit for limit in limits if limit is not None]
         return Outlook(
             places=target.places,
+            cell_m=np.full(count, target.cell_m),
+            inside=np.ones(count, np.bool_),
             weight=odds * none,
             activity_bq=np.full(count, target.least * REFERENCE_BQ),
             none=none,
@@ -77,9 +79,12 @@ class Hiding(Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class Target:
-    """What is searched for: sources of ``least`` to ``most`` (in REFERENCE_BQ) at ``places`` (G, 2), from ``height_m`` above."""
+    """What is searched for: sources of ``least`` to ``most`` (in REFERENCE_BQ) at ``places`` (G, 2), ``cell_m`` apart, from
+    ``height_m`` above.
+    """
 
     places: Array
+    cell_m: float
     least: float
     most: float
     height_m: float

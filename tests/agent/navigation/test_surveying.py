@@ -243,7 +243,8 @@ def outlook(weight=None, none=0.5, excluded_bq=None, left=None):
     """``left``: where more may hide, of an estimator of several sources."""
     weight = np.ones(len(PLACES)) if weight is None else weight
     exclusion = None if left is None else Exclusion({"Cs-137": excluded_bq}, left, np.zeros(len(PLACES), np.bool_))
-    return Outlook(PLACES, (1.0 - none) * weight / weight.sum(), np.full(len(PLACES), 1e9), none, excluded_bq, exclusion)
+    sides_m, inside, activity_bq = np.full(len(PLACES), 2.0), np.ones(len(PLACES), np.bool_), np.full(len(PLACES), 1e9)
+    return Outlook(PLACES, sides_m, inside, (1.0 - none) * weight / weight.sum(), activity_bq, none, excluded_bq, exclusion)
 
 
 def informed(known, mission=MISSION):
@@ -343,6 +344,29 @@ def test_the_outlook_is_asked_for_once_a_second():
     ],
 )
 def test_the_search_ends_with_what_would_have_been_found(survey, searched_s, known, words):
-    found = conclusion(survey, searched_s, known)
+    found = conclusion(replace(MISSION, survey=survey), searched_s, known)
     assert bool(found) == bool(words)
     assert words in found
+
+
+def test_a_search_that_ends_tells_of_a_source_outside_the_fence():
+    """The square is 40 m wide, the fence 30 m around it."""
+    mission = replace(MISSION, survey=SurveyConfig())
+    found = conclusion(mission, 60.0, dataclasses.replace(outlook(excluded_bq=3e7), beyond=(120.0, 20.0)))
+    assert found == "nothing found in the area; source outside the fence, towards 090 degrees"
+    assert "outside" not in conclusion(mission, 60.0, outlook(excluded_bq=3e7))
+
+
+def test_the_search_goes_up_to_the_fence_for_a_source_that_is_probably_outside():
+    """And stays in the area while there is no sign of one: the drone flies no farther east than the area's edge, at 40 m."""
+    for weight, least_m, most_m in ((0.9, 55.0, 66.0), (0.05, 0.0, 40.0)):
+        near = outlook(none=0.1)
+        places, activity_bq, inside = (
+            np.vstack((PLACES, [[95.0, 20.0]])),
+            np.append(near.activity_bq, 3e10),
+            np.append(near.inside, False),
+        )
+        shares = np.append((0.9 - weight) * near.weight, weight)
+        known = dataclasses.replace(near, places=places, inside=inside, activity_bq=activity_bq, weight=shares)
+        points, _ = informed(known).reference(0, (35.0, 20.0), (0.0, 0.0), [], 200, STEP_S)
+        assert least_m < points[:, 0].max() <= most_m

@@ -69,3 +69,26 @@ def test_legs_turn_stop_and_end_at_rest():
 def test_legs_and_the_motion_need_each_other(motion):
     with pytest.raises(ConfigError, match=r"source\.legs and source\.motion = 'legs' need each other"):
         msgspec.convert({"activity_bq": 1e9, **motion}, SourceTruth).check(AREA, "file")
+
+
+def test_a_source_outside_is_drawn_around_the_area():
+    source = SourceTruth(activity_bq=1e10, outside_m=(40.0, 90.0))
+    places = [source_path(source, AREA, 1.0, np.random.default_rng(seed))(0.0) for seed in range(200)]
+    away = [AREA.distance(Point(*place)) for place in places]
+    assert 40.0 <= min(away) < 45.0
+    assert 85.0 < max(away) <= 90.0
+    east = sum(x > AREA.centroid.x for x, _ in places)
+    assert 60 < east < 140
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"outside_m": (90.0, 40.0)}, r"source.outside_m: 90 is not below 40"),
+        ({"outside_m": (40.0, 90.0), "start_m": (1.0, 1.0)}, r"source.outside_m draws the start"),
+        ({"outside_m": (40.0, 90.0), "motion": "wander"}, r"source.outside_m draws the start"),
+    ],
+)
+def test_a_place_outside_is_drawn_where_that_makes_sense(values, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        SourceTruth(activity_bq=1e10, **values).check(AREA, "x.toml")

@@ -50,10 +50,24 @@ def test_the_belief_of_a_track_adds_up_to_one_and_is_highest_where_it_should(pla
     assert raster.at_ms == 5
 
 
+def grid_of(cells, sides_m, weight, none):
+    spread = sides_m[:, None, None] ** 2 / 12.0 * np.eye(2)
+    return Posterior("grid", 0, cells, weight, spread, none=none)
+
+
+def test_large_cells_around_the_area_have_their_own_density():
+    cells, sides_m = np.array([[1.25, 1.25], [3.75, 1.25], [-5.0, 5.0]]), np.array([2.5, 2.5, 10.0])
+    raster = RASTERS.belief(grid_of(cells, sides_m, np.array([0.1, 0.2, 0.6]), 0.1), 0)
+    density, (x, y) = (values_of(raster) * raster.scale / 255.0).ravel(), map(np.ravel, centres(raster))
+    assert density[np.hypot(x + 9.0, y - 9.0).argmin()] == pytest.approx(0.6 / 100.0, rel=0.1)
+    assert density[np.hypot(x - 3.75, y - 1.25).argmin()] == pytest.approx(0.2 / 6.25, rel=0.1)
+    assert density.sum() * raster.cell_m**2 == pytest.approx(0.9, rel=0.1)
+
+
 def test_the_belief_of_a_search_covers_the_area_and_adds_up_to_its_probability():
     x, y = np.meshgrid(np.arange(1.25, 60.0, 2.5), np.arange(1.25, 40.0, 2.5))
     cells = np.column_stack((x.ravel(), y.ravel()))
-    posterior = Posterior("grid", 0, cells, np.full(len(cells), 0.6 / len(cells)), np.zeros((len(cells), 2, 2)), none=0.4)
+    posterior = grid_of(cells, np.full(len(cells), 2.5), np.full(len(cells), 0.6 / len(cells)), none=0.4)
     raster = msgspec.json.decode(msgspec.json.encode(RASTERS.belief(posterior, 0)), type=Raster)  # as the page gets it
     density = values_of(raster) * raster.scale / 255.0
     assert density.sum() * raster.cell_m**2 == pytest.approx(0.6, rel=0.1)
@@ -73,7 +87,7 @@ def test_the_dose_raster_tells_the_rates_in_steps_of_a_32nd_of_a_decade():
 
 def test_a_search_has_a_dose_rate_too():
     cells, weight = np.array([[10.0, 10.0], [50.0, 30.0]]), np.array([0.5, 0.3])
-    outlook = Outlook(cells, weight, np.array([1e9, 2e9]), 0.2, None)
+    outlook = Outlook(cells, np.full(2, 2.5), np.ones(2, np.bool_), weight, np.array([1e9, 2e9]), 0.2, None)
     raster = RASTERS.dose(Posterior("grid", 0, cells, weight, np.zeros((2, 2, 2)), 0.2), None, outlook, 0)
     x, y = centres(raster)
     rates = 0.5 * 90.9 / ((x - 10.0) ** 2 + (y - 10.0) ** 2 + 1.0) + 0.6 * 90.9 / ((x - 50.0) ** 2 + (y - 30.0) ** 2 + 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import random
 
@@ -15,6 +16,7 @@ from agent.frames.graph import FrameGraph
 from agent.frames.swarm import SwarmFrames
 from agent.frames.transform import Transform
 from agent.fusion.bayes.search import SearchState
+from agent.fusion.bayes.state import BayesState
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
@@ -127,7 +129,9 @@ def test_the_outlook_excludes_what_would_have_shown(kit):
     assert outlook.weight.sum() + outlook.none == pytest.approx(1.0, abs=1e-3)
     assert 1e8 < outlook.excluded_bq < 1e10  # it was circled at 12 m and more
     middle = np.hypot(*(outlook.places - 50.0).T)
-    assert outlook.weight[middle < 12.0].mean() < 0.3 * outlook.weight[middle > 45.0].mean()
+    density = outlook.weight / outlook.cell_m**2
+    edge = (middle > 45.0) & (outlook.cell_m == outlook.cell_m.min())  # of the area
+    assert density[middle < 12.0].mean() < 0.3 * density[edge].mean()
 
 
 def test_a_source_that_runs_is_kept(kit):
@@ -335,7 +339,7 @@ def test_an_outlook_after_years_costs_no_more_than_after_a_minute(kit):
     assert estimator.hypothesis(state, GridStep(1, 100_000_000, 200_000_000)) is None
 
 
-def test_only_the_area_itself_is_searched(kit):
+def test_of_the_prior_nine_tenths_are_in_the_area_itself(kit):
     mission = kit.mission_of()
     corner = msgspec.structs.replace(mission.area, polygon_m=((0.0, 0.0), (100.0, 0.0), (0.0, 100.0)))
     mission = msgspec.structs.replace(mission, area=corner)
@@ -343,7 +347,10 @@ def test_only_the_area_itself_is_searched(kit):
     fusion.advance(kit.T0_NS)
     outlook = fusion.outlook
     beyond = outlook.places.sum(axis=1) > 105.0
-    assert outlook.weight[beyond].sum() == 0.0
+    assert outlook.weight[beyond].sum() < 0.05 + 1e-3
+    corner, other = (outlook.places - place for place in ((20.0, 20.0), (80.0, 80.0)))
+    near = [float((outlook.weight / outlook.cell_m**2)[np.hypot(*apart.T).argmin()]) for apart in (corner, other)]
+    assert near[1] < 0.02 * near[0]  # which has as much around it as far away
     assert outlook.weight.sum() == pytest.approx(0.5, abs=1e-3)
 
 
@@ -360,3 +367,18 @@ def test_a_track_that_has_become_too_wide_is_searched_for_from_where_it_was(kit)
     times = np.array([time_s for time_s, _ in found])
     assert (times < 46.0).any()
     assert np.linalg.norm(errors_of(found[-20:], source_at), axis=1).max() < 2.0
+
+
+@pytest.mark.parametrize(("east_m", "begins"), [(60.0, True), (120.0, True), (150.0, False)])
+def test_a_track_begins_up_to_the_fence_and_not_beyond_it(kit, east_m, begins):
+    """All of a search's probability is in one cell of the area, of the 30 m up to the fence, or beyond."""
+    estimator = estimator_named("bayes", kit.mission_of())
+    step = GridStep(1, kit.T0_NS, kit.T0_NS + 100_000_000)
+    places = estimator.outlook(estimator.initial(None), step).places
+    search = SearchState.prior(estimator._grid, kit.T0_NS / 1e9)
+    weight = np.zeros_like(search.weight)
+    weight[:, :, np.hypot(*(places - (east_m, 50.0)).T).argmin()] = 1.0
+    search = dataclasses.replace(search, weight=weight / weight.sum() * (1.0 - 1e-9), none=1e-9)
+    state = estimator.step(BayesState(search, bias_variance=np.zeros(4 * len(kit.mission_of().drones))), step, [])
+    assert (state.track is not None) is begins
+    assert (estimator.outlook(state, step) is None) is begins

@@ -21,7 +21,7 @@ def of_one_place(*heard):
     biases[list(heard)] = [BIAS_M**2, BIAS_M**2, 0.0027, 0.0025]
     one = np.ones(1)
     return Mixture.of_sites(
-        100.0, np.array([[0.5, 0.3, 0.2]]), 10 * one, 20 * one, SIGMA_M, 0 * one, 0.3 * one, MOTION, biases.ravel()
+        100.0, np.array([[0.5, 0.3, 0.2]]), 10 * one, 20 * one, SIGMA_M * one, 0 * one, 0.3 * one, MOTION, biases.ravel()
     )
 
 

@@ -1,0 +1,33 @@
+"""Places beyond the fence, as operators are told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, degrees, isfinite
+
+from shapely import Point, Polygon
+
+from agent.config.mission import AreaConfig
+
+OUTSIDE = "source outside the fence"
+
+
+def bearing_beyond(area: AreaConfig, x: float, y: float) -> float | None:
+    """Return the bearing (degrees, clockwise from north) from the area's centre to a place (m, mission frame) beyond the fence;
+    None of a place within.
+    """
+    polygon = Polygon(area.polygon_m)
+    if not isfinite(x + y) or polygon.distance(Point(x, y)) <= area.fence_margin_m:
+        return None
+    return degrees(atan2(x - polygon.centroid.x, y - polygon.centroid.y)) % 360.0
+
+
+def outside_texts(area: AreaConfig, places: Iterable[tuple[float, float]]) -> list[str]:
+    """Return a line for each place (m, mission frame) of a source beyond the fence."""
+    bearings = [bearing_beyond(area, x, y) for x, y in places]
+    return [f"{OUTSIDE}, {towards(bearing_deg)}" for bearing_deg in bearings if bearing_deg is not None]
+
+
+def towards(bearing_deg: float) -> str:
+    """Return the words for a bearing."""
+    return f"towards {round(bearing_deg) % 360:03d} degrees"
