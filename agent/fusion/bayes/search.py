@@ -32,6 +32,7 @@ _OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or
 _TINY = 1e-30
 _ITERATIONS = 3
 _FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
+_PROBABLE = 0.2  # P(source between area and fence): the prior alone gives less, once the area is excluded
 _EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activity counts as excluded
 
 
@@ -203,17 +204,19 @@ class SearchState:
             weight=place,
             activity_bq=activity,
             none=self.none,
-            excluded_bq=self._excluded_bq(grid, cells[:, ~grid.beyond].sum(axis=1)),
+            excluded_bq=self._excluded_bq(grid, cells),
             beyond=self.beyond(grid),
         )
 
-    def _excluded_bq(self, grid: Grid, levels: Array) -> float | None:
-        """The least level from which on all levels within the fence have posterior odds against no source there, relative to the
-        prior's, of at most ``_EXCLUDED``; None without one.
+    def _excluded_bq(self, grid: Grid, cells: Array) -> float | None:
+        """The least level from which on all levels in the area have posterior odds against no source there, relative to the
+        prior's, of at most ``_EXCLUDED``; None without one, or while P(source between area and fence) > ``_PROBABLE``.
 
-        levels: (A,) P(a, cell within the fence).
+        cells: (A, C) P(a, cell).
         """
-        prior = 0.5 * float(grid.prior[~grid.beyond].sum())
+        if cells[:, ~grid.inside & ~grid.beyond].sum() > _PROBABLE:
+            return None
+        levels, prior = cells[:, grid.inside].sum(axis=1), 0.5 * float(grid.prior[grid.inside].sum())
         none = max(1.0 - float(levels.sum()), _TINY) / (1.0 - prior)
         possible = np.flatnonzero(levels * len(levels) / prior > _EXCLUDED * none)
         first = int(possible[-1]) + 1 if len(possible) else 0
