@@ -32,7 +32,7 @@ _OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or
 _TINY = 1e-30
 _ITERATIONS = 3
 _FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
-_PROBABLE = 0.2  # P(source between area and fence): the prior alone gives less, once the area is excluded
+_LIKELIER = 3.0  # odds of a source between area and fence, relative to prior odds: twice as much come of an excluded area alone
 _EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activity counts as excluded
 
 
@@ -210,11 +210,14 @@ class SearchState:
 
     def _excluded_bq(self, grid: Grid, cells: Array) -> float | None:
         """The least level from which on all levels in the area have posterior odds against no source there, relative to the
-        prior's, of at most ``_EXCLUDED``; None without one, or while P(source between area and fence) > ``_PROBABLE``.
+        prior's, of at most ``_EXCLUDED``; None without one, or while a source between
+        area and fence has become likelier, by more than ``_LIKELIER``.
 
         cells: (A, C) P(a, cell).
         """
-        if cells[:, ~grid.inside & ~grid.beyond].sum() > _PROBABLE:
+        fenced = ~grid.inside & ~grid.beyond
+        between, at_first = float(cells[:, fenced].sum()), 0.5 * float(grid.prior[fenced].sum())
+        if between * (1.0 - at_first) > _LIKELIER * at_first * (1.0 - between):
             return None
         levels, prior = cells[:, grid.inside].sum(axis=1), 0.5 * float(grid.prior[grid.inside].sum())
         none = max(1.0 - float(levels.sum()), _TINY) / (1.0 - prior)

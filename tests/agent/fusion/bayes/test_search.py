@@ -122,6 +122,17 @@ def test_a_source_that_walks_in_from_beyond_the_fence_is_found(kit):
     assert math.hypot(x - 75.0, y - 50.0) < 2.0 * rms_m < 20.0
 
 
+@pytest.mark.parametrize(("between", "is_excluded"), [(0.12, False), (0.02, True)])
+def test_nothing_is_excluded_while_a_source_may_be_between_area_and_fence(kit, between, is_excluded):
+    """The area is excluded, and the source probably beyond the fence; at first 1.1 % are between area and fence."""
+    grid = Grid(box(0.0, 0.0, 50.0, 50.0), 30.0, BayesEstimatorConfig(), Ground.from_config(kit.mission_of()))
+    cells = np.where(grid.beyond, (1.0 - between) / grid.beyond.sum(), between / (~grid.inside & ~grid.beyond).sum())
+    state = SearchState.prior(grid, 0.0)
+    weight = np.broadcast_to(cells * ~grid.inside / state.weight[..., 0].size, state.weight.shape)
+    state = replace(state, weight=weight.astype(np.float32), none=1e-9)
+    assert (state.outlook(grid).excluded_bq is not None) is is_excluded
+
+
 def test_the_prior_covers_area_and_surroundings_once(kit):
     ground = Ground.from_config(kit.mission_of())
     corner = Polygon([(0.0, 0.0), (100.0, 0.0), (0.0, 100.0)])
