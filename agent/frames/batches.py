@@ -21,9 +21,9 @@ class Batches:
 
     What such an entry changes takes many calls to compute again, so that where they keep coming there is hardly a moment at which
     none is missing. But at a border all that came before it are taken, and all agents have the borders at the same times: what
-    they compute follows from the same entries, but for one that is on its way at the border. Who is not free at a border takes
-    them as soon as it is. The next batch rests for as many calls as the last one took, so that late entries never cost more than
-    half of the time.
+    they compute follows from the same entries, but for one that is on its way at the border. An agent that is busy at a border
+    takes them as soon as it is free. The next batch rests for as many calls as the last one took, so that late entries never cost
+    more than half of the time.
 
     A drone whose late entries have much of the log computed again and again has a quota. Beyond it its late entries are put off,
     for a quarter of the seconds that its last batch reached back; those of the others are not. Whether they count is not decided
@@ -62,7 +62,7 @@ class Batches:
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
-        """Those of the drones whose late entries may be taken by now."""
+        """The drones, of these, whose quota has room for late entries now."""
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:

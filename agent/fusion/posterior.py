@@ -29,7 +29,7 @@ class Posterior(Struct, frozen=True, eq=False):
 
 
 def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
-    """What a fusion holds possible now; None where its estimator tells nothing yet."""
+    """The posterior of a fusion now; None before its estimator has one."""
     hypothesis, outlook = fusion.hypothesis, fusion.outlook
     if hypothesis is not None:
         one = hypothesis.position[None, :2].copy(), np.ones(1), hypothesis.covariance[None, :2, :2].copy()

@@ -95,7 +95,7 @@ class Executive:
 
     @property
     def reckoning(self) -> Reckoning | None:
-        """What the last plan was made with; None where somebody else flies."""
+        """The reckoning of the last plan; None while another flies the vehicle."""
         return self._navigator.reckoning
 
     @property
@@ -215,7 +215,7 @@ class Executive:
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None and begun_ns > started_ns:
                 self._begin(begun_ns)
-            elif started_ns == 0 and self.stage in SEARCHING:  # what is older is of another flight
+            elif started_ns == 0 and self.stage in SEARCHING:  # older entries are of another flight
                 self._begin(now_ns - _LONGEST_FLIGHT_NS)
 
     def _begin(self, started_ns: int) -> None:

@@ -229,8 +229,8 @@ async def _send_until_done(
     """Send a command again and again, until it lapses: copies have the same stamp, nonces and numbers.
 
     One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
-    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle. One that is landing gets
-    ``land`` once: on the ground its agent disarms then.
+    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle. A drone that is landing
+    gets ``land`` once: on the ground its agent disarms then.
     """
     statuses, obeyed = tickets.statuses, set[str]()
     to_disarm = {name for name in tickets.drones if (order.action, statuses[name].stage) == (Action.LAND, Stage.LANDING)}

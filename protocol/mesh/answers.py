@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import zenoh
 
@@ -24,6 +25,20 @@ TOLD_S = 10.0  # after the last refusal
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
 
 
+@dataclass(frozen=True, slots=True)
+class _Quota:
+    """Of one asker: the bytes of its answers, and how many of its queries may be refused before that is told."""
+
+    answered: Bucket
+    refused: Bucket
+
+    @classmethod
+    def of(cls, asker: str, now_s: float) -> _Quota:
+        """A full one, of a drone or of all operators."""
+        bounds = (MAX_OPERATORS_BPS, MAX_OPERATORS_BURST) if asker == STATION else (MAX_DRONE_BPS, MAX_DRONE_BURST)
+        return cls(Bucket(*bounds, now_s), Bucket(MAX_REFUSED_PS, MAX_REFUSED_BURST, now_s))
+
+
 class Answers:
     """Counts ``log_answered``, ``log_answer_failed``, ``log_answer_refused``."""
 
@@ -32,32 +47,33 @@ class Answers:
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
         self._credit_s = Bucket(SHARE, SHARE, loop.time())
-        self._budgets: dict[str, Bucket] = {}  # bytes, by asker
-        self._refusals: dict[str, Bucket] = {}
+        self._quotas: dict[str, _Quota] = {}  # by asker
 
     @property
     def problems(self) -> tuple[str, ...]:
         """The askers whose budget is spent and that go on asking, one line each."""
         now_s = self._loop.time()
-        crowding = [asker for asker, refusals in self._refusals.items() if refusals.left(now_s) < 0.0]
+        crowding = [asker for asker, quota in self._quotas.items() if quota.refused.left(now_s) < 0.0]
         return tuple(f"{'an operator' if asker == STATION else asker} asks for too much of the log" for asker in crowding)
 
     def reply(self, query: zenoh.Query, asker: str) -> None:
         """Answer a query, in the loop's thread; failures are counted. ``asker``: a drone's id, or ``STATION``."""
         replies: list[tuple[str, bytes]] = []
         begun_s = self._loop.time()
-        budget = self._budget(asker, begun_s)
-        if budget.left(begun_s) <= 0.0:
+        if asker not in self._quotas:
+            self._quotas[asker] = _Quota.of(asker, begun_s)
+        quota = self._quotas[asker]
+        if quota.answered.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
-            if self._refusals[asker].left(begun_s) > -TOLD_S * MAX_REFUSED_PS:
-                self._refusals[asker].charge(1.0)
+            if quota.refused.left(begun_s) > -TOLD_S * MAX_REFUSED_PS:
+                quota.refused.charge(1.0)
         elif self._sending >= MOST or self._credit_s.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
         else:
             try:
                 replies = self._answer(query.payload.to_bytes() if query.payload is not None else b"")
                 self._counters["log_answered"] += 1
-                budget.charge(sum(len(payload) for _, payload in replies))
+                quota.answered.charge(sum(len(payload) for _, payload in replies))
             except Exception:
                 self._counters["log_answer_failed"] += 1
             self._credit_s.charge(self._loop.time() - begun_s)
@@ -69,13 +85,6 @@ class Answers:
 
         self._sending += 1
         in_thread(send).add_done_callback(self._sent)
-
-    def _budget(self, asker: str, now_s: float) -> Bucket:
-        if asker not in self._budgets:
-            bounds = (MAX_OPERATORS_BPS, MAX_OPERATORS_BURST) if asker == STATION else (MAX_DRONE_BPS, MAX_DRONE_BURST)
-            self._budgets[asker] = Bucket(*bounds, now_s)
-            self._refusals[asker] = Bucket(MAX_REFUSED_PS, MAX_REFUSED_BURST, now_s)
-        return self._budgets[asker]
 
     def _sent(self, sending: asyncio.Future[None]) -> None:
         self._sending -= 1

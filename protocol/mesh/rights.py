@@ -87,7 +87,7 @@ def limits(swarm: str) -> list[dict[str, object]]:
 
 
 def _exactly(name: str, messages: Collection[str], *keys: str, flow: str = "ingress") -> dict[str, object]:
-    """What is allowed, under just these keys."""
+    """A rule that allows these messages under exactly these keys."""
     return {"id": name, "permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
 
 

@@ -53,7 +53,7 @@ def _all_sources(result: RunResult) -> str:
 
 
 def _excluded(result: RunResult) -> str:
-    """What a search for several sources has excluded beside those it found, as a further sentence; empty of another one."""
+    """A sentence about the activities that a search for several sources has excluded; empty for another search."""
     if result.excluded_nuclides_bq is None or result.excluded_bq is None:
         return ""
     return f" Further ones of {becquerels(result.excluded_bq)} or more, of whichever nuclide, are excluded."

@@ -184,7 +184,7 @@ class Picture:
         )
 
     def events(self, frame: Frame) -> list[Event]:
-        """What has happened since the last frame."""
+        """Orders and other events since the last frame."""
         return [*(told(order, frame.at_ms) for order in self.orders.news(frame.at_ms * 1_000_000)), *self._events.since(frame)]
 
     def cones(self) -> list[ConeCurve]:

@@ -56,7 +56,7 @@ class Scan:
         s / h the activity.
         """
         counts = self._counts
-        expected = counts.views(counts.expected(solution)).mean  # what is hidden is not missed
+        expected = counts.views(counts.expected(solution)).mean  # no counts are expected of a hidden source
         near, far = self._spectra.templates(solution.scale, solution.scatter)
         weighted = (counts.live_s * counts.weight)[:, None]
         excess = self._voxels @ (weighted * (counts.counts / expected - 1.0))

@@ -145,7 +145,7 @@ class SourcesAtRest:
         )
 
     def _outlook(self, rows: Rows, target: Target, problem: Problem, spectra: Spectra, fitted: Fitted) -> Outlook:
-        """What is not excluded beside what was fitted to these rows."""
+        """The sources that the rows do not exclude, beside the fitted ones."""
         hiding = target.hiding(rows, problem.counts, spectra, self.ground, fitted, self.walls)
         if not all(self.telling.is_located(fitted, k) for k in range(len(fitted.solution))):
             hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted

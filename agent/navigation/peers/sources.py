@@ -167,7 +167,7 @@ class Sources:
         return max(one.newest.stamp_ns for one in self.stories) - self._rests_ns >= REST_NS
 
     def problem(self, drone: str, now_ns: int) -> str | None:
-        """What is told to the operator."""
+        """The line for the operator; None with one source."""
         if not self.are_two(now_ns):
             return None
         return f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
