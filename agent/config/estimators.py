@@ -28,9 +28,6 @@ class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
 class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"ground"})  # no part of a mission's id while it has its default
-
-    ground: Literal["none", "soil"] = "none"  # below the source: what it scatters is expected, and more background
     grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
     activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to the sources of industrial radiography and teletherapy
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 12
@@ -77,10 +74,11 @@ class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
 class FusionConfig(Section, frozen=True, kw_only=True):
     """The estimator, and its time grid."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"sources"})  # no part of a mission's id while it has its defaults
+    later: ClassVar[frozenset[str]] = frozenset({"sources", "ground"})  # no part of a mission's id while they have their defaults
 
     estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, given, or one of an installed package
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
+    ground: Literal["none", "soil"] = "none"  # below the sources: soil scatters photons, and sends out some of its own
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
     bayes: BayesEstimatorConfig = BayesEstimatorConfig()
     sources: SourcesEstimatorConfig = SourcesEstimatorConfig()

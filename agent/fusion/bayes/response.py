@@ -224,7 +224,7 @@ RESPONSES: dict[str, Response] = {
 
 
 def response_of(nuclide: str, ground: str = "none") -> Response:
-    """The response to the nuclide of that name, over soil or nothing: ``fusion.bayes.ground``.
+    """The response to the nuclide of that name, over soil or nothing: ``fusion.ground``.
 
     Raises:
         ConfigError: the table has none.

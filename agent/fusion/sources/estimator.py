@@ -64,9 +64,9 @@ class SourcesAtRest:
         least_bq, most_bq = self._config.activity_bq
         if least_bq >= most_bq:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
-        if mission.fusion.bayes.ground != "none":
+        if mission.fusion.ground != "none":
             raise ConfigError(
-                f"fusion.bayes.ground = {mission.fusion.bayes.ground!r}: estimator 'sources' does not know what soil scatters; "
+                f"fusion.ground = {mission.fusion.ground!r}: estimator 'sources' does not know what soil scatters; "
                 "take estimator 'bayes', or ground 'none'"
             )
         self.ground = Ground.from_config(mission)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from agent.config.estimators import BayesEstimatorConfig
+from agent.config.estimators import FusionConfig
 from agent.config.mission import DetectionConfig
 from agent.config.section import content_of
 from agent.detector.chain import DetectorChain
@@ -91,7 +91,7 @@ def test_the_estimator_of_several_sources_refuses_soil():
 
 
 def test_a_mission_without_soil_keeps_its_id():
-    assert "ground" not in content_of(BayesEstimatorConfig())
-    assert content_of(BayesEstimatorConfig(ground="soil"))["ground"] == "soil"
+    assert "ground" not in content_of(FusionConfig())
+    assert content_of(FusionConfig(ground="soil"))["ground"] == "soil"
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"ground": "lava"}, BayesEstimatorConfig)
+        msgspec.convert({"ground": "lava"}, FusionConfig)
