@@ -33,7 +33,7 @@ class CameraFaults:
         for dead, _ in schedule.active(CameraDead, drone):
             return replace(readout, hits=PixelHits.none()) if dead.blind else None
         for gain, _ in schedule.active(CameraGain, drone):
-            readout = replace(readout, hits=amplified(readout.hits, gain.factor, self._calibrations[drone]))
+            readout = replace(readout, hits=amplified(readout.hits, gain.factor_at(schedule.time_s), self._calibrations[drone]))
         for noisy, one in schedule.active(CameraNoisy, drone):
             if (one, drone) not in self._pixels:
                 self._pixels[one, drone] = noisy_pixels(noisy, one.rng)

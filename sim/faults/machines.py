@@ -37,10 +37,18 @@ class CameraStuck(Fault, frozen=True, kw_only=True, tag="camera-stuck"):
 
 
 class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
-    """A wrong calibration: each pixel collects ``factor`` times the charge, and its files do not say so."""
+    """A wrong calibration: each pixel collects ``factor`` times the charge, and its files do not say so. With ``over_s`` the
+    gain drifts there linearly in that time, as with temperature.
+    """
 
     family: ClassVar[Family] = "camera"
     factor: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.2
+    over_s: Annotated[float, Meta(ge=0.0, le=36_000.0)] = 0.0
+
+    def factor_at(self, time_s: float) -> float:
+        """The factor at a time (s) of the schedule."""
+        share = 1.0 if self.over_s == 0.0 else min(1.0, max(0.0, (time_s - self.at_s) / self.over_s))
+        return 1.0 + share * (self.factor - 1.0)
 
 
 class Clock(Fault, frozen=True, kw_only=True, tag="clock"):

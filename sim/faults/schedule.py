@@ -30,18 +30,20 @@ class Active:
 
 
 class Schedule:
-    """The faults of a flight over its time. ``faults``: all of them; ``begun``, ``ended``: by the last ``advance``."""
+    """The faults of a flight over its time. ``faults``: all of them; ``begun``, ``ended``: by the last ``advance``, to ``time_s``."""
 
     def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
         self.faults = tuple(faults)
         entries = [Active(fault, drones, seed) for fault in faults]
         self._waiting = sorted(entries, key=lambda one: one.fault.at_s, reverse=True)  # the next one is the last
         self._active: list[Active] = []
+        self.time_s = 0.0
         self.begun: list[Active] = []
         self.ended: list[Active] = []
 
     def advance(self, time_s: float) -> None:
         """Go on to a time (s): begin and end what is due."""
+        self.time_s = time_s
         if not self._active and not self._waiting:
             self.begun, self.ended = [], []
             return

@@ -112,5 +112,15 @@ def test_a_wrong_gain_scales_the_charge(factor: float) -> None:
     assert np.abs(spoilt.hits.tot.astype(int) - expected).max() <= 1  # the counts before were rounded
 
 
+@pytest.mark.parametrize(("time_s", "factor"), [(20.0, 1.0), (170.0, 1.025), (620.0, 1.1), (900.0, 1.1)])
+def test_a_gain_drifts_linearly_to_its_factor(time_s: float, factor: float) -> None:
+    schedule = Schedule([CameraGain(at_s=20.0, factor=1.1, over_s=600.0)], ["d1"], 1)
+    schedule.advance(time_s)
+    spoilt = CameraFaults(schedule, TRUTH, [CALIBRATION]).spoil(0, readout(energy_kev=300.0))
+    assert spoilt is not None
+    expected = time_over_threshold(np.full(5, 300.0 * factor), spoilt.hits.index.astype(np.int64), CALIBRATION)
+    assert np.abs(spoilt.hits.tot.astype(int) - expected).max() <= 1  # the counts before were rounded
+
+
 def test_charge_below_the_threshold_is_no_hit() -> None:
     assert len(amplified(readout(energy_kev=20.0).hits, 0.05, CALIBRATION)) == 0
