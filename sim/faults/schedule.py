@@ -30,7 +30,9 @@ class Active:
 
 
 class Schedule:
-    """The faults of a flight over its time. ``faults``: all of them; ``begun``, ``ended``: by the last ``advance``, to ``time_s``."""
+    """The faults of a flight over its time. ``faults``: all of them; ``time_s``: of the last ``advance``; ``begun``, ``ended``: by
+    it.
+    """
 
     def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
         self.faults = tuple(faults)
