@@ -30,9 +30,7 @@ class Active:
 
 
 class Schedule:
-    """The faults of a flight over its time. ``faults``: all of them; ``time_s``: of the last ``advance``; ``begun``, ``ended``: by
-    it.
-    """
+    """The faults of a flight over its time. ``faults``: all; ``begun``, ``ended``: by the last ``advance``, to ``time_s``."""
 
     def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
         self.faults = tuple(faults)
