@@ -15,7 +15,7 @@ from agent.calibration.folder import check_folder, save
 from agent.calibration.measuring import BACKGROUND_S, BackgroundCount, file_readouts, measure_background, measure_facing
 from agent.calibration.page import table, verdict
 from agent.calibration.plan import Source, plan
-from agent.calibration.result import Background, Result, evaluate
+from agent.calibration.result import Result, evaluate
 from agent.config.drone import DroneConfig
 from agent.config.mission import DetectionConfig
 from agent.detector.drivers import open_detector
@@ -69,12 +69,15 @@ def run_calibrate(order: Order, ask: Callable[[str], None]) -> bool:
     line_kev = strongest_line_kev(order.source.nuclide)
     collection = Collection(calibration, order.source.nuclide, line_kev, config)
     count = BackgroundCount(calibration, config)
+    if order.background is not None:
+        for readout in file_readouts(order.background):
+            count.add(readout)
     if order.facings[0][1] is not None:
-        background = _read(order, collection, count)
+        _read(order, collection)
     else:
-        background = asyncio.run(_measure(order, collection, count, needed.total_s, ask))
+        asyncio.run(_measure(order, collection, count, needed.total_s, ask))
     facings = [facing for facing, _ in order.facings]
-    result = evaluate(collection, order.source, facings, order.drone.camera_rpy_deg, background, order.stamp)
+    result = evaluate(collection, order.source, facings, order.drone.camera_rpy_deg, count.result, order.stamp)
     own, is_drawn = save(order.folder, result, collection, calibration)
     terminal.print(table(result))
     terminal.print(_closing(result, own), highlight=False, soft_wrap=True)
@@ -90,23 +93,18 @@ def _closing(result: Result, own: Path) -> str:
     return f'in the drone file:\ncamera_rpy_deg = [{rpy}]\ncalibration = "{own}"'
 
 
-def _read(order: Order, collection: Collection, count: BackgroundCount) -> Background | None:
+def _read(order: Order, collection: Collection) -> None:
     for _, file in order.facings:
         assert file is not None
         collection.begin_facing()
         for readout in file_readouts(file):
             collection.add(readout)
     collection.end_facing()
-    if order.background is None:
-        return None
-    for readout in file_readouts(order.background):
-        count.add(readout)
-    return count.result
 
 
 async def _measure(
     order: Order, collection: Collection, count: BackgroundCount, total_s: float, ask: Callable[[str], None]
-) -> Background | None:
+) -> None:
     def opened() -> Detector:
         detector = open_detector(order.drone.detector)
         if detector is None:
@@ -116,11 +114,7 @@ async def _measure(
     if order.background is None:
         ask(f"Take the source at least 20 m away: the background is counted for {BACKGROUND_S / 60.0:.0f} minutes.")
         await measure_background(opened, count)
-    else:
-        for readout in file_readouts(order.background):
-            count.add(readout)
     number = len(order.facings)
     for place, (facing, _) in enumerate(order.facings, start=1):
         ask(f"{place} of {number}: place the source at {order.source.distance_m:g} m from the camera, at {facing}.")
         await measure_facing(opened, collection, facing, (place, number), total_s / number, print)
-    return count.result
