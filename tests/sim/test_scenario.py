@@ -22,7 +22,8 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
-    "walls-known", "walls-unknown", "soil-static-swarm", "mismatch-ground", "mismatch-drift",
+    "walls-known", "walls-unknown", "soil-static-swarm", "mismatch-ground", "mismatch-buried", "mismatch-raised",
+    "mismatch-drift",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go", "beyond-fence",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
@@ -84,8 +85,14 @@ def test_where_frames_are_estimated_truth_and_mission_fit_and_no_truth_is_told(n
 
 @pytest.mark.parametrize("name", sorted(name for name in NAMES if name.startswith("mismatch-")))
 def test_a_mismatch_is_the_ideal_swarm_but_for_one_thing_that_no_drone_knows(name):
-    thing = {"mismatch-walls": "walls", "mismatch-ground": "ground", "mismatch-drift": "fault"}.get(name, "camera")
-    ideal, mismatch = load_scenario("soil-static-swarm" if thing == "ground" else "ideal-static-swarm"), load_scenario(name)
+    base, thing = {
+        "mismatch-walls": ("ideal-static-swarm", "walls"),
+        "mismatch-ground": ("soil-static-swarm", "ground"),
+        "mismatch-buried": ("mismatch-ground", "ground"),
+        "mismatch-raised": ("mismatch-ground", "source"),
+        "mismatch-drift": ("ideal-static-swarm", "fault"),
+    }.get(name, ("ideal-static-swarm", "camera"))
+    ideal, mismatch = load_scenario(base), load_scenario(name)
     changed = {key for key in ideal.__struct_fields__ if getattr(mismatch, key) != getattr(ideal, key)}
     if name == "mismatch-drift":
         changed.remove("end")  # the drift takes longer than the ideal swarm's flight

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -54,3 +56,28 @@ def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
     east, north = rise
     xz, yz = xx * east + xy * north, yx * east + yy * north
     return np.array(((xx, xy, xz), (yx, yy, yz), (xz, yz, east * xz + north * yz)))
+
+
+def apparent_rms_m(covariance: Array, bias_variance: Array) -> float:
+    """Horizontal RMS, metres, of the source's apparent place x + sum_i b_i / n, mean over the n vehicles heard.
+
+    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P.
+    """
+    return math.sqrt(max(float(covariance.ravel() @ _apparent(bias_variance.tobytes(), len(covariance))), 0.0))
+
+
+def shares(bias_variance: Array) -> Array:
+    """Return (V,): 1 / n for each of the n vehicles with measurements, else 0."""
+    heard = bias_variance.reshape(-1, BIAS).any(axis=1)
+    return np.asarray(heard / max(int(heard.sum()), 1), dtype=np.float64)
+
+
+@lru_cache(maxsize=256)
+def _apparent(biases: bytes, d: int) -> Array:
+    """(d d,): A A' with A (d, 2) such that A' s is the apparent place; tr(A' P A) is its product with P, summed."""
+    bias_variance = np.frombuffer(biases)
+    apparent, share = np.zeros((d, 2)), shares(bias_variance)
+    for axis in (0, 1):
+        apparent[axis, axis] = 1.0
+        apparent[BIASES + axis : BIASES + len(bias_variance) : BIAS, axis] = share
+    return (apparent @ apparent.T).ravel()

@@ -23,16 +23,16 @@ from shapely import Polygon
 
 from agent.config.estimators import BayesEstimatorConfig
 from agent.config.mission import MissionConfig
-from agent.fusion.bayes.apparent import Sights, on_ground
+from agent.fusion.bayes.apparent import Sights, apparent_rms_m, on_ground
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
 from agent.fusion.bayes.grid import Grid
-from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
+from agent.fusion.bayes.mixture import Mixture, with_variance
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
 from agent.fusion.bayes.search import SearchState
 from agent.fusion.bayes.sight import Scene
-from agent.fusion.bayes.soil import SIGMA as SOIL_SIGMA
+from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, SCATTER_SIGMA
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
@@ -49,6 +49,7 @@ _SHIELDED_UNITS = 16  # more, in a track, where buildings are known
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _EVIDENCE_FLOOR = -5.0
+_RAISED_SIGMA = 0.015  # of the place, each axis, per metre of height: the table of scattered photons is that of a source on soil
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
 
 
@@ -87,8 +88,7 @@ class BayesEstimator:
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._tracking = Tracking(self._scene, self._vehicles, config.gain_sigma, beside)
-        self._motion = _motion(config)
-        self._area_variance = _AREA_VARIANCE + (0.0 if response.soil is None else SOIL_SIGMA**2)
+        self._motion = _motion(config, response.over_soil is not None)
 
     def initial(self, start_ns: int | None) -> BayesState:
         """The prior; it does not depend on the mission's start."""
@@ -110,8 +110,9 @@ class BayesEstimator:
         """Mean and covariance of the track, predicted to the middle of ``step``; that of the place is wider where the modes of
         motion differ (``Mixture.hedge``). What is seen of it by each vehicle (``sights``), and what is decided by it, is not.
 
-        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order; over soil the
-        variance of what is not known of it comes to that.
+        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order. Over soil the
+        place has the source's height, and is wider by ``_RAISED_SIGMA`` times that; the activity is surface-equivalent: that of
+        a source without soil above it.
         """
         if state.track is None:
             return None
@@ -122,17 +123,23 @@ class BayesEstimator:
         x, y, u, v, log_activity, *_ = mean.tolist()
         activity = math.exp(log_activity) * REFERENCE_BQ
         east, north = rise = self._ground.slope(x, y)
+        place = on_ground(covariance[:2, :2] + state.track.hedge(*moments), rise)
+        height_m = 0.0
+        if self._scene.response.over_soil is not None:
+            height_m = max(float(mean[HEIGHT]), 0.0)
+            place[[0, 1], [0, 1]] += (_RAISED_SIGMA * height_m) ** 2
+            place[2, 2] += covariance[HEIGHT, HEIGHT]
         return Hypothesis(
             stamp_ns=step.middle_ns,
-            position=np.array((x, y, self._ground.height_m(x, y))),
-            covariance=on_ground(covariance[:2, :2] + state.track.hedge(*moments), rise),
+            position=np.array((x, y, self._ground.height_m(x, y) + height_m)),
+            covariance=place,
             velocity=np.array((u, v, u * east + v * north)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
-            activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + self._area_variance) ** 0.5,
+            activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + _AREA_VARIANCE) ** 0.5,
             evidence=state.evidence,
-            sights=Sights(self._vehicles, mean, covariance, self._ground),
+            sights=Sights(self._vehicles, mean, covariance, self._ground, height_m),
             contradicted=tuple(drone for drone, vehicle in self._vehicles.items() if state.leaves_out(vehicle, step.middle_ns)),
         )
 
@@ -242,7 +249,7 @@ class BayesEstimator:
 
 
 @cache  # one object for all estimators of a process: what follows from it is cached by it
-def _motion(config: BayesEstimatorConfig) -> Motion:
+def _motion(config: BayesEstimatorConfig, over_soil: bool) -> Motion:
     """The three modes: at rest, slow (``velocity_mps``, long correlation) and fast. They switch at the rate ``hurry_ps`` between
     slow and fast, else at ``switch_ps``.
     """
@@ -252,4 +259,5 @@ def _motion(config: BayesEstimatorConfig) -> Motion:
     drift = (config.bias_drift_m, config.bias_drift_m, np.deg2rad(config.bias_yaw_drift_deg), config.gain_drift)
     np.fill_diagonal(switching_ps, 0.0)
     correlation_s = np.array([1e9, config.velocity_s, config.fast_velocity_s])
-    return Motion(np.array(velocity) ** 2, correlation_s, switching_ps, np.array(drift) ** 2)
+    ground = np.array((SCATTER_SIGMA, HEIGHT_SIGMA_M) if over_soil else ()) ** 2
+    return Motion(np.array(velocity) ** 2, correlation_s, switching_ps, np.array(drift) ** 2, ground)

@@ -9,8 +9,9 @@ from msgspec import Struct
 
 from agent.fusion.bayes import hidden
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, SCATTER
 from agent.fusion.bayes.sight import LineOfSight, Scene
+from agent.fusion.bayes.spectrum import Contrast, soil_gradient
 from agent.fusion.facing import Facing
 from agent.geometry import Array, Vector3
 
@@ -55,6 +56,7 @@ class Fit(Struct, frozen=True, eq=False):
 
         S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
         h = d ln S / ds = -((2 + q) / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
+            over soil also along the height, and ``spectrum.soil_gradient`` along the scatter factor
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
 
     ``counts.fit_rate`` gives z | k ~ N(z^, v). (q is ``steep_share``, 0 where nothing is below; mu is ``air_per_m``. That
@@ -63,7 +65,8 @@ class Fit(Struct, frozen=True, eq=False):
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
     ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
-    is least. deficit: (S, M) by how many sigmas the counts are below those of a clear view.
+    is least. deficit: (S, M) by how many sigmas the counts are below those of a clear view. contrast: over soil, what the
+    channels' shares say of the scatter factor.
     """
 
     exposed: Exposed
@@ -73,28 +76,44 @@ class Fit(Struct, frozen=True, eq=False):
     log_likelihood: Array
     innovation: Array
     deficit: Array
+    contrast: Contrast | None = None
 
     @staticmethod
     def of(mean: Array, covariance: Array, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
         """mean: (S, M, d) m, covariance: (S, M, d, d) P of the track; age_s: T."""
         response, background, counts = scene.response, exposed.background, exposed.counts
-        sight = LineOfSight.of(mean, scene.ground, exposed.vehicle, exposed.position, age_s)
+        sight = LineOfSight.of(mean, scene, exposed.vehicle, exposed.position, age_s)
         spot = sight.spot(covariance)
         distance = np.sqrt(sight.distance * sight.distance + spot)
-        steepness = np.clip(-sight.way[..., 2] / distance, 0.0, 1.0)
-        slope = -((2.0 + response.steep_share(distance, steepness)) / distance + response.air_per_m) / distance
-        gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
         log_gain = BIASES + BIAS * exposed.vehicle + GAIN
-        gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
-        gain = np.matvec(covariance, gradient)
-        spread = np.maximum(np.vecdot(gain, gradient), 0.0) + np.square(spot / (distance * distance)) + MODEL_VARIANCE
         fluence = response.flux(distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
         fluence = np.maximum(fluence, _LEAST_FLUENCE)
         facing = Facing.of(sight.way[..., 0], sight.way[..., 1], distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
-        expected, unsure = hidden.behind(*response.parts(fluence, distance, facing, steepness), shielding)
+        by_soil: Array | None = None
+        falling: Array | float = 2.0
+        if (soil := response.over_soil) is not None:
+            steepness = sight.steepness(distance)
+            by_soil = soil.by_soil(fluence, steepness, facing) * np.exp(mean[..., SCATTER, None])
+        straight, scattered = response.parts(fluence, distance, facing, by_soil)
+        expected, unsure = hidden.behind(straight, scattered, shielding)
+        if soil is not None and by_soil is not None:
+            falling = 2.0 + soil.steep_share(by_soil.sum(axis=-1) / expected[0].sum(axis=-1), steepness)
+        slope = -(falling / distance + response.air_per_m) / distance
+        gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
+        gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
+        if by_soil is not None:
+            gradient[..., SCATTER] = soil_gradient(by_soil, expected[0], background)
+        gain = np.matvec(covariance, gradient)
+        spread = np.maximum(np.vecdot(gain, gradient), 0.0) + np.square(spot / (distance * distance)) + MODEL_VARIANCE
         variance = spread + unsure
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
+        contrast = None
+        if by_soil is not None:
+            fitted = expected * np.exp(shift)[..., None]
+            by_soil = by_soil * (hidden.AROUND[:, None, None] * np.exp(shift))[..., None]
+            contrast, ratio = Contrast.of(counts, fitted, background, by_soil, covariance[..., SCATTER, SCATTER])
+            likelihood = likelihood + ratio
         innovation = innovation_squared(counts, expected, background, variance)
         clear = np.maximum(innovation[0], shift[0] * shift[0] / variance[0])
         known = spread < _KNOWN**2
@@ -107,4 +126,5 @@ class Fit(Struct, frozen=True, eq=False):
             log_likelihood=likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)),
             innovation=np.where(distance < _ROOM_M, clear, innovation.min(axis=0)),
             deficit=np.where(known & fewer, np.sqrt(innovation[0]), 0.0),
+            contrast=contrast,
         )

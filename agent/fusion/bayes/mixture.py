@@ -17,16 +17,16 @@ References: agent.fusion.bayes.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.fusion.bayes import hidden
+from agent.fusion.bayes.apparent import shares
 from agent.fusion.bayes.cones import OUTLIER_FRACTION, Orders
 from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, SCATTER, Motion
 from agent.fusion.bayes.reduction import clusters, merged, moments_of
 from agent.fusion.bayes.sight import LineOfSight, Scene
 from agent.geometry import Array, Vector3
@@ -38,6 +38,7 @@ _LEAST_CLEAR = 0.3  # probability of a clear view before, for it to wait
 _GATE_SIGMAS = 5.0  # an exposure whose normalised innovation is larger is rejected
 _HEDGE_SIGMAS, _POSSIBLE = 3.0, (0.002, 0.005)  # no mode of so much weight lies farther from the Gaussian that is told
 _LEAST_DETERMINANT = 1e-12  # m4, of a covariance: against rounding
+_SOIL_SHARE = 0.5  # of the counts of a search, which takes the scatter factor as 1, so far as it weighs them
 _SHORT_S = 0.6  # up to this the moments are extrapolated at constant velocity
 
 
@@ -70,18 +71,22 @@ class Mixture(Struct, frozen=True, eq=False):
 
         weight: (S, M). sigma_m, log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles without measurements.
         """
-        d = BIASES + len(bias_variance)
+        biases_end = BIASES + len(bias_variance)
+        d = biases_end + len(motion.ground_variance)
         mean = np.zeros((len(x), motion.modes, d))
         mean[..., 0], mean[..., 1], mean[..., ACTIVITY] = x[:, None], y[:, None], log_activity[:, None]
         variance = np.zeros(mean.shape)
         variance[..., :2] = (sigma_m**2)[:, None, None]
         variance[..., 2:4] = motion.velocity_variance[:, None]
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
-        variance[..., BIASES:] = bias_variance
+        variance[..., BIASES:biases_end] = bias_variance
+        variance[..., biases_end:] = motion.ground_variance
         true_from_apparent = np.eye(d)
-        share = _shares(bias_variance)
+        share = shares(bias_variance)
         for place, bias in ((0, 0), (1, 1), (ACTIVITY, GAIN)):
-            true_from_apparent[place, BIASES + bias :: BIAS] = -share
+            true_from_apparent[place, BIASES + bias : biases_end : BIAS] = -share
+        if d > biases_end:
+            true_from_apparent[ACTIVITY, SCATTER] = -_SOIL_SHARE
         covariance = true_from_apparent @ (variance[..., None] * np.eye(d)) @ true_from_apparent.T
         levels = np.tile(hidden.PRIOR, (len(x), len(bias_variance) // BIAS, 1))
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance, levels)
@@ -157,6 +162,9 @@ class Mixture(Struct, frozen=True, eq=False):
             P <- P - P h h' P (g_0 ((1 - v_0 / V_0) / V_0 - (z^_0 / V_0)^2) + u^2)
             w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
 
+        Over soil the same follows for the channels' contrast (``spectrum``), by one step of Fisher scoring, with P e_q in place
+        of P h, u / (1 + P_qq I) of z^ / V, and I / (1 + P_qq I) of (1 - v / V) / V.
+
         ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
         neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
         log Bayes factor of the exposure, less the cost of a hidden view, which is that of a rejected exposure.
@@ -172,10 +180,12 @@ class Mixture(Struct, frozen=True, eq=False):
         smoothed = share if ahead is None else share * hidden.at_end(ahead).T[..., None]
         smoothed = smoothed / smoothed.sum(axis=0)
         clear_view = smoothed[0]
-        pull = clear_view * fit.pull
-        mean = self.mean + fit.gain * pull[..., None]
-        wider = clear_view * (fit.pull**2 - fit.shrink) - pull * pull
-        covariance = self.covariance + (wider[..., None] * fit.gain)[..., :, None] * fit.gain[..., None, :]
+        mean, covariance = _conditioned(self.mean, self.covariance, fit.gain, fit.pull, fit.shrink, clear_view)
+        if (contrast := fit.contrast) is not None:
+            gain = covariance[..., SCATTER]
+            known = 1.0 + gain[..., SCATTER] * contrast.information
+            score = contrast.score - contrast.information * (mean - self.mean)[..., SCATTER]
+            mean, covariance = _conditioned(mean, covariance, gain, score / known, contrast.information / known, clear_view)
         after, gained = self._reweighted(most + np.log(total), mean, covariance)
         levels = hidden.levels(np.einsum("sm,csm->sc", after.weight, share / total))
         chain = self.hidden.copy()
@@ -212,7 +222,7 @@ class Mixture(Struct, frozen=True, eq=False):
 
         Arguments and the second result as for counts.
         """
-        response, sight = scene.response, LineOfSight.of(self.mean, scene.ground, vehicle, apex, age_s)
+        response, sight = scene.response, LineOfSight.of(self.mean, scene, vehicle, apex, age_s)
         distance = sight.distance
         directions = sight.way / distance[..., None]
         axes = sight.turned(orders.axis, self.mean)  # (S, M, K, 3)
@@ -302,12 +312,11 @@ class Mixture(Struct, frozen=True, eq=False):
         return mean, covariance
 
 
-def apparent_rms_m(covariance: Array, bias_variance: Array) -> float:
-    """Horizontal RMS, metres, of the source's apparent place x + sum_i b_i / n, mean over the n vehicles heard.
-
-    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P.
-    """
-    return math.sqrt(max(float(covariance.ravel() @ _apparent(bias_variance.tobytes())), 0.0))
+def _conditioned(mean: Array, covariance: Array, gain: Array, pull: Array, shrink: Array, share: Array) -> tuple[Array, Array]:
+    """Moments of the Gaussian that is conditioned with the probability ``share`` (S, M), and else as it was."""
+    moved = share * pull
+    wider = share * (pull**2 - shrink) - moved * moved
+    return mean + gain * moved[..., None], covariance + (wider[..., None] * gain)[..., :, None] * gain[..., None, :]
 
 
 def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...]) -> Array:
@@ -318,20 +327,3 @@ def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...
     changed = bias_variance.copy()
     changed[own] = variance
     return changed
-
-
-def _shares(bias_variance: Array) -> Array:
-    """(V,): 1 / n for each of the n vehicles with measurements, else 0."""
-    heard = bias_variance.reshape(-1, BIAS).any(axis=1)
-    return np.asarray(heard / max(int(heard.sum()), 1), dtype=np.float64)
-
-
-@lru_cache(maxsize=256)
-def _apparent(biases: bytes) -> Array:
-    """(d d,): A A' with A (d, 2) such that A' s is the apparent place; tr(A' P A) is its product with P, summed."""
-    bias_variance = np.frombuffer(biases)
-    apparent, share = np.zeros((BIASES + len(bias_variance), 2)), _shares(bias_variance)
-    for axis in (0, 1):
-        apparent[axis, axis] = 1.0
-        apparent[BIASES + axis :: BIAS, axis] = share
-    return (apparent @ apparent.T).ravel()

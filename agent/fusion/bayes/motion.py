@@ -7,7 +7,7 @@ diagonal filled, q = ``bias_drift``, P0 = ``bias_variance``. References: agent.f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +20,7 @@ BIASES = 5  # index of the first vehicle's biases:
 BIAS = 4  # x, y (m), heading (rad), log of the camera's gain
 HEADING, GAIN = 2, 3
 REST = 0  # the first of the modes
+SCATTER, HEIGHT = -2, -1  # over soil, the last two of the state: log scatter factor, height above the ground (m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,13 +32,15 @@ class Motion:
 
     velocity_variance: (M,) sigma_v^2 of each axis, m2/s2; 0 at rest. velocity_s: (M,) tau. switching_ps: (M, M) rates of the
     Markov chain of the modes, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second with which the biases of
-    a vehicle wander for times that are short against 2 P0 / q.
+    a vehicle wander for times that are short against 2 P0 / q. ground_variance: (2,) prior variances of SCATTER and HEIGHT, which
+    stay as they are, or (0,) over nothing.
     """
 
     velocity_variance: Array
     velocity_s: Array
     switching_ps: Array
     bias_drift: Array
+    ground_variance: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def modes(self) -> int:
@@ -110,7 +113,8 @@ def _transition(motion: Motion, biases: bytes, dt_ms: int) -> tuple[Array, Array
     """
     dt_s = 1e-3 * dt_ms
     bias_variance = np.frombuffer(biases)
-    d = BIASES + len(bias_variance)
+    biases_end = BIASES + len(bias_variance)
+    d = biases_end + len(motion.ground_variance)
     drift = np.tile(motion.bias_drift, len(bias_variance) // BIAS)
     bias_decay = np.exp(-0.5 * dt_s * drift / np.maximum(bias_variance, 1e-30))
     decay = np.exp(-dt_s / motion.velocity_s)
@@ -123,7 +127,8 @@ def _transition(motion: Motion, biases: bytes, dt_ms: int) -> tuple[Array, Array
         noise[:, x, x], noise[:, v, v] = 2.0 * motion.velocity_variance * half_s2, velocity_noise
         noise[:, x, v] = noise[:, v, x] = motion.velocity_variance * motion.velocity_s * (1.0 - decay) ** 2
     transition[REST, :, 2:4] = 0.0
-    places = np.arange(BIASES, d)
+    transition[:, range(biases_end, d), range(biases_end, d)] = 1.0
+    places = np.arange(BIASES, biases_end)
     transition[:, places, places] = bias_decay
     noise[:, places, places] = (1.0 - bias_decay * bias_decay) * bias_variance
     return transition, noise

@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from agent.errors import ConfigError
-from agent.fusion.bayes.soil import BODY_SHARE, SOIL, SoilChannel, background_over, scattered_by_soil
+from agent.fusion.bayes.soil import BODY_SHARE, MEAN_FACING, SOIL, SoilChannel, SoilTable
 from agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities
@@ -96,8 +96,19 @@ class Response:
     @cached_property
     def background_ps(self) -> Array:
         """(2,) B of the channels, per second."""
-        alone = np.array([channel.background_ps for channel in self.channels])
-        return alone if self.soil is None else background_over(self.soil, alone)
+        return self._alone_ps if self.over_soil is None else self.over_soil.background_ps
+
+    @property
+    def _alone_ps(self) -> Array:
+        return np.array([channel.background_ps for channel in self.channels])
+
+    @cached_property
+    def over_soil(self) -> SoilTable | None:
+        """Scattered photons and background where the source is on soil; None over nothing."""
+        if self.soil is None:
+            return None
+        area_mm2, direct, _, _ = self._terms  # in place of vehicle, mount and ground ``direct`` has a fixed share
+        return SoilTable(self.soil, BODY_SHARE * area_mm2 * (direct - 1.0), self._alone_ps)
 
     @cached_property
     def _terms(self) -> tuple[Array, Array, Array, Array]:
@@ -127,39 +138,24 @@ class Response:
         fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D. steepness: (...) sine of the
         source's depression below the horizon.
         """
-        if self.soil is not None:
-            straight = self._terms[0] * fluence[..., None]
-            return straight + scattered_by_soil(self.soil, self._body_mm2, fluence, self.air_per_m * distance_m, steepness)
         area_mm2, direct, scattered, _ = self._terms
         depth = self.air_per_m * distance_m
+        if self.over_soil is not None:
+            by_soil = self.over_soil.by_soil(fluence, np.asarray(steepness), MEAN_FACING)
+            return area_mm2 * fluence[..., None] + (by_soil + self.over_soil.beside_soil(fluence, depth))
         result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
         return result
 
-    @cached_property
-    def _body_mm2(self) -> Array:
-        """(2,) areas for photons that vehicle and mount scatter, in whose place and soil's ``direct`` has a fixed share."""
-        area_mm2, direct, _, _ = self._terms
-        result: Array = BODY_SHARE * area_mm2 * (direct - 1.0)
-        return result
-
-    def steep_share(self, distance_m: Array, steepness: Array) -> Array:
-        """(...) share of the counts that falls with the steepness; arguments as of ``signal``."""
-        if self.soil is None:
-            return np.zeros(np.shape(distance_m))
-        whole = self.signal(np.ones(np.shape(distance_m)), distance_m, steepness).sum(axis=-1)
-        result: Array = sum(channel.steep_mm2 for channel in self.soil) * steepness / whole
-        return result
-
-    def parts(self, fluence: Array, distance_m: Array, facing: Array, steepness: Array | float = 0.0) -> tuple[Array, Array]:
+    def parts(self, fluence: Array, distance_m: Array, facing: Array, by_soil: Array | None = None) -> tuple[Array, Array]:
         """Expected counts (..., 2) by photons straight from the source, and by scattered ones: their sum is S times the exposure.
 
-        facing: (...) f. The others as in ``signal``.
+        facing: (...) f. by_soil: (..., 2) those of ``SoilTable.by_soil``, over soil. The others as in ``signal``.
         """
         area_mm2, direct, scattered, edge = self._terms
         depth, unscattered = self.air_per_m * distance_m, area_mm2 * fluence[..., None]
         straight = (1.0 + edge * edge_factor(facing)[..., None]) * unscattered
-        if self.soil is not None:
-            return straight, scattered_by_soil(self.soil, self._body_mm2, fluence, depth, steepness, facing)
+        if self.over_soil is not None and by_soil is not None:
+            return straight, by_soil + self.over_soil.beside_soil(fluence, depth)
         return straight, (direct - 1.0 + scattered * depth[..., None]) * unscattered
 
 

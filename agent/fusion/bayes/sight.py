@@ -1,7 +1,8 @@
 """The line of sight from a camera to where each Gaussian of a track has the source, and gradients of what is measured along it.
 
-With p the measured camera position and T the age of the measurement, w = (x - T vx + bx, y - T vy + by, ground height) - p,
-D = |w|; the ground's height is that below (x - T vx, y - T vy), its slope (``rise``) enters the gradients.
+With p the measured camera position and T the age of the measurement, w = (x - T vx + bx, y - T vy + by, ground height + z) - p,
+D = |w|; the ground's height is that below (x - T vx, y - T vy), its slope (``rise``) enters the gradients. z, the source's height
+above the ground, is part of the state over soil, else 0.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from agent.fusion.bayes.motion import BIAS, BIASES, HEADING
+from agent.fusion.bayes.motion import BIAS, BIASES, HEADING, HEIGHT
 from agent.fusion.bayes.response import NEAREST_M, Response
 from agent.fusion.bayes.shielding import Shielding
 from agent.geometry import Array, Vector3
@@ -27,7 +28,7 @@ class Scene(Struct, frozen=True, eq=False):
 
 class LineOfSight(Struct, frozen=True, eq=False):
     """From the camera of a vehicle (its index) to each mean, way (S, M, 3) w, distance (S, M) D, at least ``NEAREST_M``; rise
-    (S, M, 2) of the ground there, None if level. age_s: T.
+    (S, M, 2) of the ground there, None if level. raised: (S, M) z, None if not part of the state. age_s: T.
     """
 
     vehicle: int
@@ -35,11 +36,12 @@ class LineOfSight(Struct, frozen=True, eq=False):
     way: Array
     distance: Array
     rise: Array | None
+    raised: Array | None
 
     @staticmethod
-    def of(mean: Array, ground: Ground, vehicle: int, position: Vector3, age_s: float) -> LineOfSight:
+    def of(mean: Array, scene: Scene, vehicle: int, position: Vector3, age_s: float) -> LineOfSight:
         """To where each mean was age_s ago. position: p, mission frame."""
-        b = BIASES + BIAS * vehicle
+        b, ground = BIASES + BIAS * vehicle, scene.ground
         place = mean[..., :2] - age_s * mean[..., 2:4]
         way = np.empty((*mean.shape[:2], 3))
         way[..., :2] = place + mean[..., b : b + 2]
@@ -51,7 +53,15 @@ class LineOfSight(Struct, frozen=True, eq=False):
             way[..., 2] = ground.heights_m(places).reshape(way.shape[:2])
             rise = ground.slopes(places).reshape(place.shape)
         way -= position
-        return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
+        raised = None if scene.response.over_soil is None else mean[..., HEIGHT]
+        if raised is not None:
+            way[..., 2] += raised
+        return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise, raised)
+
+    def steepness(self, distance: Array) -> Array:
+        """(S, M) height of the camera above the ground by the distance (S, M): what soil scatters falls with it."""
+        above = -self.way[..., 2] if self.raised is None else self.raised - self.way[..., 2]
+        return np.clip(above / distance, 0.0, 1.0)
 
     def spot(self, covariance: Array) -> Array:
         """(S, M) m2, trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""
@@ -62,8 +72,8 @@ class LineOfSight(Struct, frozen=True, eq=False):
     def gradient(self, slope: Array, dimensions: int) -> Array:
         """Gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
 
-        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy.
-        dimensions: d.
+        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy,
+        h_z = slope_z. dimensions: d.
         """
         b, flat = BIASES + BIAS * self.vehicle, slope[..., :2]
         gradient = np.zeros((*slope.shape[:-1], dimensions))
@@ -71,6 +81,8 @@ class LineOfSight(Struct, frozen=True, eq=False):
         if self.rise is not None:
             flat = flat + slope[..., 2:] * self.rise.reshape(*self.rise.shape[:2], *(1,) * (slope.ndim - 3), 2)
         gradient[..., :2], gradient[..., 2:4] = flat, -self.age_s * flat
+        if self.raised is not None:
+            gradient[..., HEIGHT] = slope[..., 2]
         return gradient
 
     def shielding(self, buildings: Buildings, position: Vector3, mean: Array, covariance: Array) -> Shielding:

@@ -7,7 +7,7 @@ Per photon from the source, as of ``response``, with f the facing, s the sine of
 
 The table is that of ``python -m benchmarks.ground_response --events 250 --photons 60000``: a transport code of its own, which is
 not the simulation's, folded with the simulated sensor's response. Unknown on board are kind, moisture and roughness of the
-ground, and how deep the source lies: a factor of the table of 0.5 to 1.5, which moves the activity by ``SIGMA``.
+ground, and how deep the source lies: a factor of 0.5 to 1.5 on near and steep, which a track fits (``spectrum``).
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ import numpy as np
 from agent.geometry import Array
 
 BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of what the empty surroundings do in ``response``
-SIGMA = 0.12  # of the log activity
-_MEAN_FACING = 0.565  # mean of f over all headings, the source 5 to 45 degrees below the horizon
+SCATTER_SIGMA = 0.3  # of the logarithm of the scatter factor
+HEIGHT_SIGMA_M = 0.5  # of the source above the ground
+MEAN_FACING = 0.565  # mean of f over all headings, the source 5 to 45 degrees below the horizon
 _OTHER_PS = 0.2  # background of another origin than soil, as a share of that of ``response``
 
 
@@ -35,26 +36,33 @@ class SoilChannel:
     background_ps: float
 
 
-def scattered_by_soil(
-    channels: tuple[SoilChannel, ...],
-    body_mm2: Array,
-    fluence: Array,
-    depth: Array,
-    steepness: Array | float,
-    facing: Array | float = _MEAN_FACING,
-) -> Array:
-    """Expected counts (..., C) of scattered photons. body_mm2: (C,). depth: (...) mu D. The others as of ``Response.parts``."""
-    near, steep, air, turn = np.array([(c.near_mm2, c.steep_mm2, c.air_mm2, c.turn) for c in channels]).T
-    s, f, depth = (np.asarray(each)[..., None] for each in (steepness, facing, depth))
-    mm2 = np.maximum(near + steep * s, 0.0) * (1.0 + turn * (f - _MEAN_FACING)) + air * depth + body_mm2
-    result: Array = mm2 * fluence[..., None]
-    return result
+class SoilTable:
+    """The channels' table as arrays (C,), and the background per second over soil."""
 
+    def __init__(self, channels: tuple[SoilChannel, ...], body_mm2: Array, alone_ps: Array) -> None:
+        """body_mm2, alone_ps: (C,) areas for photons that vehicle and mount scatter, background without soil."""
+        table = np.array([(c.near_mm2, c.steep_mm2, c.air_mm2, c.turn, c.background_ps) for c in channels]).T
+        self._near, self._steep, self._air, self._turn, own_ps = table
+        self._body_mm2 = body_mm2
+        self.background_ps: Array = own_ps + _OTHER_PS * alone_ps
 
-def background_over(channels: tuple[SoilChannel, ...], alone_ps: Array) -> Array:
-    """(C,) background per second over soil. alone_ps: (C,) without it."""
-    result: Array = np.array([channel.background_ps for channel in channels]) + _OTHER_PS * alone_ps
-    return result
+    def by_soil(self, fluence: Array, steepness: Array, facing: Array | float) -> Array:
+        """Expected counts (..., C) of photons scattered by soil; arguments as of ``Response.parts``."""
+        turned = 1.0 + self._turn * (np.asarray(facing)[..., None] - MEAN_FACING)
+        mm2 = np.maximum(self._near + self._steep * steepness[..., None], 0.0) * turned
+        result: Array = mm2 * fluence[..., None]
+        return result
+
+    def beside_soil(self, fluence: Array, depth: Array) -> Array:
+        """Expected counts (..., C) of photons scattered by air, vehicle and mount. depth: (...) mu D."""
+        result: Array = (self._air * depth[..., None] + self._body_mm2) * fluence[..., None]
+        return result
+
+    def steep_share(self, soil_share: Array, steepness: Array) -> Array:
+        """Share (...) of all counts that grows in proportion to the steepness. soil_share: (...) of photons scattered by soil."""
+        steep = self._steep.sum() * steepness
+        result: Array = soil_share * steep / (self._near.sum() + steep)
+        return result
 
 
 def _soil(*rows: tuple[float, ...]) -> tuple[SoilChannel, SoilChannel]:

@@ -40,7 +40,8 @@ def counts(height_m: float, horizontal_m: float, heading_deg: float):
     fluence = response.flux(distance) * (activity_bq / REFERENCE_BQ * LIVE_S)
     facing = Facing.of(np.array(towards[2]), np.array(-towards[0]), np.array(1.0), 1.0, 0.0).cosine()
     steepness = np.array(height_m / distance)
-    expected = sum(response.parts(fluence, distance, facing, steepness)) + response.background_ps * LIVE_S
+    by_soil = response.over_soil.by_soil(fluence, steepness, facing)
+    expected = sum(response.parts(fluence, distance, facing, by_soil)) + response.background_ps * LIVE_S
     return response.apart(told), expected
 
 
@@ -67,7 +68,8 @@ def test_a_search_and_a_track_expect_the_same_in_the_mean_over_the_heading():
     response = response_of("Cs-137", "soil")
     distance, steep = np.array([4.0, 12.0]), np.array([0.7, 0.3])
     whole = response.signal(np.ones(2), distance, steep)
-    direct, scattered = response.parts(np.ones(2), distance, np.full(2, 0.565), steep)
+    facing = np.full(2, 0.565)
+    direct, scattered = response.parts(np.ones(2), distance, facing, response.over_soil.by_soil(np.ones(2), steep, facing))
     assert whole == pytest.approx(direct + scattered, rel=0.04)  # ``edge`` has another mean of f
 
 
@@ -80,8 +82,8 @@ def test_every_nuclide_is_known_over_soil_and_counts_more_there():
         assert 1.5 < ratio[0] < 4.5
         assert 0.85 < ratio[1] < 1.2
         assert (over.background_ps > bare.background_ps).all()
-        assert 0.2 < over.steep_share(distance, np.array(0.6)) < 0.9
-        assert bare.steep_share(distance, np.array(0.6)) == 0.0
+        assert 0.7 < over.over_soil.steep_share(one, np.array(0.6)) <= 1.0  # of what soil scatters
+        assert bare.over_soil is None
 
 
 def test_the_estimator_of_several_sources_refuses_soil():
