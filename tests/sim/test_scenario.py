@@ -22,8 +22,10 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
-    "walls-known", "walls-unknown", "soil-static-swarm", "mismatch-ground", "mismatch-buried", "mismatch-raised",
+    "walls-known", "walls-unknown", "mismatch-ground", "mismatch-buried", "mismatch-raised",
     "mismatch-drift",
+    "soil-static-solo", "soil-static-swarm", "soil-moving-solo", "soil-moving-swarm",
+    "soil-paper-static-swarm", "soil-paper-moving-swarm",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go", "beyond-fence",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
@@ -52,6 +54,25 @@ def test_ideal_scenarios_are_the_papers_but_for_the_poses_the_smallest_cones_and
     assert mission.detection == DetectionConfig()
     same = {"name": ideal.name, "description": ideal.description, "localization": perfect, "end": ideal.end}
     assert ideal == msgspec.structs.replace(paper, mission=mission, **same)
+
+
+@pytest.mark.parametrize(
+    ("name", "bare"),
+    [
+        *((f"soil-{kind}", f"ideal-{kind}") for kind in ("static-solo", "static-swarm", "moving-solo", "moving-swarm")),
+        *((f"soil-paper-{kind}", f"paper-{kind}") for kind in ("static-swarm", "moving-swarm")),
+    ],
+)
+def test_a_twin_over_soil_differs_in_the_ground_alone(name, bare):
+    twin, empty = load_scenario(name), load_scenario(bare)
+    assert twin.ground is not None
+    assert twin.ground.kinds == ("soil",)
+    assert empty.ground is None
+    mission = override(empty, {"mission.fusion.ground": "soil"}).mission
+    assert mission.mission_id != empty.mission.mission_id
+    body = msgspec.structs.replace(empty.camera, scatter_near=0.05, background_hits_per_s=0.3)
+    same = {"name": twin.name, "description": twin.description}
+    assert twin == msgspec.structs.replace(empty, mission=mission, camera=body, ground=twin.ground, **same)
 
 
 def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
