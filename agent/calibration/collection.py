@@ -178,3 +178,10 @@ def block_of(x_mm: FloatArray, y_mm: FloatArray) -> NDArray[np.intp]:
         for place in (x_mm, y_mm)
     )
     return row * BLOCKS + column
+
+
+def block_of_pixels() -> NDArray[np.intp]:
+    """Of each pixel by matrix index, (65536,)."""
+    index = np.arange(PIXELS)
+    place = np.arange(0.5 - SENSOR_PIXELS / 2.0, SENSOR_PIXELS / 2.0, dtype=np.float64) * PIXEL_PITCH_MM
+    return block_of(place[index % SENSOR_PIXELS], place[index // SENSOR_PIXELS])

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.calibration.collection import Collection, block_of
+from agent.calibration.collection import Collection, block_of_pixels
 from agent.calibration.page import draw, verdict
 from agent.calibration.result import Result, goals
 from agent.detector.files.calibration import PIXELS, Calibration, write_calibration
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
 from agent.errors import OutputError
 
 HISTORY = "history.csv"
@@ -38,16 +36,10 @@ def corrected(calibration: Calibration, result: Result) -> Calibration:
     gain = np.ones(PIXELS)
     if result.gain is not None:
         values = np.array([result.gain.value if block is None else block.value for block in result.blocks])
-        gain = values[_block_of_pixels()]
+        gain = values[block_of_pixels()]
     gain[[*result.noisy_pixels, *(result.dead_pixels or ())]] = np.nan
     drift_ns = calibration.drift_ns if result.drift is None else result.drift.drift_ns
     return replace(calibration.with_gain(gain), drift_ns=drift_ns)
-
-
-def _block_of_pixels() -> NDArray[np.intp]:
-    index = np.arange(PIXELS)
-    place = np.arange(0.5 - SENSOR_PIXELS / 2.0, SENSOR_PIXELS / 2.0, dtype=np.float64) * PIXEL_PITCH_MM
-    return block_of(place[index % SENSOR_PIXELS], place[index // SENSOR_PIXELS])
 
 
 def save(folder: Path, result: Result, collection: Collection, calibration: Calibration) -> tuple[Path, bool]:

@@ -7,7 +7,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from agent.calibration.collection import BLOCKS, Collection
+from agent.calibration.collection import BLOCKS, Collection, block_of_pixels
 from agent.calibration.depth import Drift, fit_drift
 from agent.calibration.facing import Facing
 from agent.calibration.gain import Gain, fit_blocks, fit_gain
@@ -126,14 +126,21 @@ def _gain(result: Result) -> Goal:
 
 
 def _blocks(result: Result) -> Goal:
-    known = [block for block in result.blocks if block is not None]
+    live = _live_blocks(result)
+    known = [block for block in live if block is not None]
     goal = f"goal +- {BLOCK_GOAL:.0%} in each"
-    if len(known) < len(result.blocks):
-        unknown = len(result.blocks) - len(known)
-        return Goal("gain by block", False, f"{unknown} of {len(result.blocks)} with too few events ({goal})")
+    if not known or len(known) < len(live):
+        return Goal("gain by block", False, f"{len(live) - len(known)} of {len(live)} with too few events ({goal})")
     values = [block.value for block in known]
     worst = max(block.sigma / block.value for block in known)
     return Goal("gain by block", worst <= BLOCK_GOAL, f"{min(values):.3f} to {max(values):.3f}, worst +- {worst:.1%} ({goal})")
+
+
+def _live_blocks(result: Result) -> list[Gain | None]:
+    """The gains of blocks with at least one good pixel: a dead block has no peak, however long the source is measured."""
+    good = np.ones(PIXELS, bool)
+    good[[*result.noisy_pixels, *(result.dead_pixels or ())]] = False
+    return [result.blocks[block] for block in np.unique(block_of_pixels()[good])]
 
 
 def _drift(result: Result) -> Goal:

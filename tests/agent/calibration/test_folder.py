@@ -66,3 +66,13 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_measurement(tmp_p
         check_folder(tmp_path / "file" / "below")
     check_folder(tmp_path / "new")
     assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_a_block_without_a_live_pixel_needs_no_gain_of_its_own():
+    index = np.arange(65536)
+    dead = tuple(index[(index // 256 < 64) & (index % 256 >= 192)].tolist())  # the first row's last block
+    blocks = tuple(None if block == 3 else Gain(1.05, 0.01, 400.0) for block in range(16))
+    missed = [goal.name for goal in goals(result_of(blocks=blocks, dead_pixels=dead)) if not goal.reached]
+    assert "gain by block" not in missed
+    missed = [goal.name for goal in goals(result_of(blocks=blocks, dead_pixels=dead[1:])) if not goal.reached]
+    assert "gain by block" in missed
