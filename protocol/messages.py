@@ -78,9 +78,6 @@ class Stage(StrEnum):
     ABORT = "abort"
 
 
-GROUND_STAGES = (Stage.PREFLIGHT, Stage.LANDED)
-
-
 class Action(StrEnum):
     """Commands of an operator."""
 

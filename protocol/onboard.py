@@ -8,7 +8,8 @@ from typing import Literal
 
 from msgspec import Struct
 
-from protocol.messages import GROUND_STAGES, Stage
+from protocol.messages import Stage
+from protocol.stages import ON_GROUND
 
 COMPATIBLE = "radron-nuc"  # which computers a bundle is for
 REPORT_FILE = "report.json"  # in the agent's RUNTIME_DIRECTORY
@@ -68,7 +69,7 @@ class Report(Struct, frozen=True, kw_only=True):
     @property
     def flies(self) -> bool:
         """Whether its vehicle is armed, or a flight is under way."""
-        return self.armed or self.stage not in GROUND_STAGES
+        return self.armed or self.stage not in ON_GROUND
 
 
 class Needs(Struct, frozen=True, kw_only=True):

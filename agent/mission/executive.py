@@ -14,13 +14,13 @@ from agent.fusion.estimator import Hypothesis
 from agent.localization.knownframe import LARGEST_DOUBT_M
 from agent.localization.ownpose import OwnPose
 from agent.mission.aloft import Aloft
+from agent.mission.authority import MODES, is_failsafe
 from agent.mission.memory import Memory
 from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
 from agent.mission.remembering import Remembering
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
-from agent.mission.takeover import MODES, SEARCHING, is_failsafe
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
@@ -32,7 +32,8 @@ from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Se
 from agent.navigation.unheard.crossing import low_m
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.entries import Coverage
-from protocol.messages import GROUND_STAGES, Action, Plan, Stage
+from protocol.messages import Action, Plan, Stage
+from protocol.stages import ON_GROUND, SEARCHING
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
@@ -115,7 +116,7 @@ class Executive:
         """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it, or does not
         know.
         """
-        return None if self.stage in GROUND_STAGES or self._mission.started_ns == 0 else self._mission.started_ns
+        return None if self.stage in ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
 
     def obey(self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -154,7 +155,7 @@ class Executive:
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
         vehicle = self._own.vehicle
-        if vehicle is None or vehicle.in_air or self.stage not in GROUND_STAGES:
+        if vehicle is None or vehicle.in_air or self.stage not in ON_GROUND:
             return ()
         return self._navigator.passing(now_ns, vehicle, peers)
 
@@ -206,12 +207,12 @@ class Executive:
 
         Home is its launch place by the mission, and the mission began when the others say.
         """
-        if self._aloft.shown and self.stage in GROUND_STAGES and self._own.vehicle is not None:
+        if self._aloft.shown and self.stage in ON_GROUND and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
         started_ns = self._mission.started_ns
-        if self.stage not in GROUND_STAGES and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # it is not known
+        if self.stage not in ON_GROUND and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # it is not known
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None and begun_ns > started_ns:
                 self._begin(begun_ns)
@@ -340,8 +341,8 @@ class Executive:
         """
         if is_failsafe(vehicle):
             self._counters["left_to_failsafe"] += 1
-            self._mission.blind(now_ns)
+            self._mission.unheard(now_ns, holds=False)
             return Request.OFFBOARD
         self._counters["held_without_telemetry"] += 1
-        self._mission.hold_asked(now_ns)
+        self._mission.unheard(now_ns, holds=True)
         return Request.HOLD

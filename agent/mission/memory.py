@@ -10,11 +10,12 @@ from agent.navigation.home import KeptHome, Launch
 from agent.navigation.identification import FoundResponse
 from agent.navigation.unheard.lastnews import LastNews
 from agent.vehicle.interface import VehicleState
-from protocol.messages import GROUND_STAGES, Stage
+from protocol.messages import Stage
+from protocol.stages import DESCENDING, ON_GROUND
 
 REFRESH_NS = 5_000_000_000
 OLDEST_NS = 120_000_000_000  # after this long the vehicle is down, or on another flight
-_FROM_THE_GROUND = (Stage.TAKEOFF, Stage.LANDING, Stage.ABORT)
+_FROM_THE_GROUND = (Stage.TAKEOFF, *DESCENDING)
 
 
 class Memory(Struct, frozen=True, kw_only=True):
@@ -62,7 +63,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     @property
     def flies(self) -> bool:
         """Whether it is of a flight."""
-        return self.stage not in GROUND_STAGES
+        return self.stage not in ON_GROUND
 
     def is_recent(self, mission: str, now_ns: int) -> bool:
         """Whether this flight of that mission may go on."""

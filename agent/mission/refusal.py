@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from agent.mission.situation import Situation
-from agent.mission.takeover import FLYING, STEERED
-from protocol.messages import GROUND_STAGES, Action, Stage
+from protocol.messages import Action, Stage
+from protocol.stages import FLYING, ON_GROUND, STEERED
 
 STAGE_AFTER = {
     Action.START: Stage.TAKEOFF,
@@ -21,7 +21,7 @@ def refusal(
     ``aborted``: an operator has ended the flight; ``released``: somebody else flies the vehicle.
     """
     if action is Action.START:
-        if stage not in GROUND_STAGES:
+        if stage not in ON_GROUND:
             return "start: already started"
         return f"start refused: {situation.problems[0]}" if situation.problems else None
     if stage not in FLYING:

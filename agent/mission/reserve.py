@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from agent.vehicle.interface import VehicleState
-from protocol.messages import GROUND_STAGES, Stage, Status
+from protocol.messages import Status
+from protocol.stages import ON_GROUND, RETURNING
 
-_COMING_HOME = (Stage.RETURN, Stage.LANDING)
 _URGENT = 0.5  # of the reserve: who would land with less waits for nobody
 _SPENT = 0.2  # of the reserve: who would land with less lands where it is
 _LANDING_S = 10.0
@@ -59,7 +59,7 @@ class Reserve:
         return at_home < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values())))
 
     def _goes_first(self, other: Status) -> bool:
-        if other.stage in GROUND_STAGES:
+        if other.stage in ON_GROUND:
             return False
         low = other.battery is not None and other.battery < self._reserve
-        return other.stage in _COMING_HOME or (low and other.drone < self._drone)
+        return other.stage in RETURNING or (low and other.drone < self._drone)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from agent.config.mission import SurveyConfig, TrackConfig
+from agent.mission.authority import MODES, Authority, Event, View, is_cut_short, is_elsewhere, is_failsafe
 from agent.mission.braking import Braking
 from agent.mission.floor import is_low
 from agent.mission.memory import REFRESH_NS, Memory
@@ -11,25 +14,19 @@ from agent.mission.refusal import STAGE_AFTER, refusal
 from agent.mission.searching import Searching
 from agent.mission.situation import Situation
 from agent.mission.standing import StandingArmed
-from agent.mission.takeover import (
-    COMING_DOWN,
-    FLYING,
-    MODES,
-    REQUESTS,
-    SEARCHING,
-    STEERED,
-    ForeignStage,
-    Takeover,
-    is_cut_short,
-    is_elsewhere,
-    is_failsafe,
-)
-from agent.mission.unsteered import Unsteered
 from agent.navigation.home import KeptHome
-from agent.navigation.unheard.lines import TAKING_PART
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
+from protocol.stages import DESCENDING, FLYING, SEARCHING, STEERED, TAKING_PART
 
+REQUESTS: dict[Stage, Request] = {  # what a stage asks of the autopilot
+    Stage.PREFLIGHT: Request.STAY,
+    Stage.LANDED: Request.STAY,
+    Stage.TAKEOFF: Request.TAKEOFF,
+    Stage.HOLD: Request.HOLD,
+    **dict.fromkeys(DESCENDING, Request.LAND),
+    **dict.fromkeys(STEERED, Request.OFFBOARD),
+}
 STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 # Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
 # agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).
@@ -59,17 +56,19 @@ class Mission:
         self._rises = False  # the autopilot's takeoff, or a failsafe, has ended below the floor
         # The stage after a hold, or after it has risen: the last one flown by setpoints, or commanded below the floor.
         self.resume = Stage.SURVEY
-        self.released = False  # somebody else has taken over
         self._aborted = False  # an operator has: until the next start nothing is commanded but to land
         self._asks_again = self._lets_go = False  # the present request, as an operator insists on it: for a step it makes none
-        self._takeover, self._foreign, self._braking = Takeover(), ForeignStage(), Braking()
-        self._unsteered, self._standing = Unsteered(), StandingArmed()
+        self._authority, self._braking, self._standing = Authority(), Braking(), StandingArmed()
         self._position_loss = PositionLoss()
-        self._blind_ns: int | None = None  # the last time without recent telemetry, until some comes
         self._insists = False  # the operator wants it home although its battery does not seem to last for that
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._search_since_ns: int | None = None
         self._was_armed = False
+
+    @property
+    def released(self) -> bool:
+        """Whether somebody else flies the vehicle."""
+        return self._authority.is_released
 
     @property
     def request(self) -> Request:
@@ -104,12 +103,11 @@ class Mission:
         if refused is not None:
             return refused
         before = self.request
-        self.released = False
-        self._unsteered.begin()
+        self._authority = self._authority.commanded(situation.now_ns)
         self._obey(action, stamp_ns, situation, started_ns)
         if self.request is before and is_elsewhere(situation.vehicle, self.request):
             self._asks_again = True
-            self._takeover.changed()
+            self._authority = self._authority.asks(situation.now_ns)
         return None
 
     def _obey(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None) -> None:
@@ -143,11 +141,11 @@ class Mission:
 
     def unsteered(self, now_ns: int) -> str | None:
         """What is reported of a vehicle that does not follow this agent; None while it does."""
-        return self._unsteered.problem(now_ns, released=self.released) if self.stage in FLYING else None
+        return self._authority.problem(now_ns) if self.stage in FLYING else None
 
     def standing_armed(self, now_ns: int) -> str | None:
         """What is reported of a vehicle that has landed and is not disarmed."""
-        return self._standing.problem(now_ns) if self.stage in COMING_DOWN else None
+        return self._standing.problem(now_ns) if self.stage in DESCENDING else None
 
     def searched_s(self, now_ns: int) -> float:
         """Duration of the present search, including holds; 0 before it."""
@@ -166,7 +164,7 @@ class Mission:
             released=self.released,
             aborted=self._aborted,
             stays=self._position_loss.stays,
-            holds=self.stage in (*STEERED, *COMING_DOWN) and self._takeover.holds(now_ns),
+            holds=self.stage in (*STEERED, *DESCENDING) and self._authority.owns_hold,
             tracking_since_ns=self.tracking_since_ns,
             searching_since_ns=self._search_since_ns,
             home_m=home.place_m,
@@ -187,15 +185,16 @@ class Mission:
         """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
         self.started_ns = memory.started_ns
         self.tracking_since_ns, self._search_since_ns = memory.tracking_since_ns, memory.searching_since_ns
-        self.released = memory.released
-        self.resume = memory.resume
         self._aborted = memory.aborted or memory.stage is Stage.ABORT  # a state file of an older release tells the stage only
         self._enter(memory.stage, now_ns)
+        self.resume = memory.stage if memory.stage in STEERED and not memory.released else memory.resume
         self._was_armed = True
         if memory.stays:
             self._position_loss.stay_on(vehicle, now_ns)
         holds = memory.stays or memory.holds
-        if self._takeover.rejoin(vehicle, memory.stage, now_ns, holds=holds) or memory.released:
+        view = View(vehicle, now_ns, memory.stage, now_ns, memory.stage in STEERED)
+        self._authority = self._authority.rejoin(view, holds=holds)
+        if self.released or memory.released:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED or (memory.stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._get_clear(vehicle, now_ns)
@@ -205,8 +204,9 @@ class Mission:
         """Without setpoints a vehicle returns or lands, and the next setpoint has it fly on from any height. After a time without
         telemetry its mode tells nothing: a heartbeat may be a second old.
         """
-        was_blind = self._blind_ns is not None and vehicle.stamp_ns > self._blind_ns
-        self._blind_ns = None if was_blind else self._blind_ns
+        was_blind = self._authority.is_heard_again(vehicle)
+        if was_blind:
+            self._authority = replace(self._authority, unheard_ns=None)
         if not is_failsafe(vehicle) and not (was_blind and (self.stage is not Stage.RETURN or vehicle.height_m < NEAR_GROUND_M)):
             return
         if self.stage in STEERED or (self._is_rising and vehicle.height_m < NEAR_GROUND_M):
@@ -226,14 +226,9 @@ class Mission:
         self._enter(Stage.TAKEOFF, now_ns, rises=True)
         self.resume = stage
 
-    def hold_asked(self, now_ns: int) -> None:
-        """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
-        self._takeover.hold_asked(now_ns)
-        self.blind(now_ns)
-
-    def blind(self, now_ns: int) -> None:
-        """There is no recent telemetry."""
-        self._blind_ns = now_ns
+    def unheard(self, now_ns: int, *, holds: bool) -> None:
+        """There is no recent telemetry. ``holds``: this agent asks the autopilot to hold for now, without a change of stage."""
+        self._authority = self._authority.unheard(now_ns, holds=holds)
 
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
@@ -244,25 +239,28 @@ class Mission:
             return
         self._was_armed = self._was_armed or vehicle.armed
         self._braking.step(vehicle, now_ns)
-        self._standing.step(vehicle, now_ns, comes_down=self.stage in COMING_DOWN)
+        self._standing.step(vehicle, now_ns, comes_down=self.stage in DESCENDING)
         is_to_arm = self.stage is Stage.TAKEOFF and not self._rises and not self._was_armed
         if not (is_to_arm or vehicle.armed or vehicle.in_air):
             self._enter(Stage.LANDED, now_ns)
-            self.released = False  # whoever flew it has disarmed it: from here the agent makes it ready to be armed again
+            # A pilot who flew it has disarmed it: from here the agent makes it ready to be armed again.
+            self._authority = self._authority.after(Event.GROUNDED, now_ns)
             return
         is_steered = self._is_steered and not self._position_loss.stays
-        self._unsteered.step(vehicle.mode, now_ns, steered=is_steered, released=self.released)
+        self._authority = self._authority.seen(vehicle.mode, now_ns, steered=is_steered)
         if self.released:
             self._position_loss.step(vehicle, now_ns, battery_low=situation.battery_low)  # for the next command
-            self._follow_release(vehicle.mode, now_ns)
+            self._follow_release(now_ns)
             return
         self._watch_position(vehicle, now_ns, situation.battery_low)
         self._watch_battery(situation)
-        steered, stays = self._is_steered, self._position_loss.stays
         cut_short = self.stage is Stage.TAKEOFF and not self._rises and is_cut_short(vehicle, self._takeoff_m)
-        if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, steered=steered, stays=stays, cut_short=cut_short):
+        stays = self._position_loss.stays
+        view = View(vehicle, now_ns, self.stage, self.since_ns, self._is_steered, stays, cut_short)
+        self._authority = self._authority.judged(view)
+        if self.released:
             self._release(vehicle.mode, now_ns)
-        if self.released or self._position_loss.stays:
+        if self.released or stays:
             return
         self._leave_failsafe(vehicle, now_ns)
         if self.stage is Stage.TAKEOFF:
@@ -316,21 +314,21 @@ class Mission:
             self.landed_because = self._position_loss.lands
             self._enter(Stage.LANDING, now_ns)
         elif stayed and not self._position_loss.stays:
-            self._takeover.left_hold(now_ns)
+            self._authority = self._authority.after(Event.REGAINS, now_ns)
             if self.stage in STEERED:
                 self._get_clear(vehicle, now_ns)
 
     def _release(self, mode: FlightMode, now_ns: int) -> None:
-        self.released, self._foreign = True, ForeignStage()
+        self._authority = self._authority.after(Event.OVERRULED, now_ns)
         if mode is FlightMode.RETURN:
             self._enter(Stage.RETURN, now_ns)
         elif mode is FlightMode.LAND:
             self._enter(Stage.LANDING, now_ns)
-        elif self.stage is not Stage.HOLD and (mode is FlightMode.HOLD or self.stage not in COMING_DOWN):
+        elif self.stage is not Stage.HOLD and (mode is FlightMode.HOLD or self.stage not in DESCENDING):
             self._enter(Stage.HOLD, now_ns)
 
-    def _follow_release(self, mode: FlightMode, now_ns: int) -> None:
-        flown = self._foreign.stage(self.stage, mode, now_ns)
+    def _follow_release(self, now_ns: int) -> None:
+        flown = self._authority.flown_as(self.stage, now_ns)
         if flown is not self.stage:
             self._enter(flown, now_ns)
 
@@ -340,7 +338,7 @@ class Mission:
         was_steered = self._is_steered
         self.stage, self.since_ns, self._rises = stage, now_ns, rises
         if not (was_steered and self._is_steered):
-            self._takeover.changed()
+            self._authority = self._authority.asks(now_ns)
         if stage in STEERED and not self.released:
             self.resume = stage
         if stage is Stage.SURVEY and self._search_since_ns is None:

@@ -17,11 +17,11 @@ from agent.mission.orders import Orders
 from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
 from agent.mission.reporter import Believed, Condition, Outbox, Reporter
 from agent.mission.revoking import Revoking
-from agent.mission.takeover import FLYING
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.peers.newest import Peers
 from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Stage, Status
+from protocol.stages import FLYING
 
 MISEXPOSED_NS = 30_000_000_000  # exposures that do not count are told for so long
 LEFT_OUT = "what it measures does not fit what two others measure, and is left out: its position or its detector may be wrong"

@@ -13,7 +13,8 @@ from msgspec import Struct
 
 from agent.mission.problems import LONGEST_PROBLEM, TELEMETRY_AGE_NS
 from agent.vehicle.interface import VehicleState
-from protocol.messages import GROUND_STAGES, Answer, Stage, Status, Upload
+from protocol.messages import Answer, Stage, Status, Upload
+from protocol.stages import ON_GROUND
 
 
 class Origin(Struct, frozen=True, kw_only=True):
@@ -70,16 +71,14 @@ class Uploads:
             return f"it is taking over the mission {self.taking.mission} from {self.taking.station}"
         if upload.mission == self._mission_id:
             return "it has this mission already"
-        if ground.stage not in GROUND_STAGES:
+        if ground.stage not in ON_GROUND:
             return f"its mission has begun ({ground.stage})"
         vehicle = ground.vehicle
         if vehicle is None or abs(ground.now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
             return "no telemetry tells whether its vehicle is disarmed"
         if vehicle.armed or vehicle.in_air:
             return "its vehicle is armed"
-        flying = [
-            f"{name} ({status.stage})" for name, status in sorted(ground.others.items()) if status.stage not in GROUND_STAGES
-        ]
+        flying = [f"{name} ({status.stage})" for name, status in sorted(ground.others.items()) if status.stage not in ON_GROUND]
         return f"others fly the present mission: {', '.join(flying)}" if flying else None
 
     def _tell(self, upload: Upload, refused: str) -> None:

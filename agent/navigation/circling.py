@@ -21,10 +21,10 @@ from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.sharing import ROOM_M, SharedCircle
 from protocol.messages import Stage
+from protocol.stages import CIRCLING
 
 _SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
 

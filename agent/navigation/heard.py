@@ -50,8 +50,8 @@ from agent.navigation.peers.placing import (
 )
 from agent.navigation.peers.relative import offset, places
 from agent.navigation.peers.theirframes import TheirFrames
-from agent.navigation.unheard.lines import MAY_TAKE_PART, TAKING_PART
 from protocol.messages import Pose
+from protocol.stages import MAY_TAKE_PART, TAKING_PART
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
 

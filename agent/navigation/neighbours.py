@@ -36,7 +36,6 @@ from agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sighti
 from agent.navigation.peers.sources import RECENT_NS
 from agent.navigation.peers.theirframes import TheirFrames
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import CIRCLING
 from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
 from agent.navigation.unheard.heardagain import HeardAgain
 from agent.navigation.unheard.lastnews import LastNews
@@ -44,6 +43,7 @@ from agent.navigation.unheard.relayed import LEAVING_NS
 from agent.navigation.unheard.silent import QUIET_NS, Silent
 from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Stage
+from protocol.stages import CIRCLING
 
 # Two places of a drone nearer to each other than this are one: steering has room for three half-planes in each step.
 _SAME_M = 0.3

@@ -13,11 +13,11 @@ from agent.motion.separation import DOUBT_SIGMAS
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.peers.newest import Peers
 from protocol.messages import Stage
+from protocol.stages import DESCENDING
 
 _AHEAD_S = 2.0  # from the command to rotors that lift
 _MARGIN_M = 1.0  # beyond the separation
 _MOST_DOUBT_M = 2.0  # more would keep a drone on the ground whose frame is hardly known
-_LANDING = (Stage.LANDING, Stage.ABORT)
 _CLOSE = 0.8  # of the separation, from one that lands: it stays over its place, and others stand beside it
 
 
@@ -30,7 +30,7 @@ def passing(position_m: Vector3, others: Iterable[Neighbour], peers: Peers, sepa
         if state is None or stage is Stage.TAKEOFF:
             continue
         doubt_m = other.plan.doubt_m + min(DOUBT_SIGMAS * other.plan.sigma_m, _MOST_DOUBT_M)
-        keep_m = _CLOSE * separation_m if stage in _LANDING else separation_m + _MARGIN_M + doubt_m
+        keep_m = _CLOSE * separation_m if stage in DESCENDING else separation_m + _MARGIN_M + doubt_m
         (x, y, _), (u, v, _) = state.position, state.velocity
         away_x, away_y = x + state.age_s * u - position_m[0], y + state.age_s * v - position_m[1]
         nearest_s = min(max(-(away_x * u + away_y * v) / max(u * u + v * v, 1e-9), 0.0), _AHEAD_S)

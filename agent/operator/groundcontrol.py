@@ -20,6 +20,7 @@ from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Ticket
 from protocol.signing import Trust, sign_command
+from protocol.stages import RETURNING, TAKING_PART
 from protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
@@ -28,12 +29,11 @@ OBEY_S = LAPSE_S + 1.0  # until every drone has obeyed, and said so in its next 
 REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
 PAUSE_S = 0.05  # between two commands: the drones drop what comes sooner (protocol/mesh/rights.py)
 
-_AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _DONE: dict[Action, tuple[Stage, ...]] = {
-    Action.START: _AIRBORNE,
+    Action.START: TAKING_PART,
     Action.HOLD: (Stage.HOLD,),
-    Action.RESUME: (*_AIRBORNE, Stage.RETURN),
-    Action.RETURN: (Stage.RETURN, Stage.LANDING, Stage.LANDED),
+    Action.RESUME: (*TAKING_PART, Stage.RETURN),
+    Action.RETURN: (*RETURNING, Stage.LANDED),
     Action.LAND: (Stage.LANDING, Stage.LANDED),
     Action.ABORT: (Stage.ABORT, Stage.LANDED),
 }

@@ -52,7 +52,8 @@ from protocol.identity import Identity
 from protocol.keys import key_of
 from protocol.mesh.recovery import recover
 from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import GROUND_STAGES, Stage
+from protocol.messages import Stage
+from protocol.stages import ON_GROUND
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -221,7 +222,7 @@ class Node:
 
     @property
     def _lost_its_frame(self) -> bool:
-        if not self._vehicle.has_rebooted or self._pilot.stage not in GROUND_STAGES:
+        if not self._vehicle.has_rebooted or self._pilot.stage not in ON_GROUND:
             return False
         launch = self._vehicle.launch_to_keep  # one that has not flown measures its place anew at any time
         return launch is not None and launch.flown

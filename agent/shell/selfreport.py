@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from agent.update.records import Records
-from protocol.messages import GROUND_STAGES, Stage
+from protocol.messages import Stage
 from protocol.onboard import REPORT_FILE, Report
+from protocol.stages import ON_GROUND
 
 if TYPE_CHECKING:
     from agent.flight.recorded import RecordedPilot
@@ -108,7 +109,7 @@ class Updates:
 
     def look(self, stage: Stage) -> None:
         """Read what there is."""
-        if self._records is None or stage not in GROUND_STAGES:
+        if self._records is None or stage not in ON_GROUND:
             return
         outcome, trial = self._records.outcome, self._records.trial
         self.notice = f"{SOFTWARE}{outcome.text}" if outcome is not None and outcome.kind != "good" else None

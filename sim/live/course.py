@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from protocol.messages import GROUND_STAGES, Action, Stage
+from protocol.messages import Action, Stage
+from protocol.stages import ON_GROUND
 from sim.live.faults.player import FaultPlayer
 from sim.live.operator import Operator
 from sim.live.report import LiveReport, ends_of
@@ -114,7 +115,7 @@ class Course:
             self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
             if self._faults is not None:
                 self._faults.step(time_s, truth)
-            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in GROUND_STAGES}
+            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in ON_GROUND}
             # Agents that have landed from an earlier mission have not ended this one.
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:

@@ -12,8 +12,9 @@ from protocol.codec import decode_from
 from protocol.entries import Cone
 from protocol.errors import ProtocolError
 from protocol.message import DroneMessage
-from protocol.messages import GROUND_STAGES, AnyDroneMessage, Estimate, Stage, Status, Ticket
+from protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
 from protocol.signing import Verifier
+from protocol.stages import ON_GROUND
 from sim.geometry import Array
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -126,7 +127,7 @@ class ObservedAgent:
             return "no status yet"
         if self.status.mission != mission_id:
             return f"another mission file ({self.status.mission}, here {mission_id})"
-        if self.status.stage not in GROUND_STAGES:
+        if self.status.stage not in ON_GROUND:
             return f"in {self.status.stage} already"
         awaited = tuple(f"no contact with {name} " for name in without)
         return next((text for text in self.status.problems if not text.startswith(awaited)), None)

@@ -11,8 +11,9 @@ from agent.config.mission import MissionConfig
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import GROUND_STAGES, Action, Command, Ticket
+from protocol.messages import Action, Command, Ticket
 from protocol.signing import Trust, Verifier, sign_command
+from protocol.stages import ON_GROUND
 from protocol.trust import trust_of
 from sim.live.agents import Agents
 from sim.live.monitor import Observer
@@ -59,7 +60,7 @@ class Operator:
     @property
     def landed(self) -> bool:
         """Whether all agents are on the ground."""
-        return all(agent.stage in GROUND_STAGES for agent in self.observer.agents)
+        return all(agent.stage in ON_GROUND for agent in self.observer.agents)
 
     async def get_ready(self, within_s: float, without: Collection[str] = ()) -> None:
         """Wait until every agent can be started, and report what is waited for; ``without``: drones that come later.

@@ -10,6 +10,7 @@ from math import dist
 from pathlib import Path
 
 from protocol.messages import Action, Stage
+from protocol.stages import STEERED
 from sim.campaign.report import write_flight
 from sim.live.course import SETTLE_S, Course
 from sim.live.operator import Operator
@@ -37,7 +38,6 @@ OBEY_S = 5.0
 BLIND_S = 20.0  # without satellites: the filter gives up after about 5 s
 KNOWN_M, KNOWN_S = 3.0, 2.0  # position error up to which a vehicle may be flown; settling time after satellites are back
 AGAIN_S = 40.0  # time until all can be started again; a landing may be noticed late
-_STEERED = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE, Stage.RETURN)
 
 
 async def missions(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> list[Row]:
@@ -203,7 +203,7 @@ async def _hold(operator: Operator, witness: Witness, checks: Checks) -> None:
     checks.at_most("moved in hold m", moved, STILL_M)
     operator.view.say("the operator's resume")
     asked_s = witness.now.time_s
-    await operator.command(Action.RESUME, lambda: all(agent.stage in _STEERED for agent in agents), OBEY_S)
+    await operator.command(Action.RESUME, lambda: all(agent.stage in STEERED for agent in agents), OBEY_S)
     steered = ["offboard"] * len(agents)
     await operator.until(lambda: list(witness.now.modes) == steered, OBEY_S)
     checks.at_most("steered again after s", witness.first_s(asked_s, lambda now: list(now.modes) == steered), OBEY_S)

@@ -11,6 +11,7 @@ from msgspec.structs import asdict, replace
 from shapely import Polygon
 
 from protocol.messages import AnyMessage, Pose, Stage
+from protocol.stages import CIRCLING, SEARCHING
 from sim.faults.told import told_faults
 from sim.geometry import Array
 from sim.result import RunResult, SourceTrace, Trace
@@ -20,7 +21,7 @@ from sim.scoring.bound import Bound, bound_of
 from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import Heard
 from sim.scoring.safety import OFF_GROUND_M, Safety
-from sim.scoring.samples import TRACKING, Row
+from sim.scoring.samples import Row
 from sim.scoring.score import Score, error_m, own_error_m
 from sim.scoring.sourcescore import SourceScore, score_sources
 from sim.world.frame import LocalFrames
@@ -115,7 +116,7 @@ class Recorder:
         above = self._terrain.above_ground(position)
         self._safety.sample(above, stages)
         self._record_finding()
-        if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
+        if self._search_began_s is None and any(stage in SEARCHING for stage in stages):
             self._search_began_s = time_s
         if source is not None or self._estimated:
             self._score.record_x0(time_s, self._agents[self._first].hypothesis, source)
@@ -148,7 +149,7 @@ class Recorder:
     ) -> None:
         source = None if judged is None else judged.place_m[:2]
         beliefs = [agent.hypothesis for agent in self._agents]
-        tracking = stages[self._first] in TRACKING
+        tracking = stages[self._first] in CIRCLING
         since_s = self._sample_s if self._sampled_s is None else time_s - self._sampled_s
         self._sampled_s = time_s
         if tracking:
@@ -186,7 +187,7 @@ class Recorder:
             return time_s > LONGEST_START_S
         if time_s - self._search_began_s > end.longest_s(self._mission):
             return True
-        if stages[self._first] in TRACKING and end.lost == "no-cone":
+        if stages[self._first] in CIRCLING and end.lost == "no-cone":
             since_s = max(self._heard.last_cone_s, self._score.x0_s or time_s)
             if self._tracking_s > 0.0 and time_s - since_s > LOST_NO_CONE_S:
                 self._score.lost = True
@@ -295,7 +296,7 @@ class Recorder:
         bound = self._bound
         if bound is None:
             return None, None
-        times = [row.time_s for row in self._rows if row.stages[row.first] in TRACKING]
+        times = [row.time_s for row in self._rows if row.stages[row.first] in CIRCLING]
         during = np.isin(bound.time_s, times)
         return bound.median_m(during), bound.own_median_m(during)
 

@@ -10,10 +10,10 @@ from shapely import Polygon
 
 from agent.config.mission import AreaConfig
 from protocol.messages import Stage
+from protocol.stages import SEARCHING
 from sim.geometry import Array
 
 OFF_GROUND_M = 0.5
-_BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
 class Safety:
@@ -27,7 +27,7 @@ class Safety:
     def sample(self, position: Array, stages: Sequence[Stage]) -> None:
         """Add one tick: true x, y in the mission frame and heights above ground (N, 3), metres, and the drones' stages."""
         self._places.append(position.copy())
-        self._guided.append([stage in _BY_SETPOINTS for stage in stages])
+        self._guided.append([stage in SEARCHING for stage in stages])
 
     def least_separation_m(self) -> float | None:
         """Least horizontal distance between any two drones off the ground; None if there never were two."""

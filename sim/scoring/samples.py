@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from protocol.messages import Stage
+from protocol.stages import CIRCLING
 from sim.geometry import Array
 from sim.scoring.score import Belief, rms_m
-
-TRACKING = (Stage.TRACK, Stage.REACQUIRE)
 
 
 class Row:
@@ -55,7 +54,7 @@ class Row:
             row.activity_bq = np.nan if judged.activity_bq is None else judged.activity_bq
             row.activity_sigma_bq = np.nan if judged.activity_sigma_bq is None else judged.activity_sigma_bq
             row.evidence = np.nan if judged.evidence is None else judged.evidence
-        circling = [stage in TRACKING for stage in stages]
+        circling = [stage in CIRCLING for stage in stages]
         if judged is not None and sum(circling) > 1:
             row.spacing_error_deg[circling] = spacing_error_deg(position[circling], judged.position)
         return row

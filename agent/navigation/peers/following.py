@@ -8,10 +8,10 @@ from agent.config.drone import ResponseConfig
 from agent.motion.feedforward import Deviation
 from agent.motion.separation import PeerPlan, margin_m
 from agent.navigation.peers.newest import OLDEST_NS, Peer
-from protocol.messages import Plan, Pose, Stage
+from protocol.messages import Plan, Pose
+from protocol.stages import DESCENDING
 
 _PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
-_COMING_DOWN = (Stage.LANDING, Stage.ABORT)  # where they stand, without plans
 _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
 
 
@@ -80,4 +80,4 @@ def _recent(peer: Peer, pose: Pose, now_ns: int, oldest_ns: int) -> Plan | None:
 
 
 def _comes_down(peer: Peer) -> bool:
-    return peer.status is not None and peer.status.stage in _COMING_DOWN
+    return peer.status is not None and peer.status.stage in DESCENDING  # where they are, without plans

@@ -11,7 +11,8 @@ from msgspec.structs import replace
 
 from agent.navigation.peers.sources import RECENT_NS, Sources, Story
 from protocol.entries import Sighting
-from protocol.messages import GROUND_STAGES, Plan, Pose, Status
+from protocol.messages import Plan, Pose, Status
+from protocol.stages import ON_GROUND
 
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
@@ -134,8 +135,8 @@ class Peer:
 
         It has only just landed; or the agent was started anew in flight and does not know of it yet; or it is of a second source.
         """
-        flew = self.status is not None and self.status.stage not in GROUND_STAGES
-        return flew and status.stage in GROUND_STAGES and not self.sources.rests(status.stamp_ns)
+        flew = self.status is not None and self.status.stage not in ON_GROUND
+        return flew and status.stage in ON_GROUND and not self.sources.rests(status.stamp_ns)
 
 
 def is_present(stamp_ns: int, now_ns: int) -> bool:

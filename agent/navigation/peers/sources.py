@@ -21,7 +21,8 @@ from operator import mul
 
 from msgspec.structs import replace
 
-from protocol.messages import GROUND_STAGES, Pose, Status
+from protocol.messages import Pose, Status
+from protocol.stages import ON_GROUND
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
@@ -134,7 +135,7 @@ class Sources:
         self._boots_ns.setdefault(status.boot, status.stamp_ns)
         if len(self._boots_ns) > MAX_BOOTS:
             del self._boots_ns[next(iter(self._boots_ns))]
-        if status.stage in GROUND_STAGES:
+        if status.stage in ON_GROUND:
             self._down_ns = max(status.stamp_ns, self._down_ns or 0)
         else:
             self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)

@@ -19,9 +19,8 @@ from agent.localization.continuity import ONWARD_S
 from agent.motion.reference import PeerState
 from agent.navigation.peers.newest import Peer
 from protocol.messages import Stage
+from protocol.stages import DESCENDING, STEERED
 
-CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
-STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
 # An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
 # checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
 # more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
@@ -173,7 +172,7 @@ class Agentless:
 
     def _reaction(self, name: str, stage: Stage) -> str:
         """What its autopilot does; without offboard mode, what it did before."""
-        if stage in (Stage.LANDING, Stage.ABORT):
+        if stage in DESCENDING:
             return "land"
         if stage not in STEERED:
             return "hold"

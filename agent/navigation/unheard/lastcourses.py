@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from agent.frames.transform import Transform
 from agent.motion.reference import PeerState
 from agent.navigation.peers.newest import Peer
-from agent.navigation.unheard.agentless import STEERED, Agentless, Course
+from agent.navigation.unheard.agentless import Agentless, Course
 from agent.navigation.unheard.contact import motion_of
 from protocol.messages import Pose, Stage
+from protocol.stages import STEERED
 
 _BLIND_NS = 1_500_000_000  # statuses go on, and its last pose is older: its agent hears nothing of its vehicle
 

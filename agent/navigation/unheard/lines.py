@@ -15,10 +15,8 @@ from agent.config.mission import MissionConfig
 from agent.motion.orbit import ring_change_s
 from agent.navigation.unheard.contact import SILENT_NS, Contact, Wall, wall_between
 from agent.navigation.unheard.viewer import Viewer
-from protocol.messages import Stage
+from protocol.stages import TAKING_PART
 
-TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
-MAY_TAKE_PART = (*TAKING_PART, Stage.HOLD)  # one that holds goes on when the operator says so
 APART_NS = 60_000_000_000  # drones that do not hear each other keep to their own sides for this long after their last contact
 KEPT_M = 4.5  # least distance of a waypoint from that line
 

@@ -35,18 +35,19 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers.newest import Peer, Peers
 from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.unheard.agentless import Agentless, Course, Stretch
 from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
 from agent.navigation.unheard.crossing import is_over_m
 from agent.navigation.unheard.homes import Homes
 from agent.navigation.unheard.lastcourses import last_course, last_stage, possible_courses
 from agent.navigation.unheard.lastseen import LastSeen, LastSightings
-from agent.navigation.unheard.lines import MAY_TAKE_PART, Lines
+from agent.navigation.unheard.lines import Lines
 from agent.navigation.unheard.relayed import is_kept, relayed
 from agent.navigation.unheard.sides import ring_of, side
 from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
+from protocol.stages import CIRCLING, MAY_TAKE_PART
 
 # Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
 # ahead of another one, that one could not stop any more when it noticed after a second.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from protocol.messages import Stage
+from protocol.stages import SEARCHING
 from sim.campaign.faults.attacks import attack
 from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, Course
 from sim.campaign.faults.dealt import deal
@@ -28,7 +28,6 @@ LOCATED_M = 2.0
 EXCEPTION = "exception"
 _DOCUMENTS = {DEALT: deal, LIVE: deal, ATTACKED: attack}  # the missions of the other courses are drawn
 _RECORDED_EVERY = 10  # of that many missions one drone of one is recorded and replayed
-_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +133,7 @@ class Log:
         step_s, self.time_s = moment.time_s - self.time_s, moment.time_s
         self.drone_s += step_s * sum(map(moment.airborne, range(len(self.error_m))))
         pilots = list(enumerate(moment.pilots))
-        searches = any(
-            pilot is not None and pilot.stage in _SEARCHING for drone, pilot in pilots if able is None or drone in able
-        )
+        searches = any(pilot is not None and pilot.stage in SEARCHING for drone, pilot in pilots if able is None or drone in able)
         if searches and moment.source is not None:
             for drone, pilot in pilots:
                 if pilot is not None:

@@ -8,7 +8,7 @@ from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 from agent.pilot import Pilot
-from protocol.messages import Stage
+from protocol.stages import SEARCHING
 from sim.faults.agents import Forged
 from sim.faults.base import Family
 from sim.faults.forgers import BESIDE
@@ -23,7 +23,6 @@ _LOOK_TICKS, _LEAST = 10, 20
 _SPELL = 20  # looks in the longest spell, 10 s, in which a source may be taken to rest: 0.24 m/s, and two cameras, took 7 s
 _ALLOWED = 10  # looks in EXCLUDED_S
 _SUMMARY_TICKS = 100
-_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 _SLOWING: tuple[Family, ...] = ("process",)
 
@@ -93,7 +92,7 @@ class SourceCalibrated(Invariant[Scene]):
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             for drone, pilot in enumerate(_told(self.setting, moment)):
-                if pilot is not None and pilot.hypothesis is not None and pilot.stage in _SEARCHING:
+                if pilot is not None and pilot.hypothesis is not None and pilot.stage in SEARCHING:
                     self.squares[drone].append(_sigmas(pilot, moment.source) ** 2)
         yield from ()
 
@@ -144,7 +143,7 @@ class FollowsSource(Invariant[Scene]):
     def _count(self, moment: Scene, source: tuple[float, float], velocity_mps: tuple[float, float], step_s: float) -> None:
         u, v = velocity_mps
         for drone, pilot in enumerate(_told(self.setting, moment)):
-            if pilot is None or pilot.hypothesis is None or pilot.stage not in _SEARCHING:
+            if pilot is None or pilot.hypothesis is None or pilot.stage not in SEARCHING:
                 continue
             if self.setting.struck(_SLOWING, drone, moment.time_s):
                 continue

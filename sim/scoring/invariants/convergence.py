@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import permutations
 
 from agent.pilot import Pilot
-from protocol.messages import Stage
+from protocol.stages import SEARCHING
 from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import EPOCH_NS, Moment
@@ -16,7 +16,6 @@ APART_NS = 1_000_000_000  # a slow agent's last step is older by up to that
 _LOOK_TICKS = 100
 _ROUNDS, _CALLS = 20, 5000  # of exchange, and of work: far more than takes any of it
 _LATER_NS = 1_000_000_000
-_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
 class Converged(Invariant[Moment]):
@@ -77,7 +76,7 @@ class Converged(Invariant[Moment]):
 
     def _over(self, moment: Moment, able: tuple[int, ...]) -> bool:
         """Whether one of them does not search any more, after they have agreed."""
-        return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in _SEARCHING for k in able)
+        return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in SEARCHING for k in able)
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
         """The able drones whose logs or hypotheses differ when nothing is left to tell. Their agents are of no use afterwards."""

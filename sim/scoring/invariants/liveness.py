@@ -7,6 +7,7 @@ from math import hypot
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
+from protocol.stages import RETURNING
 from sim.faults.machines import Battery
 from sim.geometry import Array
 from sim.scoring.invariants.able import Able
@@ -19,7 +20,6 @@ _WAY_S = 50.0 / 3.0  # home across the area, and into the way of others
 _URGENT = 0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``agent.mission.reserve``)
 _ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): one without a home lands
 _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn in flight in a second
-_COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 
 
 class Landed(Invariant[Scene]):
@@ -88,7 +88,9 @@ class Landed(Invariant[Scene]):
             return True
         if able:
             return False
-        returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (pilot is not None and pilot.stage in _COMING_HOME)
+        returns = autopilot.mode in (FlightMode.RETURN, FlightMode.LAND) or (
+            pilot is not None and pilot.stage in (*RETURNING, Stage.LANDED)
+        )
         return returns or self._stays_up(moment, drone)
 
     def _stays_up(self, moment: Scene, drone: int) -> bool:

@@ -9,7 +9,7 @@ from math import dist, inf
 import shapely
 from shapely import Polygon
 
-from protocol.messages import Stage
+from protocol.stages import SEARCHING
 from sim.faults.agents import CopiedKey
 from sim.faults.machines import Takeover
 from sim.scoring.invariants.base import Breach, Invariant, Setting
@@ -17,7 +17,6 @@ from sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
 ONTO_M = 1.5  # who is nearer to one on the ground may touch it: less than in the air, as only one of the two moves
-_BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
 class Separation(Invariant[Scene]):
@@ -108,7 +107,7 @@ class Heights(Invariant[Scene]):
             if area.floor_m <= height_m <= area.ceiling_m:
                 continue
             pilot = moment.pilots[drone]
-            guided = pilot is not None and pilot.stage in _BY_SETPOINTS and moment.autopilots[drone].setpoint_age_s is not None
+            guided = pilot is not None and pilot.stage in SEARCHING and moment.autopilots[drone].setpoint_age_s is not None
             low = guided and height_m < area.floor_m
             if (low or height_m > area.ceiling_m) and not self.setting.lost_itself(drone, moment.time_s):
                 yield Breach((drone,), f"{height_m:.2f} m above ground, {area.floor_m:g} to {area.ceiling_m:g} m allowed")

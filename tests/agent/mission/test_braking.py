@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, tracking
 
-from agent.mission.takeover import TAKEOVER_NS
+from agent.mission.authority import TAKEOVER_NS
 from agent.vehicle.interface import FlightMode, Request
 from protocol.messages import Action, Stage
 

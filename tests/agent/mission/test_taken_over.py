@@ -5,8 +5,8 @@ from msgspec.structs import replace
 from situations import SECOND, VEHICLE, at, tracking
 
 from agent.config.mission import TrackConfig
+from agent.mission.authority import TOUCHDOWN_NS
 from agent.mission.stages import Mission
-from agent.mission.takeover import TOUCHDOWN_NS
 from agent.navigation.home import KeptHome
 from agent.vehicle.grounded import STILL_NS
 from agent.vehicle.interface import FlightMode, Request
@@ -263,3 +263,15 @@ def test_below_the_floor_it_rises_before_it_does_what_is_commanded(action: Actio
     for mission in (flight.mission, restarted):
         mission.step(at(33.1, replace(flight.vehicle, height_m=1.8), has_hypothesis=True, last_cone_ns=33 * SECOND))
         assert (mission.stage, mission.request) == (follows, Request.OFFBOARD)
+
+
+def test_a_return_that_is_commanded_in_a_pilots_return_is_flown_by_the_agent() -> None:
+    """The age of the takeover that the command had ended counted on, and released the vehicle again in the next step."""
+    flight = tracked()
+    flight.run(20.0, FlightMode.RETURN)
+    assert (flight.mission.stage, flight.mission.released) == (Stage.RETURN, True)
+    assert flight.command(Action.RETURN) is None
+    assert Act.OFFBOARD in flight.run(21.0, FlightMode.RETURN)
+    assert not flight.mission.released
+    flight.run(25.0, FlightMode.OFFBOARD)
+    assert (flight.mission.stage, flight.mission.request) == (Stage.RETURN, Request.OFFBOARD)

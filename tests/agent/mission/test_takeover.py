@@ -5,9 +5,8 @@ from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from agent.config.mission import TrackConfig
+from agent.mission.authority import FAILSAFE_NS, STALE_NS, TAKEOVER_NS, UNFOLLOWED_NS
 from agent.mission.stages import Mission
-from agent.mission.takeover import FAILSAFE_NS, STALE_NS, TAKEOVER_NS
-from agent.mission.unsteered import UNSTEERED_NS
 from agent.vehicle.interface import FlightMode, Request
 from protocol.messages import Action, Stage
 
@@ -78,7 +77,7 @@ def test_a_hold_that_it_asked_for_itself_is_nobodys_takeover_but_one_that_stays_
     """For want of telemetry it asks for a hold; the heartbeat shows it when it has long asked for offboard again."""
     mission = tracking()
     held_by(mission, OFFBOARD, 12.0, 13.0)
-    mission.hold_asked(int(13.1 * SECOND))
+    mission.unheard(int(13.1 * SECOND), holds=True)
     held_by(mission, OFFBOARD, 13.2, 13.9)  # as the last heartbeat showed it
     assert held_by(mission, VEHICLE, 14.0, 15.0, 15.8) == (Stage.TRACK, Request.OFFBOARD)
     assert held_by(mission, OFFBOARD, 15.9, 17.0) == (Stage.TRACK, Request.OFFBOARD)
@@ -89,7 +88,7 @@ def test_a_hold_that_it_asked_for_itself_may_take_long_to_leave():
     """On a link that loses most packets: the hold was asked for between two pieces of telemetry, and offboard is not heard."""
     mission = tracking()
     held_by(mission, OFFBOARD, 12.0, 13.0)
-    mission.hold_asked(14 * SECOND)
+    mission.unheard(14 * SECOND, holds=True)
     hold = replace(VEHICLE, mode=FlightMode.HOLD)
     assert held_by(mission, hold, *range(15, 40)) == (Stage.TRACK, Request.OFFBOARD)
     manual = replace(VEHICLE, mode=FlightMode.MANUAL)
@@ -197,7 +196,7 @@ def test_a_vehicle_that_sank_while_nothing_was_heard_of_it_does_not_search_near_
     mission.command(Action.START, SECOND, CALM)
     for at_s in (2.0, 10.0):
         mission.step(at(at_s, has_hypothesis=at_s > 2.0, last_cone_ns=10 * SECOND))
-    mission.hold_asked(20 * SECOND)
+    mission.unheard(20 * SECOND, holds=True)
     mission.step(at(20.1, replace(OFFBOARD, height_m=height_m), **found))
     assert mission.stage is Stage.TRACK  # nothing new has been heard yet
     mission.step(at(20.2, replace(OFFBOARD, stamp_ns=20 * SECOND + SECOND // 5, height_m=height_m), **found))
@@ -229,7 +228,7 @@ def test_a_drone_that_is_not_steered_is_told_whatever_the_cause() -> None:
     mission = surveying()
     mission.step(at(2.5, VEHICLE))
     assert mission.unsteered(int(2.6 * SECOND)) is None
-    late_ns = int(2.5 * SECOND) + UNSTEERED_NS
+    late_ns = int(2.5 * SECOND) + UNFOLLOWED_NS
     mission.step(at(late_ns / SECOND, VEHICLE))
     assert mission.unsteered(late_ns) == "not following its mission: the autopilot has been in hold, not in offboard, for 3 s"
     mission.step(at(14.5, VEHICLE))

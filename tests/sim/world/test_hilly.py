@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from protocol.messages import Stage
+from protocol.stages import CIRCLING
 from sim.lockstep.flight import fly
 from sim.scenario import load_scenario, override
-from sim.scoring.samples import TRACKING
 from sim.world.terrain import Terrain
 
-GUIDED = (Stage.SURVEY, *TRACKING)
+GUIDED = (Stage.SURVEY, *CIRCLING)
 
 
 @pytest.fixture(scope="module")
