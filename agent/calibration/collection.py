@@ -181,7 +181,7 @@ def block_of(x_mm: FloatArray, y_mm: FloatArray) -> NDArray[np.intp]:
 
 
 def block_of_pixels() -> NDArray[np.intp]:
-    """Of each pixel by matrix index, (65536,)."""
+    """The block of each pixel, by matrix index: (65536,)."""
     index = np.arange(PIXELS)
     place = np.arange(0.5 - SENSOR_PIXELS / 2.0, SENSOR_PIXELS / 2.0, dtype=np.float64) * PIXEL_PITCH_MM
     return block_of(place[index % SENSOR_PIXELS], place[index // SENSOR_PIXELS])

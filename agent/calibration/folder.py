@@ -37,7 +37,7 @@ def corrected(calibration: Calibration, result: Result) -> Calibration:
     if result.gain is not None:
         values = np.array([result.gain.value if block is None else block.value for block in result.blocks])
         gain = values[block_of_pixels()]
-    gain[[*result.noisy_pixels, *(result.dead_pixels or ())]] = np.nan
+    gain[result.bad_pixels] = np.nan
     drift_ns = calibration.drift_ns if result.drift is None else result.drift.drift_ns
     return replace(calibration.with_gain(gain), drift_ns=drift_ns)
 

@@ -41,7 +41,7 @@ class Goal(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True, kw_only=True):
-    """A calibration. None: too few events. bad_pixels: matrix indices of dead and noisy ones; None where too few hits tell.
+    """A calibration. None: too few events. noisy_pixels, dead_pixels: matrix indices; None: too few hits.
 
     walk_ns: mean delay of weak pixels beside strong ones, and its standard deviation. blocks: row by row from the lower left.
     """
@@ -61,6 +61,11 @@ class Result(Struct, frozen=True, kw_only=True):
     noisy_pixels: tuple[int, ...]
     dead_pixels: tuple[int, ...] | None
     background: Background | None
+
+    @property
+    def bad_pixels(self) -> list[int]:
+        """Matrix indices of noisy pixels, and of dead ones as far as they are known."""
+        return [*self.noisy_pixels, *(self.dead_pixels or ())]
 
 
 def evaluate(
@@ -139,7 +144,7 @@ def _blocks(result: Result) -> Goal:
 def _live_blocks(result: Result) -> list[Gain | None]:
     """The gains of blocks with at least one good pixel: a dead block has no peak, however long the source is measured."""
     good = np.ones(PIXELS, bool)
-    good[[*result.noisy_pixels, *(result.dead_pixels or ())]] = False
+    good[result.bad_pixels] = False
     return [result.blocks[block] for block in np.unique(block_of_pixels()[good])]
 
 
@@ -176,9 +181,8 @@ def _orientation(result: Result) -> Goal:
 def _pixels(result: Result) -> Goal:
     if result.dead_pixels is None:
         return Goal("pixels", False, f"{len(result.noisy_pixels)} noisy; too few hits to tell the dead ones")
-    bad = len(result.dead_pixels) + len(result.noisy_pixels)
     text = f"{len(result.dead_pixels):,} dead, {len(result.noisy_pixels):,} noisy, masked (at most {MAX_BAD_SHARE:.0%} may be)"
-    return Goal("pixels", bad <= MAX_BAD_SHARE * PIXELS, text)
+    return Goal("pixels", len(result.bad_pixels) <= MAX_BAD_SHARE * PIXELS, text)
 
 
 def _background(result: Result) -> Goal:
