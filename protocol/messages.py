@@ -199,7 +199,7 @@ class Recognised(Struct, frozen=True, array_like=True):
 
 
 class Reaction(StrEnum):
-    """What a vehicle does without its agent."""
+    """The reaction of a vehicle to the loss of its agent."""
 
     RETURN = "return"
     LAND = "land"

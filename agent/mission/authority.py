@@ -1,8 +1,8 @@
 """The authority over one vehicle: who flies it, as a table of states and events, and the events in a piece of telemetry.
 
 The agent may fly (``ASKED`` to ``REJOINED``), or somebody else does (``RELEASED``): a pilot, a ground station or the autopilot's
-failsafe. Nothing but the autopilot's mode tells them apart, and its heartbeat is up to a second old. So another mode than the
-agent's counts only once it has lasted, and some modes are explained by what the agent itself has done: see ``_is_foreign``.
+failsafe. Only the autopilot's mode tells them apart, and its heartbeat is up to a second old. So a mode that the agent has not
+asked for counts only after it has lasted, and the agent's own requests explain some modes: see ``_is_foreign``.
 ``docs/design/authority.md`` shows the table.
 """
 
@@ -33,7 +33,7 @@ CUT_SHORT_M = 1.5
 
 
 class State(StrEnum):
-    """Who flies the vehicle."""
+    """The holder of the authority."""
 
     ASKED = "asked"  # the agent; the autopilot has not shown yet the mode that was asked for, and a hold is nobody's
     AGENT = "agent"  # the agent; the autopilot has shown that mode, and a hold is somebody else's
@@ -175,11 +175,11 @@ class Authority(Struct, frozen=True):
         return replace(self, state=state, since_ns=now_ns, foreign_since_ns=None if self.is_released else self.foreign_since_ns)
 
     def asks(self, now_ns: int) -> Authority:
-        """The request to the autopilot changes to or from setpoints, or is made again."""
+        """Note that the request to the autopilot changes to or from setpoints, or is repeated."""
         return replace(self.after(Event.ASKS, now_ns), foreign_since_ns=None)
 
     def commanded(self, now_ns: int) -> Authority:
-        """An operator's command is obeyed: what was before it is not reported any more."""
+        """Note that an operator's command is obeyed. Reports of the time before it end."""
         return replace(self.after(Event.COMMANDED, now_ns), unfollowed_since_ns=None)
 
     def unheard(self, now_ns: int, *, holds: bool) -> Authority:

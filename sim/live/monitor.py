@@ -77,7 +77,7 @@ class ObservedAgent:
 
     @property
     def ticket(self) -> Ticket | None:
-        """What a command to it needs."""
+        """The ticket that a command to the drone needs; None before a status."""
         return self.status.ticket if self.status is not None else None
 
     @property

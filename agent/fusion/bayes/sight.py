@@ -19,7 +19,7 @@ from agent.terrain.ground import Ground
 
 
 class Scene(Struct, frozen=True, eq=False):
-    """What is known beforehand: what a camera counts, the ground, and walls and buildings."""
+    """The prior knowledge: response of the cameras, ground, and walls and buildings."""
 
     response: Response
     ground: Ground

@@ -232,7 +232,7 @@ class Peers:
 
     def begun_ns(self, mission: str, now_ns: int) -> int | None:
         """When that mission began: the stamp of a start command that most of those that fly it tell, the earliest of several;
-        None: nobody. One that lies would have who is started later count what the others leave out.
+        None: no drone tells one. The majority counts, as one false start would change which entries a restarted drone counts.
         """
         told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
         known = Counter(began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS)

@@ -119,7 +119,7 @@ def fly_mission(mission: Mission) -> Verdict:
 
 
 class Log:
-    """What a verdict tells besides the violations."""
+    """The figures of a verdict besides its violations."""
 
     def __init__(self, drones: int) -> None:
         self.time_s = self.drone_s = 0.0

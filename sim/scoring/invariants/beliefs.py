@@ -246,7 +246,7 @@ def _equal(one: Pilot, other: Pilot) -> bool:
 
 
 def _told(setting: Setting, moment: Scene) -> list[Member | None]:
-    """The agents; None for one that is gone, and for one that is revoked: nobody is told what it believes."""
+    """The agents by drone; None for an agent that has ended, or that is revoked, as it tells nobody its belief."""
     return [None if moment.time_s >= setting.unheard_s(drone) else pilot for drone, pilot in enumerate(moment.pilots)]
 
 

@@ -48,7 +48,7 @@ class Landed(Invariant[Scene]):
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Those that are still out."""
+        """A breach for each drone that has not landed, or has landed away from its launch place."""
         able = self.able.see(moment)
         for drone in range(len(self.setting.names)):
             if not self.is_home(moment, drone, drone in able):
