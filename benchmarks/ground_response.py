@@ -1,27 +1,28 @@
 """What a camera counts of scattered photons beside a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
 
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
-folded with the response of sensor and detection chain to photons of each energy, and fitted for each channel by
-
-    area (near + steep s + air mu D) exp(-mu D) / (4 pi D^2),    s the sine of the source's depression below the horizon.
-
-facing: relative change of what comes from the source's side by f, the cosine between source and sensor's normal. The
-numbers stand in agent/fusion/bayes/soil.py. background: the ground's own photons by ``sim.radiation.ground``, 3 m above soil.
+folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal, and fitted
+for each channel by the formula of agent/fusion/bayes/soil.py, where the numbers stand: over sources on the ground and above it,
+and headings. background: the ground's own photons by ``sim.radiation.ground``, 3 m above soil.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise, product
 from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from agent.config.mission import DetectionConfig
 from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
-from benchmarks.channel_response import CHANNELS, Source, directions
-from benchmarks.support.soil import scattered_flux
+from agent.fusion.bayes.soil import IMAGE_DEPTH
+from agent.fusion.facing import MEAN_FACING
+from benchmarks.channel_response import CHANNELS, Source
+from benchmarks.support.soil import FACINGS, HEADINGS_DEG, scattered_flux
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import Events, simulate
 from sim.radiation.ground.field import natural_flux
@@ -33,10 +34,11 @@ Array = NDArray[np.float64]
 
 TRUTH = CameraTruth()
 EDGES_KEV = np.geomspace(30.0, 1500.0, 37)  # as in sim.radiation.ground.photons
-HEIGHTS_M, HORIZONTAL_M = (1.5, 2.5, 4.0, 7.0), (1.0, 3.0, 6.0, 10.0, 16.0, 25.0)
+HEIGHTS_M, HORIZONTAL_M = (1.5, 2.5, 4.0), (1.5, 3.0, 6.0, 10.0, 16.0, 25.0)
 PLACES = np.array([(h, r) for h in HEIGHTS_M for r in HORIZONTAL_M])
-MEAN_FACING = 0.565  # as in agent.fusion.sources.spectra
-VIEWS = 12
+SOURCES_M = (0.0, 0.5, 1.0)  # heights of the source
+NORMALS = tuple((np.arange(FACINGS) + 0.5) / FACINGS)  # cosine between path and normal, middles of the bins
+AZIMUTHS_DEG = (20.0, 65.0)  # of the path about the normal: the sensor is square
 SPACING_TICKS = 20_000  # 31 us between events
 
 
@@ -54,19 +56,20 @@ def counted(events: Events, name: str) -> Array:
     return counts
 
 
-def responses(names: list[str], events: int) -> tuple[dict[str, Array], Array]:
-    """Of each nuclide (views, groups, 4) effective areas of the channels, mm2; and (views,) f."""
+def responses(names: list[str], events: int) -> dict[str, Array]:
+    """Of each nuclide (FACINGS, groups, 4) effective areas of CHANNELS, mm2."""
     rng = np.random.default_rng(11)
-    views = directions(VIEWS, rng)
-    areas = {name: np.zeros((VIEWS, len(EDGES_KEV) - 1, len(CHANNELS))) for name in names}
-    for v, view in enumerate(views):
-        for g in range(len(EDGES_KEV) - 1):
-            low, high = EDGES_KEV[g : g + 2]
+    areas = {name: np.zeros((FACINGS, len(EDGES_KEV) - 1, len(CHANNELS))) for name in names}
+    for (f, cosine), turn in product(enumerate(NORMALS), np.deg2rad(AZIMUTHS_DEG)):
+        flat = np.sqrt(1.0 - cosine * cosine)
+        view = float(flat * np.cos(turn)), float(flat * np.sin(turn)), float(cosine)
+        for g, (low, high) in enumerate(pairwise(EDGES_KEV)):
             lines = tuple((float(e), 0.25) for e in np.geomspace(low, high, 9)[1::2])
             found = simulate(lines, events, response(TRUTH), rng, direction=view)
             for name in names:
-                areas[name][v, g] = counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
-    return areas, np.abs([ahead for _, _, ahead in views])
+                counts = counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
+                areas[name][f, g] += counts / len(AZIMUTHS_DEG)
+    return areas
 
 
 def background_ps(name: str, events: int) -> Array:
@@ -77,25 +80,43 @@ def background_ps(name: str, events: int) -> Array:
     return counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
 
 
-def fitted(name: str, area: Array, facing: Array, photons: int) -> tuple[Array, Array, Array]:
-    """(4, 3) near, steep and air of the channels, mm2 per photon of the nuclide; (4,) facing; (4,) the fit's largest error."""
+def scattered(name: str, area: Array, photons: int) -> tuple[Array, Array]:
+    """(rows, 2) counts of partial- and full-energy events per photon from the source, mm2, and (rows, 4) where: height of camera
+    and source, horizontal distance (m), heading (rad).
+    """
     source = Source.of(name)
-    flux = scattered_flux(nuclide(name).lines, PLACES, EDGES_KEV, photons, 5) / source.photons_per_decay
-    height, horizontal = PLACES.T
-    distance = np.hypot(height, horizontal)
-    flux *= np.exp(source.air_per_m * distance)[:, None]
-    off = facing - facing.mean()
-    slope = np.einsum("v,vgc->gc", off, area) / (off @ off)
-    mean = area.mean(axis=0) + (MEAN_FACING - facing.mean()) * slope
-    total = flux @ mean  # (places, 4)
-    design = np.stack((np.ones(len(distance)), height / distance, source.air_per_m * distance), axis=1)
-    parts, errors = [], []
-    for column in total.T:
-        found, *_ = np.linalg.lstsq(design / column[:, None], np.ones(len(column)), rcond=None)
-        parts.append(found)
-        errors.append(np.abs(design @ found / column - 1.0).max())
-    near = flux[horizontal < 7.0].sum(axis=0)
-    return np.array(parts), (near @ slope) / (near @ mean), np.array(errors)
+    hits, full, pairs, _ = np.moveaxis(area, -1, 0)
+    channels = np.stack((hits - full - pairs, full), axis=-1)
+    counts, places = [], []
+    for source_m in SOURCES_M:
+        flux = scattered_flux(nuclide(name).lines, PLACES, EDGES_KEV, photons, 5, source_m) / source.photons_per_decay
+        distance = np.hypot(PLACES[:, 0] - source_m, PLACES[:, 1])
+        flux *= np.exp(source.air_per_m * distance)[:, None, None, None]
+        counts.append(np.einsum("phfg,fgc->phc", flux, channels).reshape(-1, 2))
+        places += [(h, source_m, r, turn) for (h, r), turn in product(PLACES, np.deg2rad(HEADINGS_DEG))]
+    return np.concatenate(counts), np.array(places)
+
+
+def expected(near: float, steep: float, air: float, turn: float, depth: float, where: Array, air_per_m: float) -> Array:
+    """(rows,) of what is fitted; depth: of the image below the ground, per height of the source above it."""
+    camera, source, horizontal, heading = where.T
+    distance = np.hypot(camera - source, horizontal)
+    image = np.hypot(camera + depth * source, horizontal)
+    facing = horizontal * np.abs(np.cos(heading)) / image
+    soil = (near + steep * (camera + depth * source) / image) * (1.0 + turn * (facing - MEAN_FACING))
+    result: Array = (distance / image) ** 2 * soil + air * air_per_m * distance
+    return result
+
+
+def fitted(counts: Array, where: Array, air_per_m: float) -> tuple[Array, float]:
+    """(5,) arguments of ``expected``, and the fit's error, root mean square, relative."""
+
+    def off(values: Array) -> Array:
+        return expected(*values, where, air_per_m) / np.maximum(counts, 0.01 * counts.max()) - 1.0
+
+    least, most = [-np.inf] * 4 + [0.0], [np.inf] * 4 + [3.0]
+    found = least_squares(off, (1.0, counts.mean(), 10.0 * counts.mean(), 0.5, IMAGE_DEPTH), bounds=(least, most))
+    return found.x, float(np.sqrt(np.mean(found.fun**2)))
 
 
 def main(
@@ -104,15 +125,15 @@ def main(
     photons: Annotated[int, typer.Option(help="That are followed through soil and air, of each nuclide.")] = 100_000,
 ) -> None:
     names = nuclides or ["Cs-137"]
-    areas, facing = responses(names, events)
+    areas = responses(names, events)
     for name in names:
-        parts, turn, error = fitted(name, areas[name], facing, photons)
-        background = background_ps(name, 100 * events)
+        counts, where = scattered(name, areas[name], photons)
+        hits, full, pairs, _ = background_ps(name, 100 * events)
         print(name)
-        print(f"{'channel':14}{'near':>9}{'steep':>9}{'air':>9}{'facing':>9}{'background 1/s':>16}{'fit within':>12}")
-        for k, channel in enumerate(CHANNELS):
-            near, steep, air = parts[k]
-            print(f"{channel:14}{near:9.3g}{steep:9.3g}{air:9.3g}{turn[k]:9.2f}{background[k]:16.3g}{100.0 * error[k]:10.0f} %")
+        print(f"{'channel':10}{'near':>9}{'steep':>9}{'air':>9}{'turn':>9}{'image':>9}{'background 1/s':>16}{'fit, rms':>12}")
+        for channel, column, own_ps in zip(("partial", "full"), counts.T, (hits - full - pairs, full), strict=True):
+            values, error = fitted(column, where, Source.of(name).air_per_m)
+            print(f"{channel:10}{''.join(f'{value:9.3g}' for value in values)}{own_ps:16.3g}{100.0 * error:10.1f} %")
         print(flush=True)
 
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from agent.geometry import Array
 
+MEAN_FACING = 0.565  # mean of f over all headings, the source 5 to 45 degrees below the horizon
+
 
 class Facing(NamedTuple):
     """square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the way to the source, d the distance."""

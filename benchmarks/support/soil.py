@@ -2,12 +2,14 @@
 
 The truth (``sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here photons lose weight
 instead of being absorbed, all of a batch at once, and each scattering adds to each detector what would reach it straight from
-there, by the differential cross section of Klein and Nishina (next-event estimation). Compton scattering off free electrons and
-photoelectric absorption (xraylib); soil is silica with 20 % of water and 4 % of iron. No coherent scattering.
+there, by the differential cross section of Klein and Nishina (next-event estimation), by the angle at which it meets sensors of
+several headings. Compton scattering off free electrons and photoelectric absorption (xraylib); soil is silica with 20 % of water
+and 4 % of iron. No coherent scattering.
 """
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -27,6 +29,8 @@ _CEILING_M = 250.0
 _MIN_WEIGHT = 1e-3
 _MIN_APART_M = 0.7  # a scattering nearer to a detector counts as from there: 0.4 % less flux, and no outliers
 _GENERATIONS = 60
+HEADINGS_DEG = (0.0, 30.0, 60.0, 90.0)  # of a level sensor's normal, from the direction to the source
+FACINGS = 8  # bins of the cosine between a photon's path and the normal
 
 
 @cache
@@ -85,18 +89,19 @@ def _scattered(energy: Array, rng: np.random.Generator) -> Array:
 def scattered_flux(
     lines: tuple[tuple[float, float], ...], detectors: Array, edges_kev: Array, photons: int, seed: int, source_m: float = 0.0
 ) -> Array:
-    """(D, groups) flux per decay times 4 pi D^2 of scattered photons. detectors: (D, 2) heights above soil, horizontal distances.
+    """(D, HEADINGS_DEG, FACINGS, groups) flux per decay times 4 pi D^2 of scattered photons; its sum over FACINGS is the same for
+    all headings. detectors: (D, 2) heights above soil, horizontal distances.
 
     source_m: height of the source above the ground; below 0: in it.
     """
     rng = np.random.default_rng(seed)
     energies, intensities = np.array(lines).T
-    tally = np.zeros((len(detectors), len(edges_kev) - 1))
+    tally = np.zeros((len(detectors), len(HEADINGS_DEG), FACINGS, len(edges_kev) - 1))
     batch = 10_000
     for _ in range(photons // batch):
         tally += _batch(energies, intensities / intensities.sum(), detectors, edges_kev, batch, rng, source_m)
     square = (detectors[:, 0] - source_m) ** 2 + detectors[:, 1] ** 2
-    result: Array = tally * (intensities.sum() / (photons // batch * batch)) * 4.0 * np.pi * square[:, None]
+    result: Array = tally * (intensities.sum() / (photons // batch * batch)) * 4.0 * np.pi * square[:, None, None, None]
     return result
 
 
@@ -104,7 +109,7 @@ def _batch(
     energies: Array, shares: Array, detectors: Array, edges_kev: Array, count: int, rng: np.random.Generator, source_m: float
 ) -> Array:
     media, compton = _media()
-    tally = np.zeros(len(detectors) * (len(edges_kev) - 1))
+    tally = np.zeros((len(detectors), len(HEADINGS_DEG), FACINGS, len(edges_kev) - 1))
     energy = rng.choice(energies, count, p=shares)
     place = np.zeros((count, 3))
     place[:, 2] = source_m
@@ -124,7 +129,7 @@ def _batch(
         cosine = _scattered(energy, rng)
         direction = _turned(direction, cosine, rng)
         energy = energy / (1.0 + energy / MASS_KEV * (1.0 - cosine))
-    return tally.reshape(len(detectors), -1)
+    return tally
 
 
 def _isotropic(count: int, rng: np.random.Generator) -> Array:
@@ -159,7 +164,7 @@ def _seen(
     media: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """What scatterings at these places add to the detectors, each at a random azimuth: (D groups,)."""
+    """What scatterings at these places add to the tally; the detectors stand at a random azimuth."""
     azimuth = rng.uniform(0.0, 2.0 * np.pi, len(energy))
     height, horizontal = detectors.T
     dx = horizontal * np.cos(azimuth)[:, None] - place[:, :1]
@@ -174,8 +179,19 @@ def _seen(
     groups = len(edges_kev) - 1
     group = np.searchsorted(edges_kev, after) - 1
     inside = (group >= 0) & (group < groups)
-    index = np.arange(len(detectors)) * groups + np.clip(group, 0, groups - 1)
-    return np.bincount(index[inside], value[inside], len(detectors) * groups)
+    shape = len(detectors), FACINGS, groups
+    by_heading = []
+    for heading in np.deg2rad(HEADINGS_DEG):
+        normal = np.cos(azimuth + heading)[:, None], np.sin(azimuth + heading)[:, None]
+        facing = np.abs(dx * normal[0] + dy * normal[1]) / np.sqrt(dx * dx + dy * dy + dz * dz)
+        place_of = (
+            np.arange(len(detectors)),
+            np.minimum((facing * FACINGS).astype(np.intp), FACINGS - 1),
+            np.clip(group, 0, groups - 1),
+        )
+        index = np.ravel_multi_index(np.broadcast_arrays(*place_of), shape)
+        by_heading.append(np.bincount(index[inside], value[inside], math.prod(shape)).reshape(shape))
+    return np.stack(by_heading, axis=1)
 
 
 def _turned(direction: Array, cosine: Array, rng: np.random.Generator) -> Array:

@@ -9,9 +9,10 @@ from msgspec import Struct
 
 from agent.fusion.bayes import hidden
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, SCATTER
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEIGHT, SCATTER
 from agent.fusion.bayes.sight import LineOfSight, Scene
-from agent.fusion.bayes.spectrum import Contrast, soil_gradient
+from agent.fusion.bayes.soil import IMAGE_DEPTH, SoilTable
+from agent.fusion.bayes.spectrum import Contrast, soil_share
 from agent.fusion.facing import Facing
 from agent.geometry import Array, Vector3
 
@@ -55,13 +56,12 @@ class Fit(Struct, frozen=True, eq=False):
     """The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
 
         S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
-        h = d ln S / ds = -((2 + q) / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
-            over soil also along the height, and ``spectrum.soil_gradient`` along the scatter factor
+        h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
+            over soil also along the height; plus g times the derivative of the contrast (``spectrum``)
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
 
-    ``counts.fit_rate`` gives z | k ~ N(z^, v). (q is ``steep_share``, 0 where nothing is below; mu is ``air_per_m``. That
-    scattered photons fall off less than exp(-mu D) / D^2 is left out of h, not of S; so is all that buildings and the camera's
-    facing change.)
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``. That photons scattered by air fall off less than
+    exp(-mu D) / D^2 is left out of h, not of S; so is all that buildings and the camera's facing change.)
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
     ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
@@ -90,20 +90,19 @@ class Fit(Struct, frozen=True, eq=False):
         fluence = np.maximum(fluence, _LEAST_FLUENCE)
         facing = Facing.of(sight.way[..., 0], sight.way[..., 1], distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
-        by_soil: Array | None = None
-        falling: Array | float = 2.0
+        by_soil = soil_slope = None
         if (soil := response.over_soil) is not None:
-            steepness = sight.steepness(distance)
-            by_soil = soil.by_soil(fluence, steepness, facing) * np.exp(mean[..., SCATTER, None])
+            by_soil, soil_slope = _by_soil(soil, sight, exposed, distance, spot, fluence * np.exp(mean[..., SCATTER]))
         straight, scattered = response.parts(fluence, distance, facing, by_soil)
         expected, unsure = hidden.behind(straight, scattered, shielding)
-        if soil is not None and by_soil is not None:
-            falling = 2.0 + soil.steep_share(by_soil.sum(axis=-1) / expected[0].sum(axis=-1), steepness)
-        slope = -(falling / distance + response.air_per_m) / distance
-        gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
+        slope = (-(2.0 / distance + response.air_per_m) / distance)[..., None] * sight.way
+        gradient = sight.gradient(slope, mean.shape[-1])
+        if by_soil is not None and soil_slope is not None:
+            by_contrast = sight.gradient(soil_slope + (2.0 / (distance * distance))[..., None] * sight.way, mean.shape[-1])
+            by_contrast[..., HEIGHT] -= (1.0 + IMAGE_DEPTH) * soil_slope[..., 2]  # the image sinks where the source rises
+            by_contrast[..., SCATTER] = 1.0
+            gradient += soil_share(by_soil, expected[0], background)[..., None] * by_contrast
         gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
-        if by_soil is not None:
-            gradient[..., SCATTER] = soil_gradient(by_soil, expected[0], background)
         gain = np.matvec(covariance, gradient)
         spread = np.maximum(np.vecdot(gain, gradient), 0.0) + np.square(spot / (distance * distance)) + MODEL_VARIANCE
         variance = spread + unsure
@@ -112,7 +111,7 @@ class Fit(Struct, frozen=True, eq=False):
         if by_soil is not None:
             fitted = expected * np.exp(shift)[..., None]
             by_soil = by_soil * (hidden.AROUND[:, None, None] * np.exp(shift))[..., None]
-            contrast, ratio = Contrast.of(counts, fitted, background, by_soil, covariance[..., SCATTER, SCATTER])
+            contrast, ratio = Contrast.of(counts, fitted, background, by_soil, by_contrast, covariance)
             likelihood = likelihood + ratio
         innovation = innovation_squared(counts, expected, background, variance)
         clear = np.maximum(innovation[0], shift[0] * shift[0] / variance[0])
@@ -128,3 +127,17 @@ class Fit(Struct, frozen=True, eq=False):
             deficit=np.where(known & fewer, np.sqrt(innovation[0]), 0.0),
             contrast=contrast,
         )
+
+
+def _by_soil(
+    soil: SoilTable, sight: LineOfSight, exposed: Exposed, distance: Array, spot: Array, fluence: Array
+) -> tuple[Array, Array]:
+    """Expected counts (S, M, 2) of photons that soil scatters, and their ``SoilTable.slope`` (S, M, 3).
+
+    distance: (S, M) D. spot: (S, M) of ``LineOfSight.spot``. fluence: (S, M) with the scatter factor.
+    """
+    image = sight.image()
+    apart = np.sqrt(np.vecdot(image, image) + spot)
+    steepness = -image[..., 2] / apart
+    facing = Facing.of(image[..., 0], image[..., 1], apart, *exposed.facing).cosine()
+    return soil.by_soil(fluence * np.square(distance / apart), steepness, facing), soil.slope(image, apart, steepness)

@@ -162,8 +162,8 @@ class Mixture(Struct, frozen=True, eq=False):
             P <- P - P h h' P (g_0 ((1 - v_0 / V_0) / V_0 - (z^_0 / V_0)^2) + u^2)
             w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
 
-        Over soil the same follows for the channels' contrast (``spectrum``), by one step of Fisher scoring, with P e_q in place
-        of P h, u / (1 + P_qq I) of z^ / V, and I / (1 + P_qq I) of (1 - v / V) / V.
+        Over soil the same follows for the channels' contrast (``spectrum``), by one step of Fisher scoring, with P h_d in place
+        of P h, u / (1 + h_d' P h_d I) of z^ / V, and I / (1 + h_d' P h_d I) of (1 - v / V) / V.
 
         ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
         neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
@@ -182,9 +182,9 @@ class Mixture(Struct, frozen=True, eq=False):
         clear_view = smoothed[0]
         mean, covariance = _conditioned(self.mean, self.covariance, fit.gain, fit.pull, fit.shrink, clear_view)
         if (contrast := fit.contrast) is not None:
-            gain = covariance[..., SCATTER]
-            known = 1.0 + gain[..., SCATTER] * contrast.information
-            score = contrast.score - contrast.information * (mean - self.mean)[..., SCATTER]
+            gain = np.matvec(covariance, contrast.gradient)
+            known = 1.0 + np.vecdot(gain, contrast.gradient) * contrast.information
+            score = contrast.score - contrast.information * np.vecdot(mean - self.mean, contrast.gradient)
             mean, covariance = _conditioned(mean, covariance, gain, score / known, contrast.information / known, clear_view)
         after, gained = self._reweighted(most + np.log(total), mean, covariance)
         levels = hidden.levels(np.einsum("sm,csm->sc", after.weight, share / total))

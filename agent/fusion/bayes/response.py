@@ -25,7 +25,8 @@ from functools import cached_property
 import numpy as np
 
 from agent.errors import ConfigError
-from agent.fusion.bayes.soil import BODY_SHARE, MEAN_FACING, SOIL, SoilChannel, SoilTable
+from agent.fusion.bayes.soil import BODY_SHARE, SOIL, SoilChannel, SoilTable
+from agent.fusion.facing import MEAN_FACING
 from agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities

@@ -13,9 +13,12 @@ from msgspec import Struct
 from agent.fusion.bayes.motion import BIAS, BIASES, HEADING, HEIGHT
 from agent.fusion.bayes.response import NEAREST_M, Response
 from agent.fusion.bayes.shielding import Shielding
+from agent.fusion.bayes.soil import IMAGE_DEPTH
 from agent.geometry import Array, Vector3
 from agent.terrain.buildings import Buildings
 from agent.terrain.ground import Ground
+
+_MIN_ABOVE_M = 0.3  # of a camera above the image of the source
 
 
 class Scene(Struct, frozen=True, eq=False):
@@ -58,10 +61,13 @@ class LineOfSight(Struct, frozen=True, eq=False):
             way[..., 2] += raised
         return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise, raised)
 
-    def steepness(self, distance: Array) -> Array:
-        """(S, M) height of the camera above the ground by the distance (S, M): what soil scatters falls with it."""
-        above = -self.way[..., 2] if self.raised is None else self.raised - self.way[..., 2]
-        return np.clip(above / distance, 0.0, 1.0)
+    def image(self) -> Array:
+        """The way (S, M, 3) to the image of the source in the soil (``soil``), which is below the camera in any case."""
+        way = self.way.copy()
+        if self.raised is not None:
+            way[..., 2] -= (1.0 + IMAGE_DEPTH) * self.raised
+        way[..., 2] = np.minimum(way[..., 2], -_MIN_ABOVE_M)
+        return way
 
     def spot(self, covariance: Array) -> Array:
         """(S, M) m2, trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""

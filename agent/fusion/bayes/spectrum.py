@@ -1,16 +1,15 @@
 """The scatter factor of the ground, from how an exposure's counts divide into the two channels.
 
 Nearly all photons that soil scatters are counted in the partial-energy channel; the full-energy channel hardly depends on kind,
-moisture and roughness of the ground. With the counts S_c expected of the source, N_c of them by photons that soil scatters at
-the scatter factor exp(q), and B_c of the background, the Poisson likelihood has along q and along the logarithm z of the
-source's rate the scores
+moisture and roughness of the ground. Of the counts S_c expected of the source let N_c be of photons that soil scatters, and B_c
+of the background. The contrast is the logarithm of N_c over S_c - N_c; it grows with the scatter factor, and falls with the
+source's height. The Poisson likelihood has along the logarithm z of the source's rate and along the contrast d the scores
 
-    dl/dz = sum_c r_c,   dl/dq = g dl/dz + sum_c r_c (g_c - g),   r_c = (k_c - S_c - B_c) S_c / (S_c + B_c),
-    g_c = N_c / S_c,   g = sum_c w_c g_c / sum_c w_c,   w_c = S_c^2 / (S_c + B_c).
+    dl/dz = sum_c r_c,   dl/dd = sum_c r_c (g_c - g),   r_c = (k_c - S_c - B_c) S_c / (S_c + B_c),
+    g_c = N_c / S_c,   g = sum_c w_c g_c / sum_c w_c,   w_c = S_c^2 / (S_c + B_c),
 
-Both terms of dl/dq are uncorrelated: the first is that of the rate, whose gradient has g along q (``exposed``); the second, the
-channels' contrast, depends neither on activity nor on the camera's sensitivity. It has the Fisher information
-I = sum_c w_c (g_c - g)^2.
+which are uncorrelated; z has along the contrast the derivative g (``exposed``). The second score depends neither on activity nor
+on the camera's sensitivity. Its Fisher information is I = sum_c w_c (g_c - g)^2.
 """
 
 from __future__ import annotations
@@ -22,30 +21,34 @@ from agent.geometry import Array
 
 
 class Contrast(Struct, frozen=True, eq=False):
-    """Of the clear view, score (S, M) u and information (S, M) I about q at each mean."""
+    """Of the clear view, score (S, M) u and information (S, M) I at each mean, and the contrast's derivatives (S, M, d) h_d."""
 
     score: Array
     information: Array
+    gradient: Array
 
     @staticmethod
-    def of(counts: Array, expected: Array, background: Array, by_soil: Array, variance: Array) -> tuple[Contrast, Array]:
-        """The contrast, and what it adds to the logarithm (C, S, M) of each component's likelihood, with V_q the prior variance:
+    def of(
+        counts: Array, expected: Array, background: Array, by_soil: Array, gradient: Array, covariance: Array
+    ) -> tuple[Contrast, Array]:
+        """The contrast, and what it adds to the logarithm (C, S, M) of each component's likelihood, with V = h_d' P h_d:
 
-            u^2 V_q / (2 (1 + V_q I)) - ln(1 + V_q I) / 2.
+            u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2.
 
-        counts: (2,). expected, by_soil: (C, S, M, 2) S and N. background: (2,). variance: (S, M) V_q.
+        counts: (2,). expected, by_soil: (C, S, M, 2) S and N. background: (2,). gradient: h_d. covariance: (S, M, d, d) P.
         """
         total = expected + background
         weight, share = expected * expected / total, by_soil / expected
         apart = share - _mean(weight, share)[..., None]
         score = ((counts - total) * expected / total * apart).sum(axis=-1)
         information = (weight * apart * apart).sum(axis=-1)
+        variance = np.vecdot(np.matvec(covariance, gradient), gradient)
         known = 1.0 + variance * information
-        return Contrast(score[0], information[0]), 0.5 * (score * score * variance / known - np.log(known))
+        return Contrast(score[0], information[0], gradient), 0.5 * (score * score * variance / known - np.log(known))
 
 
-def soil_gradient(by_soil: Array, expected: Array, background: Array) -> Array:
-    """g (...), the derivative of the logarithm of the rate along q. by_soil, expected: (..., 2). background: (2,)."""
+def soil_share(by_soil: Array, expected: Array, background: Array) -> Array:
+    """g (...), the derivative of the logarithm of the rate along the contrast. by_soil, expected: (..., 2). background: (2,)."""
     return _mean(expected * expected / (expected + background), by_soil / expected)
 
 

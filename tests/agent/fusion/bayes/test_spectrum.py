@@ -9,8 +9,8 @@ from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, SCATTER, Motion
 from agent.fusion.bayes.response import response_of
 from agent.fusion.bayes.sight import Scene
-from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, SCATTER_SIGMA
-from agent.fusion.bayes.spectrum import Contrast, soil_gradient
+from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, IMAGE_DEPTH, SCATTER_SIGMA
+from agent.fusion.bayes.spectrum import Contrast, soil_share
 from agent.fusion.facing import Facing
 from agent.terrain.ground import Ground
 
@@ -38,7 +38,10 @@ def tracked(scatter: float, height_m: float, direct: float = 1.0) -> Mixture:
         distance = np.sqrt(place[:2] @ place[:2] + (place[2] - height_m) ** 2)
         fluence = response.flux(distance) * np.exp(LOG_ACTIVITY) * 0.5
         facing = Facing.of(-place[0], -place[1], distance, 1.0, 0.0).cosine()
-        by_soil = scatter * soil.by_soil(fluence, place[2] / distance, facing)
+        below = place[2] + IMAGE_DEPTH * height_m
+        image = np.sqrt(place[:2] @ place[:2] + below**2)
+        turned = Facing.of(-place[0], -place[1], image, 1.0, 0.0).cosine()
+        by_soil = scatter * soil.by_soil(fluence * (distance / image) ** 2, below / image, turned)
         straight, scattered = response.parts(fluence, distance, facing, by_soil)
         background = 0.5 * response.background_ps
         counts = rng.poisson(direct * straight + scattered + background).astype(float)
@@ -57,7 +60,7 @@ def test_activity_scatter_factor_and_height_are_fitted(scatter, height_m):
         assert abs(mean[place] - true) < 3.0 * np.sqrt(covariance[place, place])
     assert mean[ACTIVITY] == pytest.approx(LOG_ACTIVITY, abs=0.05)
     assert covariance[SCATTER, SCATTER] < 0.06**2
-    assert covariance[HEIGHT, HEIGHT] < 0.2**2
+    assert covariance[HEIGHT, HEIGHT] < 0.25**2  # without a cone
 
 
 def test_a_buried_source_has_its_surface_equivalent_activity():
@@ -70,7 +73,8 @@ def test_a_buried_source_has_its_surface_equivalent_activity():
 def test_the_contrast_is_the_slope_of_the_likelihood_where_the_rate_fits():
     straight, by_soil, none = np.array([12.0, 4.0]), np.array([20.0, 0.1]), np.full(2, 1e-12)
     counts = np.array([29.1, 7.0])  # as many as expected
-    contrast, _ = Contrast.of(counts, (straight + by_soil)[None, None], none, by_soil[None, None], np.zeros((1, 1)))
+    one = np.ones((1, 1, 1))
+    contrast, _ = Contrast.of(counts, (straight + by_soil)[None, None], none, by_soil[None, None], one, 0.0 * one[..., None])
 
     def log_likelihood(q: float) -> float:
         expected = straight + np.exp(q) * by_soil
@@ -78,7 +82,7 @@ def test_the_contrast_is_the_slope_of_the_likelihood_where_the_rate_fits():
 
     slope = (log_likelihood(1e-5) - log_likelihood(-1e-5)) / 2e-5
     assert contrast.score[0] == pytest.approx(slope, rel=1e-5)
-    assert soil_gradient(by_soil, straight + by_soil, none) == pytest.approx(20.1 / 36.1)
+    assert soil_share(by_soil, straight + by_soil, none) == pytest.approx(20.1 / 36.1)
     apart = by_soil / (straight + by_soil) - 20.1 / 36.1
     assert contrast.information[0] == pytest.approx((straight + by_soil) @ apart**2)
 
