@@ -80,17 +80,22 @@ def run_calibrate(order: Order, ask: Callable[[str], None]) -> bool:
     result = evaluate(collection, order.source, facings, order.drone.camera_rpy_deg, count.result, order.stamp)
     own, is_drawn = save(order.folder, result, collection, calibration)
     terminal.print(table(result))
-    terminal.print(_closing(result, own), highlight=False, soft_wrap=True)
+    terminal.print(closing(result, own), highlight=False, soft_wrap=True, markup=False)
     if not is_drawn:
         terminal.print("no picture: matplotlib is not installed", highlight=False)
     return verdict(result) == "usable"
 
 
-def _closing(result: Result, own: Path) -> str:
+def closing(result: Result, own: Path) -> str:
+    """What the operator is to do with a calibration in its folder ``own``."""
     if verdict(result) != "usable" or result.orientation is None:
         return f"{own}: kept for the record; {verdict(result)}"
     rpy = ", ".join(f"{angle:.1f}" for angle in result.orientation.camera_rpy_deg)
-    return f'in the drone file:\ncamera_rpy_deg = [{rpy}]\ncalibration = "{own}"'
+    per_s = result.background_per_s
+    mission = (
+        "" if per_s is None else f"\nin the mission file, where it is flown here:\n[fusion.bayes]\nbackground_per_s = {per_s:.2f}"
+    )
+    return f'in the drone file:\ncamera_rpy_deg = [{rpy}]\ncalibration = "{own}"{mission}'
 
 
 def _read(order: Order, collection: Collection) -> None:

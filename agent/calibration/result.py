@@ -67,6 +67,11 @@ class Result(Struct, frozen=True, kw_only=True):
         """Matrix indices of noisy pixels, and of dead ones as far as they are known."""
         return [*self.noisy_pixels, *(self.dead_pixels or ())]
 
+    @property
+    def background_per_s(self) -> float | None:
+        """Events a second without the source that a sensor without bad pixels would count; None: not measured."""
+        return None if self.background is None else self.background.per_s * PIXELS / (PIXELS - len(set(self.bad_pixels)))
+
 
 def evaluate(
     collection: Collection,

@@ -26,7 +26,13 @@ class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
 
 
 class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds."""
+    """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds.
+
+    background_per_s: a camera's events a second without a source, measured where the drones start (``radron-agent calibrate``);
+    None: by the tables.
+    """
+
+    later: ClassVar[frozenset[str]] = frozenset({"background_per_s"})
 
     grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
     activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to the sources of industrial radiography and teletherapy
@@ -43,8 +49,9 @@ class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
     gain_drift: NonNegative = 0.003
     cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # least cell size of the search grid
     most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
+    background_per_s: Annotated[float, Meta(ge=0.1, le=1000.0)] | None = None
     background_levels: Annotated[tuple[Positive, ...], Meta(min_length=1, max_length=16)] = (0.8, 1.0, 1.25, 1.55, 1.95)
-    background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and configured background
+    background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and expected background
     motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
     search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and of a fast one during the search
     declared_rms_m: Positive = 3.5  # largest posterior RMS at which the source is declared found

@@ -84,7 +84,9 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, mission.area.fence_margin_m, config, self._ground)
-        response = response or response_of(mission.named(), mission.fusion.ground)
+        if response is None:
+            response = response_of(mission.named(), mission.fusion.ground)
+            response = response if config.background_per_s is None else response.with_background(config.background_per_s)
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._tracking = Tracking(self._scene, self._vehicles, config.gain_sigma, beside)

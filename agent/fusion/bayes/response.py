@@ -32,6 +32,7 @@ from agent.geometry import Array
 REFERENCE_BQ = 1e9  # unit of the activities
 NEAREST_M = 0.3  # least distance of a camera from a source in the model
 
+_HITS_PER_EVENT = 1.05  # of the background: one of twenty of its photons is absorbed in two steps
 _EDGE_FACING = 0.2  # f up to which the edge tells
 _MEAN_EDGE = 0.154  # mean of exp(-f / 0.2) over all headings, the source 5 to 45 degrees below the horizon
 
@@ -71,7 +72,8 @@ class Response:
 
     photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
     events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events
-    that became a cone. soil: of scattered photons in the channels where the source is on soil; None: over nothing.
+    that became a cone. soil: of scattered photons in the channels where the source is on soil; None: over nothing. strength: of
+    the background, relative to the tables.
     """
 
     nuclide: str
@@ -80,6 +82,11 @@ class Response:
     channels: tuple[Channel, Channel]
     cones: Channel
     soil: tuple[SoilChannel, SoilChannel] | None = None
+    strength: float = 1.0
+
+    def with_background(self, per_s: float) -> Response:
+        """The response with a measured background, in events a second: the channels' and the cones' are in proportion to it."""
+        return replace(self, strength=self.strength * per_s / (_HITS_PER_EVENT * float(self.background_ps.sum())))
 
     @staticmethod
     def apart(counts: Array) -> Array:
@@ -97,7 +104,7 @@ class Response:
     @cached_property
     def background_ps(self) -> Array:
         """(2,) B of the channels, per second."""
-        return self._alone_ps if self.over_soil is None else self.over_soil.background_ps
+        return self.strength * (self._alone_ps if self.over_soil is None else self.over_soil.background_ps)
 
     @property
     def _alone_ps(self) -> Array:
@@ -125,7 +132,7 @@ class Response:
     @property
     def cone_background_ps(self) -> float:
         """Background cones per second."""
-        return self.cones.background_ps
+        return self.strength * self.cones.background_ps
 
     def flux(self, distance_m: Array) -> Array:
         """phi(D) for an activity of REFERENCE_BQ, per mm2 and second; distance_m: D > 0 of any shape."""

@@ -1,11 +1,15 @@
 """A calibration in its folder is one that a flight can load, and the history grows."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from agent.calibration.command import closing
 from agent.calibration.depth import Drift
 from agent.calibration.folder import check_folder, corrected
 from agent.calibration.gain import Gain
+from agent.calibration.orientation import Orientation
 from agent.calibration.page import verdict
 from agent.calibration.result import Background, Result, goals, judge_pixels
 from agent.detector.files.calibration import Calibration, load_calibration, load_flight_calibration, write_calibration
@@ -76,3 +80,26 @@ def test_a_block_without_a_live_pixel_needs_no_gain_of_its_own():
     assert "gain by block" not in missed
     missed = [goal.name for goal in goals(result_of(blocks=blocks, dead_pixels=dead[1:])) if not goal.reached]
     assert "gain by block" in missed
+
+
+def test_the_missions_background_is_that_of_a_sensor_without_bad_pixels():
+    """Over the live time that a flight gives its counts, which is shorter by the share of the masked pixels."""
+    dead = tuple(range(13107))
+    found = result_of(dead_pixels=dead, noisy_pixels=(7, 60000), background=Background(1.2, 0.06, 300.0))
+    share = corrected(Calibration.nominal(), found).good_share
+    assert found.background_per_s == pytest.approx(1.2 / share)
+    assert result_of(background=None).background_per_s is None
+
+
+def test_the_command_closes_with_the_lines_of_both_files():
+    found = result_of(
+        dead_pixels=(), noisy_pixels=(), orientation=Orientation((90.0, 0.5, 97.6), (0.0, 7.6, 0.0), (0.4,) * 3, (600,) * 3)
+    )
+    assert closing(found, Path("cameras/H09/20260101T000000Z")).splitlines() == [
+        "in the drone file:",
+        "camera_rpy_deg = [90.0, 0.5, 97.6]",
+        'calibration = "cameras/H09/20260101T000000Z"',
+        "in the mission file, where it is flown here:",
+        "[fusion.bayes]",
+        "background_per_s = 1.50",
+    ]

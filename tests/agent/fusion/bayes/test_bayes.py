@@ -37,6 +37,27 @@ def test_a_static_source_is_found_with_its_activity(kit):
     assert np.all(np.abs(np.array(shares) - 1.0) < 0.25)  # the areas that it assumes are not those of these counts
 
 
+def test_a_measured_background_is_no_source(kit):
+    """A background beyond all levels of the prior, 1.95 times the tables', is taken for a source beyond the fence."""
+    mission = kit.mission_of()
+    measured = with_background(mission, 6.0)
+    none = []
+    for one in (mission, measured):
+        entries = entries_of(kit, one, np.random.default_rng(1), 60.0, None, 0.0, background=4.0)
+        fusion = fusion_of(one)
+        kit.feed(fusion, entries)
+        kit.settle(fusion, kit.T0_NS + 60_000_000_000)
+        none.append(fusion.outlook.none)
+    assert none[0] < 1e-3
+    assert none[1] > 0.8
+    assert measured.mission_id != mission.mission_id
+
+
+def with_background(mission, per_s):
+    bayes = msgspec.structs.replace(mission.fusion.bayes, background_per_s=per_s)
+    return msgspec.structs.replace(mission, fusion=msgspec.structs.replace(mission.fusion, bayes=bayes))
+
+
 def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
     """For a minute drone a's frame is believed 3 m off, within its sigma; then it is put where it is. What was learnt as its bias
     until then is none any more."""
