@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
 from agent.detector.clustering import FEW, cluster_few, cluster_many
+from agent.detector.deadblocks import DeadBlocks
 from agent.detector.detection import Detections
 from agent.detector.events import EnergySink, EventReader, Tally
 from agent.detector.files.calibration import Calibration
@@ -22,8 +23,9 @@ class DetectorChain:
 
     Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
     hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` those that
-    its reader moved to the neighbouring period of the chip's counter; ``noise`` is the mask of noisy
-    pixels with the count of masked hits. ``scale`` corrects the energies of the calibration: they are multiplied by it.
+    its reader moved to the neighbouring period of the chip's counter; ``noise`` is the mask of noisy pixels with the count of
+    masked hits; ``dead_blocks`` tells where nothing is seen. ``scale`` corrects the energies of the calibration: they are
+    multiplied by it.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class DetectorChain:
         self._held_live_s = 0.0
         self.lost_hits = self.repaired_hits = 0
         self.noise = NoiseMask()
+        self.dead_blocks = DeadBlocks(calibration)
         self.scale = 1.0
 
     def process(self, readout: Readout) -> Detections:
@@ -123,6 +126,7 @@ class DetectorChain:
         hits = self.noise.without_noise(hits, self._clock_ns, self._start_ns or 0)
         if len(hits) == 0:
             return Tally()
+        self.dead_blocks.add(hits.index)
         energy = self.scale * self._calibration.energy_kev(hits.index, hits.tot)
         known = energy > 0.0  # not of a bad pixel, nor of a few counts for which a pixel's calibration gives no energy
         if not known.all():

@@ -44,7 +44,8 @@ class Camera:
             self._newest_ns = min(self._newest_ns, now_ns)  # the clock may have been set back
             self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS
         told = ("camera: it delivers nothing any more",) if self._is_silent else ()
-        return (*told, *self._repeats.problems, *self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
+        seen = (self._chain.noise, self._chain.dead_blocks, self._observer, self._watch)
+        return (*told, *self._repeats.problems, *(line for one in seen for line in one.problems))
 
     @property
     def recognised(self) -> Recognised | None:

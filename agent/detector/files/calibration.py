@@ -43,6 +43,11 @@ class Calibration:
         """The share of the pixels that have an energy."""
         return 1.0 - self.bad_pixels / PIXELS
 
+    @property
+    def good_pixels(self) -> NDArray[np.bool_]:
+        """Pixels (65536,) that have an energy."""
+        return np.broadcast_to(~np.isnan(self.table[:, 0]), PIXELS)
+
     def energy_kev(self, index: NDArray[np.uint16], tot: NDArray[np.uint16]) -> FloatArray:
         """Energies in keV, (N,), from matrix indices and time over threshold, (N,) each; NaN for bad pixels."""
         rows = self.table if len(self.table) == 1 else self.table.take(index, axis=0)

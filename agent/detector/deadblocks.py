@@ -1,0 +1,50 @@
+"""Blocks of dead pixels, told by that nothing is seen there: a camera that counts less than its calibration says."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.files.calibration import Calibration
+from agent.detector.readout import SENSOR_PIXELS
+
+SIDE = 32  # pixels; a side of the sensor has 8 blocks
+BLOCKS = (SENSOR_PIXELS // SIDE) ** 2
+MIN_HITS = 200  # in a block, on average, before one without any is dead: 20 clusters and more, by chance absent once in 1e8
+MIN_GOOD = 0.5  # share of a block's pixels with an energy by the calibration, below which it is not judged
+
+
+class DeadBlocks:
+    """Blocks of the sensor without a hit while the others have ``MIN_HITS`` on average. ``dead``: their number, judged anew
+    whenever as many hits have come.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        good = np.bincount(_block(np.arange(SENSOR_PIXELS**2)), calibration.good_pixels, BLOCKS) / SIDE**2
+        self._judged: NDArray[np.bool_] = good >= MIN_GOOD
+        self._needed = MIN_HITS * int(np.count_nonzero(self._judged))
+        self._hits = np.zeros(BLOCKS, np.int64)
+        self._total = 0
+        self.dead = 0
+
+    def add(self, index: NDArray[np.uint16]) -> None:
+        """Add hits by their matrix indices (N,)."""
+        self._hits += np.bincount(_block(index), minlength=BLOCKS)
+        self._total += len(index)
+        if self._total >= self._needed:
+            self.dead = int(np.count_nonzero(self._judged & (self._hits == 0)))
+            self._hits[:] = self._total = 0
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A line for the operator while blocks are dead, or none."""
+        if self.dead == 0:
+            return ()
+        share = f"{self.dead} of {BLOCKS} blocks of the sensor"
+        return (f"camera: no hit in {share}: its counts are at least {self.dead / BLOCKS:.0%} low; calibrate it",)
+
+
+def _block(index: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Blocks (N,) of pixels, row by row from the lowest."""
+    blocks: NDArray[np.integer] = (index // SENSOR_PIXELS) // SIDE * (SENSOR_PIXELS // SIDE) + index % SENSOR_PIXELS // SIDE
+    return blocks
