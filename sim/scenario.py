@@ -27,6 +27,7 @@ from sim.vehicle.multirotor import MultirotorTruth
 from sim.world.launch import StartTruth
 from sim.world.localization import LocalizationTruth
 from sim.world.localizers import check_vehicles
+from sim.world.owncameras import OwnCamera
 from sim.world.radio import RadioTruth
 from sim.world.sightings import SightingTruth
 from sim.world.sourcetruth import LONGEST_S, Duration, RandomSourcesTruth, SourceTruth
@@ -80,6 +81,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
+    cameras: dict[str, OwnCamera] = {}  # by drone: those that differ
     ground: GroundTruth | None = None  # None: nothing below scatters or sends out photons, as in the paper's data
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
@@ -116,7 +118,11 @@ class Scenario(_Section, frozen=True, kw_only=True):
             wall.check(where)
         self.vehicle.check(where)
         self._check_localization(where)
-        check_faults(self.fault, [drone.id for drone in self.mission.drones], where)
+        drones = [drone.id for drone in self.mission.drones]
+        for name in self.cameras:
+            if name not in drones:
+                raise ConfigError(f"{where}: cameras.{name}: no such drone; there are {', '.join(drones)}")
+        check_faults(self.fault, drones, where)
         self.start.check(self.mission, where)
 
     def _check_localization(self, where: str) -> None:

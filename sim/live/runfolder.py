@@ -29,6 +29,7 @@ from sim.live.crew import Guidance
 from sim.runfile import make_folder, write_text
 from sim.scenario import Scenario
 from sim.world.launch import launch_places
+from sim.world.owncameras import drone_file
 from sim.world.streams import streams
 
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
@@ -128,7 +129,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
     """
     error = scenario.localization
     guidance = Guidance.of(error.vehicles.get(drone))
-    return DroneConfig(
+    written = DroneConfig(
         id=drone,
         mission="../mission.toml",
         state="state",
@@ -146,6 +147,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
         sightings=SightingsConfig(address=f"{LOCAL}:{ports.sightings}" if ports.sightings else None),
         recorder=RecorderConfig(folder="flight"),
     )
+    return drone_file(written, scenario.cameras)
 
 
 def free_ports(count: int, kind: socket.SocketKind) -> list[int]:

@@ -81,7 +81,7 @@ class World:
         nuclides = self._sources.nuclides
         self._cameras = Cameras(scenario, nuclides, configs, random, EPOCH_NS) if scenario.measured else None
         self._folder = TemporaryDirectory()  # also for agents that are started again
-        if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
+        if self._cameras is not None:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
         self._computing = Computing(Folds(), SharedFrames(), Readings(), SignedRoots())

@@ -52,7 +52,7 @@ class Camera:
         truth: the camera's true parameters.
         nuclides: those of the sources, each once.
         rng: the camera's own random numbers.
-        clock_ns: UTC time of tick 0.
+        clock_ns: UTC time of tick 0, the start of the simulation.
         ground: what is below; None: nothing, as in the paper's data.
 
     Raises:
@@ -68,6 +68,7 @@ class Camera:
         ground: GroundTruth | None = None,
     ) -> None:
         self._truth = truth
+        self._clock_ns = clock_ns
         self._rng = rng
         self._emissions = [Emission(nuclide, truth) for nuclide in ([nuclides] if isinstance(nuclides, str) else nuclides)]
         self._place = {emission.nuclide: place for place, emission in enumerate(self._emissions)} | {"": 0}
@@ -120,7 +121,8 @@ class Camera:
         rates += [*scattered, truth.background_hits_per_s * own.sensitivity * drift]
         symmetries += [ANY] * (len(scattered) + 1)
         if self._around is not None:
-            around = self._around.rates(views, own, drift, height_m, self._emissions[0].nuclide)
+            time_s = (start_ns - self._clock_ns) * 1e-9
+            around = self._around.rates(views, own, drift, height_m, time_s, self._emissions[0].nuclide)
             bins += around.bins
             symmetries += around.symmetries
             rates += around.rates

@@ -26,6 +26,7 @@ class Electronics:
         self._dead_ticks = round(truth.dead_time_ns / TICK_NS)
         self._capacity_per_s = truth.max_hits_per_s
         self._busy = np.full(SENSOR_PIXELS**2, np.iinfo(np.int64).min // 2)
+        self._dead_side = round(SENSOR_PIXELS * truth.dead_block**0.5)
         self.calibration = PixelCalibration.draw(truth, rng)
 
     def ticks(self, start_ns: int, end_ns: int) -> tuple[int, int]:
@@ -54,6 +55,9 @@ class Electronics:
         ticks, index, tot = _deliver(
             pixels, first, event, symmetry, tick, cal.true_a, cal.b, cal.c, cal.t, self._busy, self._dead_ticks
         )
+        if self._dead_side > 0:
+            alive = (index % SENSOR_PIXELS >= self._dead_side) | (index // SENSOR_PIXELS >= self._dead_side)
+            ticks, index, tot = ticks[alive], index[alive], tot[alive]
         span_s = (end_ns - start_ns) * 1e-9
         capacity = int(self._capacity_per_s * span_s)
         count = len(ticks)

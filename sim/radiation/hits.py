@@ -30,6 +30,7 @@ def hits(
     azimuth: Annotated[float, typer.Option(help="Direction of that angle, from the columns' (x) axis, degrees.")] = 0.0,
     seconds: Annotated[float, typer.Option(help="Duration in s.")] = 60.0,
     seed: Annotated[int, typer.Option(help="Random seed; the same seed gives the same file.")] = 1,
+    dead_block: Annotated[float, typer.Option(help="Share of the pixels that are dead, a square in a corner.")] = 0.0,
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -46,6 +47,7 @@ def hits(
     _check("--angle", angle, "degrees", -360.0, 360.0)
     _check("--azimuth", azimuth, "degrees", -360.0, 360.0)
     _check("--seed", seed, "", 0, 2**63)
+    _check("--dead-block", dead_block, "", 0.0, 0.9)
     check_output(out)
 
     import numpy as np  # noqa: PLC0415  (heavy imports wait until they are needed)
@@ -57,7 +59,7 @@ def hits(
 
     polar, turn = math.radians(angle), math.radians(azimuth)
     direction = (math.sin(polar) * math.cos(turn), math.sin(polar) * math.sin(turn), math.cos(polar))
-    truth = CameraTruth(calibration_spread=0.0 if calibration is None else _SPREAD)
+    truth = CameraTruth(calibration_spread=0.0 if calibration is None else _SPREAD, dead_block=dead_block)
     view = SourceView(direction, distance, activity)
     camera = BeamCamera(truth, nuclide, view, np.random.default_rng(seed), clock_ns=0)
     photons = camera.photons_per_s * seconds

@@ -30,6 +30,7 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     Electronics and surroundings:
         calibration_spread: relative standard deviation from pixel to pixel of the coefficients, which the calibration files give.
         calibration_error: relative standard deviation of the true slope from the file's.
+        dead_block: share of the pixels that are dead: a square in the corner of the lowest columns and rows.
         dead_time_ns: a pixel's, after the end of its pulse. max_hits_per_s: of the readout.
         background_hits_per_s: hits from the surroundings, without the source.
         scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
@@ -58,6 +59,7 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     calibration_spread: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
     calibration_error: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.0
+    dead_block: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     dead_time_ns: NonNegative = 475.0
     max_hits_per_s: Positive = 2.35e6
     background_hits_per_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 1.5
@@ -77,16 +79,34 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 GroundKind = Literal["soil", "sand", "asphalt", "concrete", "water"]
 
 
+class RainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A shower that washes radon's daughters out of the air, onto the ground, at once.
+
+    at_s: since the start of the simulation. factor: air kerma rate 1 m above soil right after it over that before. half_life_s:
+    of what has been added; Pb-214 (27 min) and Bi-214 (20 min) together decay with about half an hour.
+    """
+
+    at_s: NonNegative = 0.0
+    factor: Annotated[float, Meta(ge=1.0, le=100.0)] = 1.5
+    half_life_s: Positive = 1800.0
+
+    def added(self, time_s: float) -> float:
+        """Air kerma rate of the daughters over that of dry soil, at a time (s) since the start of the simulation."""
+        since_s = time_s - self.at_s
+        return 0.0 if since_s < 0.0 else (self.factor - 1.0) * 0.5 ** (since_s / self.half_life_s)
+
+
 class GroundTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The ground below sources and cameras, as it scatters and sends out photons (``sim.radiation.ground``).
 
     kinds: one of these, drawn from the seed. depth_m: of all sources that are not above the ground. natural: activity of K-40,
-    uranium and thorium series, relative to the kind's own.
+    uranium and thorium series, relative to the kind's own. rain: None: no rain.
     """
 
     kinds: Annotated[tuple[GroundKind, ...], Meta(min_length=1, max_length=5)] = ("soil",)
     depth_m: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     natural: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
+    rain: RainTruth | None = None
 
     @property
     def kind(self) -> GroundKind:

@@ -17,11 +17,13 @@ from sim.radiation.camera import Camera, SourceView
 from sim.radiation.ground.materials import concrete_per
 from sim.scenario import Scenario
 from sim.world.frame import CameraMount
+from sim.world.owncameras import OwnCamera, drone_file
 from sim.world.sources import Source
 from sim.world.streams import Streams
 from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.world.walls import Walls
 
+_SAME = OwnCamera()
 _ANY = "Cs-137"  # the nuclide of cameras that see nothing but background, where the mission names none
 
 
@@ -51,15 +53,19 @@ class Cameras:
         random: Streams,
         clock_ns: int,
     ) -> None:
-        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera. ``random``: of the run. ``clock_ns``: UTC
-        time at which the cameras' clocks were reset.
+        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera, but for ``scenario.cameras``. ``random``:
+        of the run. ``clock_ns``: UTC time at which the cameras' clocks were reset.
         """
         emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
         self._terrain = Terrain(scenario.terrain)
         ground = None if scenario.ground is None else scenario.ground.drawn(random.ground)
-        self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
-        self._cameras = [Camera(scenario.camera, emitted, rng, clock_ns, ground) for rng in random.cameras]
+        self._scenario = scenario
+        own = [scenario.cameras.get(drone.id, _SAME) for drone in drones]
+        self._mounts = [CameraMount(one.mounting(drone.camera_rpy_deg)) for one, drone in zip(own, drones, strict=True)]
+        self._cameras = [
+            Camera(one.of(scenario.camera), emitted, rng, clock_ns, ground) for one, rng in zip(own, random.cameras, strict=True)
+        ]
         self._depth_m = 0.0 if ground is None else ground.depth_m
         self._concrete_per_ground = 0.0 if ground is None else concrete_per(ground.kind)
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
@@ -101,10 +107,14 @@ class Cameras:
         return [camera.calibration for camera in self._cameras]
 
     def calibrated(self, drones: Sequence[DroneConfig], folder: Path) -> list[DroneConfig]:
-        """The drone files with the calibration of each drone's own camera, written into ``folder``."""
-        folders = [folder / drone.id for drone in drones]
-        self.write_calibrations(folders)
-        return [replace(drone, calibration=str(own)) for drone, own in zip(drones, folders, strict=True)]
+        """The drone files with the calibration that each camera has: by ``scenario.cameras``, or its own where pixels differ,
+        written into ``folder``.
+        """
+        if self._scenario.camera.calibration_spread > 0.0:
+            folders = [folder / drone.id for drone in drones]
+            self.write_calibrations(folders)
+            drones = [replace(drone, calibration=str(own)) for drone, own in zip(drones, folders, strict=True)]
+        return [drone_file(drone, self._scenario.cameras) for drone in drones]
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
         """Write the files of each camera's own calibration into its drone's folder."""

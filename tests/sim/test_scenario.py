@@ -23,7 +23,7 @@ NAMES = {
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
     "walls-known", "walls-unknown", "mismatch-ground", "mismatch-buried", "mismatch-raised",
-    "mismatch-drift",
+    "mismatch-drift", "mismatch-rain", "mismatch-camera",
     "soil-static-solo", "soil-static-swarm", "soil-moving-solo", "soil-moving-swarm",
     "soil-paper-static-swarm", "soil-paper-moving-swarm",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
@@ -111,6 +111,8 @@ def test_a_mismatch_is_the_ideal_swarm_but_for_one_thing_that_no_drone_knows(nam
         "mismatch-ground": ("soil-static-swarm", "ground"),
         "mismatch-buried": ("mismatch-ground", "ground"),
         "mismatch-raised": ("mismatch-ground", "source"),
+        "mismatch-rain": ("soil-static-swarm", "ground"),
+        "mismatch-camera": ("ideal-static-swarm", "cameras"),
         "mismatch-drift": ("ideal-static-swarm", "fault"),
     }.get(name, ("ideal-static-swarm", "camera"))
     ideal, mismatch = load_scenario(base), load_scenario(name)

@@ -11,7 +11,7 @@ import numpy as np
 from sim.radiation.concrete import concrete_attenuation_per_m
 from sim.radiation.emission import ANY, Pool
 from sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
-from sim.radiation.ground.field import natural_flux, point_field
+from sim.radiation.ground.field import FloatArray, natural_flux, point_field, rain_flux
 from sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
 from sim.radiation.timepix3 import response
 from sim.radiation.truth import CameraTruth, GroundTruth
@@ -40,9 +40,11 @@ class AroundCamera(Pool):
         self._area = np.array(self.area_mm2).reshape(DIRECTIONS + 1, GROUPS)
         self._concrete = np.array([concrete_attenuation_per_m(energy) for energy in group_energies_kev().tolist()])
 
-    def rates(self, views: Sequence[SourceView], own: Individual, drift: float, height_m: float, first_nuclide: str) -> Around:
-        """Of all views, and of the ground itself. drift: factor on the ground's own photons."""
-        around = own.sensitivity * drift * self._ground.natural * 1e-6 * natural_flux(self._ground.kind, height_m)
+    def rates(
+        self, views: Sequence[SourceView], own: Individual, drift: float, height_m: float, time_s: float, first_nuclide: str
+    ) -> Around:
+        """Of all views, and of the ground itself. drift: factor on the ground's own photons. time_s: since the start."""
+        around = own.sensitivity * drift * 1e-6 * self._natural_flux(height_m, time_s)
         places, symmetries, rates = [], [], []
         for view in views:
             distance_m = max(view.distance_m, _NEAREST_M)
@@ -63,3 +65,10 @@ class AroundCamera(Pool):
         bins = np.add.outer([*(place * GROUPS for place in places), ISOTROPIC * GROUPS], np.arange(GROUPS)).ravel()
         every = np.concatenate([*rates, around * self._area[ISOTROPIC]])
         return Around(bins.tolist(), np.repeat([*symmetries, ANY], GROUPS).tolist(), every.tolist())
+
+    def _natural_flux(self, height_m: float, time_s: float) -> FloatArray:
+        """(GROUPS,) per m2 and s."""
+        ground = self._ground
+        flux = ground.natural * natural_flux(ground.kind, height_m)
+        added = 0.0 if ground.rain is None else ground.rain.added(time_s)
+        return flux if added == 0.0 else flux + added * rain_flux(ground.kind, height_m)

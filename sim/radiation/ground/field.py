@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.radiation.ground.materials import GROUNDS, air, ground, kerma_per_fluence
-from sim.radiation.ground.natural import SERIES
+from sim.radiation.ground.natural import RADON_DAUGHTERS, SERIES, Lines
 from sim.radiation.ground.photons import GROUPS, Setting, follow
 from sim.radiation.nuclides import nuclide
 from sim.radiation.store import kept
@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 LEVELS_M: FloatArray = np.array((0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 17.0, 30.0))
 RINGS: FloatArray = np.array((0.0, 0.5, 1.0, 1.5, 2.2, 3.3, 5.0, 8.0, 13.0, 21.0))
 SOURCE_HEIGHTS_M = (0.0, 0.3, 1.0, 3.0, 10.0)  # the nearest one's table serves
+_RAIN_DEPTH_M = 0.001  # of radon's daughters: dust lies between grains and blades
 NATURAL_DEPTH_M = 1.0  # deeper, 10 mean free paths of 2.6 MeV, nothing comes from
 _HISTORIES = 1_000_000
 _NATURAL_HISTORIES = 500_000
@@ -35,6 +36,7 @@ _MADE_BY = ("field", "materials", "natural", "photons")
 _PLACES = np.arcsinh(np.sqrt(0.5 * (RINGS[1:] ** 2 + RINGS[:-1] ** 2))).tolist()  # of the rings, where their mean is right
 _LEVELS = np.log(LEVELS_M).tolist()
 _MIN_M = float(LEVELS_M[0])
+_ONE_METRE = int(np.flatnonzero(LEVELS_M == 1.0)[0])
 
 
 class PointField:
@@ -84,16 +86,25 @@ def natural_series(ground_name: str) -> FloatArray:
     """(series, H, 2, COLUMNS): flux per m2 and s by ``LEVELS_M``, from below and from above, and air kerma rate (Gy/s), of ground
     with 1 Bq/kg of K-40, of the U-238 or of the Th-232 series.
     """
+    per_area = 1e3 * GROUNDS[ground_name].density_gcm3 * NATURAL_DEPTH_M
 
     def make() -> FloatArray:
-        rows = []
-        for lines in SERIES:
-            setting = _setting(lines, ground_name, 0.0, NATURAL_DEPTH_M, np.array((0.0, 1e12)))
-            per_area = sum(intensity for _, intensity in lines) * 1e3 * GROUNDS[ground_name].density_gcm3 * NATURAL_DEPTH_M
-            rows.append(per_area * follow(setting, _NATURAL_HISTORIES, np.random.default_rng(2))[:, 0])
-        return np.array(rows)
+        return np.array([per_area * _plane(lines, ground_name, NATURAL_DEPTH_M) for lines in SERIES])
 
     return _cached(f"natural-{ground_name}", make)
+
+
+@cache
+def rain_field(ground_name: str) -> FloatArray:
+    """(H, 2, COLUMNS): as ``natural_series``, of 1 Bq/m2 of radon's daughters on the ground."""
+    return _cached(f"rain-{ground_name}", lambda: _plane(RADON_DAUGHTERS, ground_name, _RAIN_DEPTH_M))
+
+
+def _plane(lines: Lines, ground_name: str, depth_m: float) -> FloatArray:
+    """(H, 2, COLUMNS): of one decay per area, evenly down to a depth."""
+    setting = _setting(lines, ground_name, 0.0, depth_m, np.array((0.0, 1e12)))
+    photons = sum(intensity for _, intensity in lines)
+    return np.asarray(photons * follow(setting, _NATURAL_HISTORIES, np.random.default_rng(2))[:, 0])
 
 
 @cache
@@ -104,14 +115,21 @@ def natural_field(ground_name: str) -> FloatArray:
 
 def natural_flux(ground_name: str, height_m: float) -> FloatArray:
     """(GROUPS,) flux per m2 and s of the ground's own photons at a height."""
+    return _flux(natural_field(ground_name), height_m)
+
+
+def rain_flux(ground_name: str, height_m: float) -> FloatArray:
+    """(GROUPS,) as ``natural_flux``, of radon's daughters that add to the air kerma 1 m above as much as dry soil gives."""
+    scale = natural_field("soil")[_ONE_METRE, :, GROUPS].sum() / rain_field(ground_name)[_ONE_METRE, :, GROUPS].sum()
+    return scale * _flux(rain_field(ground_name), height_m)
+
+
+def _flux(table: FloatArray, height_m: float) -> FloatArray:
     level, above = _between(math.log(max(height_m, _MIN_M)), _LEVELS)
-    table = natural_field(ground_name)
     return np.asarray(((1.0 - above) * table[level] + above * table[level + 1]).sum(axis=0)[:GROUPS])
 
 
-def _setting(
-    lines: Sequence[tuple[float, float]], ground_name: str, source_m: float, depth_m: float, rings: FloatArray
-) -> Setting:
+def _setting(lines: Lines, ground_name: str, source_m: float, depth_m: float, rings: FloatArray) -> Setting:
     energy, intensity = np.array(lines).T
     cumulative = np.cumsum(intensity) / intensity.sum()
     return Setting(energy, cumulative, source_m, depth_m, LEVELS_M, rings, air(), ground(ground_name), kerma_per_fluence())

@@ -12,9 +12,9 @@ from agent.config.drone import DroneConfig
 from agent.errors import ConfigError
 from sim.cli import app
 from sim.radiation.camera import Camera, SourceView
-from sim.radiation.ground.field import natural_flux
-from sim.radiation.ground.shares import hits_per_s
-from sim.radiation.truth import CameraTruth, GroundTruth
+from sim.radiation.ground.field import natural_flux, rain_flux
+from sim.radiation.ground.shares import hits_per_s, isotropic_mm2
+from sim.radiation.truth import CameraTruth, GroundTruth, RainTruth
 from sim.scenario import load_scenario, parse_scenario
 from sim.world.cameras import Cameras
 from sim.world.sources import Source
@@ -26,9 +26,9 @@ SECONDS = 20
 TICKS = 400  # 625 ns
 
 
-def events_per_s(camera: Camera, views: list[SourceView]) -> float:
+def events_per_s(camera: Camera, views: list[SourceView], start_s: int = 0) -> float:
     """Events, told by gaps in time: their pixels are within 200 ns."""
-    hits = camera.expose(0, SECONDS * 1_000_000_000, views, 3.0).hits
+    hits = camera.expose(start_s * 10**9, (start_s + SECONDS) * 10**9, views, 3.0).hits
     return (1 + np.count_nonzero(np.diff(np.sort(hits.tick)) > TICKS)) / SECONDS if len(hits) else 0.0
 
 
@@ -43,6 +43,22 @@ def test_without_a_source_the_ground_is_the_background() -> None:
     assert rate == pytest.approx(hits_per_s("concrete", 3.0), rel=0.15)
     assert events_per_s(Camera(QUIET, "Cs-137", np.random.default_rng(2), 0, GroundTruth(kinds=("water",))), []) == 0.0
     assert natural_flux("soil", 3.0).sum() > 0.0
+
+
+def test_rain_is_a_step_that_decays() -> None:
+    """After half an hour a half of it, and none on a camera over no ground."""
+    rain = RainTruth(at_s=100.0, factor=3.0)
+    camera = Camera(QUIET, "Cs-137", np.random.default_rng(5), 0, GroundTruth(rain=rain))
+    added = rain_flux("soil", 3.0) @ isotropic_mm2() * 1e-6  # 1/s, as much kerma as of dry soil
+    dry = hits_per_s("soil", 3.0)
+    assert 0.4 * dry < added < 0.6 * dry  # its photons are harder: no soil scatters them on their way
+    rates = [events_per_s(camera, [], start_s) for start_s in (0, 100, 1900)]
+    assert rates == pytest.approx([dry, dry + 2.0 * added, dry + added], rel=0.2)  # of 90 events and more: 3 sigma
+
+
+def test_rain_over_water_is_what_a_camera_counts() -> None:
+    ground = GroundTruth(kinds=("water",), rain=RainTruth(factor=3.0))
+    assert events_per_s(Camera(QUIET, "Cs-137", np.random.default_rng(5), 0, ground), []) > 2.0
 
 
 def test_concrete_between_stops_what_comes_from_the_sources_side() -> None:
