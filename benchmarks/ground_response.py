@@ -3,7 +3,8 @@
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
 folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal, and fitted
 for each channel by the formula of agent/fusion/bayes/soil.py, where the numbers stand: over sources on the ground and above it,
-and headings. background: the ground's own photons by ``sim.radiation.ground``, 3 m above soil.
+and headings. background: the soil's own photons by ``support.natural``, 3 m above it. Taken from the simulation are the lines of
+nuclides and natural series, which are data, and the sensor.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from agent.detector.files.calibration import Calibration
 from agent.fusion.bayes.soil import IMAGE_DEPTH
 from agent.fusion.facing import MEAN_FACING
 from benchmarks.channel_response import CHANNELS, Source
+from benchmarks.support.natural import natural_flux
 from benchmarks.support.soil import FACINGS, HEADINGS_DEG, scattered_flux
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import Events, simulate
-from sim.radiation.ground.field import natural_flux
+from sim.radiation.ground.natural import SERIES
 from sim.radiation.nuclides import nuclide
 from sim.radiation.timepix3 import response
 from sim.radiation.truth import CameraTruth
@@ -39,6 +41,9 @@ PLACES = np.array([(h, r) for h in HEIGHTS_M for r in HORIZONTAL_M])
 SOURCES_M = (0.0, 0.5, 1.0)  # heights of the source
 NORMALS = tuple((np.arange(FACINGS) + 0.5) / FACINGS)  # cosine between path and normal, middles of the bins
 AZIMUTHS_DEG = (20.0, 65.0)  # of the path about the normal: the sensor is square
+NATURAL_BQ_KG = (400.0, 35.0, 30.0)  # of K-40, U-238 and Th-232 series: medians of soils, UNSCEAR (2000), Annex B
+NATURAL_EDGES_KEV = np.geomspace(30.0, 2700.0, 43)
+NATURAL_HEIGHT_M = np.array([3.0])
 SPACING_TICKS = 20_000  # 31 us between events
 
 
@@ -72,10 +77,16 @@ def responses(names: list[str], events: int) -> dict[str, Array]:
     return areas
 
 
-def background_ps(name: str, events: int) -> Array:
-    """(4,) rates of CHANNELS by the soil's own photons, from all directions alike."""
-    flux = 1e-6 * natural_flux("soil", 3.0)
-    lines = tuple(zip(np.sqrt(EDGES_KEV[1:] * EDGES_KEV[:-1]).tolist(), flux.tolist(), strict=True))
+def natural_lines(photons: int) -> tuple[tuple[float, float], ...]:
+    """The soil's own photons as lines: energy, and flux per mm2 and s."""
+    edges = NATURAL_EDGES_KEV
+    series = zip(SERIES, NATURAL_BQ_KG, strict=True)
+    flux = np.sum([bq_kg * natural_flux(lines, NATURAL_HEIGHT_M, edges, photons, 6)[0] for lines, bq_kg in series], axis=0)
+    return tuple(zip(np.sqrt(edges[1:] * edges[:-1]).tolist(), (1e-6 * flux).tolist(), strict=True))
+
+
+def background_ps(name: str, lines: tuple[tuple[float, float], ...], events: int) -> Array:
+    """(4,) rates of CHANNELS by photons of these lines, from all directions alike."""
     found = simulate(lines, events, response(TRUTH), np.random.default_rng(12))
     return counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
 
@@ -126,9 +137,10 @@ def main(
 ) -> None:
     names = nuclides or ["Cs-137"]
     areas = responses(names, events)
+    natural = natural_lines(photons)
     for name in names:
         counts, where = scattered(name, areas[name], photons)
-        hits, full, pairs, _ = background_ps(name, 100 * events)
+        hits, full, pairs, _ = background_ps(name, natural, 100 * events)
         print(name)
         print(f"{'channel':10}{'near':>9}{'steep':>9}{'air':>9}{'turn':>9}{'image':>9}{'background 1/s':>16}{'fit, rms':>12}")
         for channel, column, own_ps in zip(("partial", "full"), counts.T, (hits - full - pairs, full), strict=True):

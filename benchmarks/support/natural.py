@@ -11,18 +11,18 @@ import numpy as np
 
 from agent.geometry import Array
 from benchmarks.support.soil import (
-    _DENSITY,
-    _GENERATIONS,
-    _GRID_KEV,
-    _MIN_KEV,
-    _MIN_WEIGHT,
+    DENSITY,
+    GENERATIONS,
+    GRID_KEV,
     MASS_KEV,
-    _differential,
-    _isotropic,
-    _media,
-    _moved,
-    _scattered,
-    _turned,
+    MIN_KEV,
+    MIN_WEIGHT,
+    attenuations,
+    deflected,
+    isotropic,
+    klein_nishina,
+    moved,
+    scattering_cosines,
 )
 
 _NATURAL_DEPTH_M, _MEAN_DEPTH_M = 1.0, 0.3  # of the soil's own photons: the deepest, and the scale by which depths are drawn
@@ -43,7 +43,7 @@ def natural_flux(lines: tuple[tuple[float, float], ...], heights_m: Array, edges
     batch = 10_000
     for _ in range(photons // batch):
         tally += _batch(energies, intensities / intensities.sum(), heights_m, edges_kev, batch, rng)
-    per_m2 = intensities.sum() * 1e3 * _DENSITY[1] * _NATURAL_DEPTH_M
+    per_m2 = intensities.sum() * 1e3 * DENSITY[1] * _NATURAL_DEPTH_M
     result: Array = tally * per_m2 / (photons // batch * batch)
     return result
 
@@ -52,16 +52,16 @@ def air_kerma(edges_kev: Array, flux: Array) -> float:
     """Air kerma rate (Gy/s) of a flux (groups,) per m2 and s: the energy that photons transfer to electrons."""
     energy = np.sqrt(edges_kev[1:] * edges_kev[:-1])
     cosine = np.linspace(-1.0, 1.0, _KERMA_ANGLES)
-    density, after = _differential(energy[:, None] * np.ones_like(cosine), cosine)
+    density, after = klein_nishina(energy[:, None] * np.ones_like(cosine), cosine)
     given = 1.0 - np.trapezoid(density * after, cosine, axis=1) / np.trapezoid(density, cosine, axis=1) / energy
-    media, compton = _media()
-    attenuation, share = (np.interp(energy, _GRID_KEV, table) for table in (media[0], compton[0]))
-    per_kg = attenuation / (1e3 * _DENSITY[0]) * (1.0 - share + share * given)  # m2/kg
+    media, compton = attenuations()
+    attenuation, share = (np.interp(energy, GRID_KEV, table) for table in (media[0], compton[0]))
+    per_kg = attenuation / (1e3 * DENSITY[0]) * (1.0 - share + share * given)  # m2/kg
     return float((flux * energy * per_kg).sum() * _JOULE_PER_KEV)
 
 
 def _batch(energies: Array, shares: Array, heights_m: Array, edges_kev: Array, count: int, rng: np.random.Generator) -> Array:
-    media, compton = _media()
+    media, compton = attenuations()
     groups = len(edges_kev) - 1
     tally = np.zeros(len(heights_m) * groups)
     energy = rng.choice(energies, count, p=shares)
@@ -70,17 +70,17 @@ def _batch(energies: Array, shares: Array, heights_m: Array, edges_kev: Array, c
     weight = _MEAN_DEPTH_M * whole * np.exp(depth / _MEAN_DEPTH_M) / _NATURAL_DEPTH_M
     place = np.zeros((count, 3))
     place[:, 2] = -depth
-    direction = _isotropic(count, rng)
-    for _ in range(_GENERATIONS):
+    direction = isotropic(count, rng)
+    for _ in range(GENERATIONS):
         tally += _crossing(place[:, 2], direction[:, 2], energy, weight, heights_m, edges_kev, media)
-        place, soil, out = _moved(place, direction, energy, media, rng)
-        weight = weight * np.where(soil, np.interp(energy, _GRID_KEV, compton[1]), np.interp(energy, _GRID_KEV, compton[0]))
-        cosine = _scattered(energy, rng)
-        direction = _turned(direction, cosine, rng)
+        place, soil, out = moved(place, direction, energy, media, rng)
+        weight = weight * np.where(soil, np.interp(energy, GRID_KEV, compton[1]), np.interp(energy, GRID_KEV, compton[0]))
+        cosine = scattering_cosines(energy, rng)
+        direction = deflected(direction, cosine, rng)
         energy = energy / (1.0 + energy / MASS_KEV * (1.0 - cosine))
-        kept = ~out & (energy > _MIN_KEV)
-        kept &= (weight > _MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
-        weight = np.where(weight > _MIN_WEIGHT, weight, 10.0 * weight)
+        kept = np.logical_not(out) & (energy > MIN_KEV)
+        kept &= (weight > MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
+        weight = np.where(weight > MIN_WEIGHT, weight, 10.0 * weight)
         place, direction, energy, weight = place[kept], direction[kept], energy[kept], weight[kept]
         if not len(energy):
             break
@@ -89,7 +89,7 @@ def _batch(energies: Array, shares: Array, heights_m: Array, edges_kev: Array, c
 
 def _crossing(z: Array, upward: Array, energy: Array, weight: Array, heights_m: Array, edges_kev: Array, media: Array) -> Array:
     """What photons from heights z with these cosines to the vertical add to the flux at the heights: (H groups,)."""
-    air, soil = (np.interp(energy, _GRID_KEV, one)[:, None] for one in media)
+    air, soil = (np.interp(energy, GRID_KEV, one)[:, None] for one in media)
     z, upward = z[:, None], np.where(upward == 0.0, 1e-12, upward)[:, None]
     way = (heights_m - z) / upward
     in_soil = np.where(z < 0.0, -z / upward, 0.0)
@@ -100,4 +100,5 @@ def _crossing(z: Array, upward: Array, energy: Array, weight: Array, heights_m: 
     group = np.broadcast_to((np.searchsorted(edges_kev, energy) - 1)[:, None], value.shape)
     inside = (group >= 0) & (group < groups)
     index = np.arange(len(heights_m)) * groups + np.clip(group, 0, groups - 1)
-    return np.bincount(index[inside], value[inside], len(heights_m) * groups)
+    result: Array = np.bincount(index[inside], value[inside], len(heights_m) * groups)
+    return result

@@ -22,27 +22,27 @@ _BARN_RADIUS = 7.940787e-26  # square of the classical electron radius, cm2
 _AVOGADRO = 6.02214076e23
 _SOIL = ((1, 0.0224), (8, 0.604), (14, 0.3336), (26, 0.04))
 _AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))
-_DENSITY = (1.205e-3, 1.5)  # air, soil, g/cm3
-_GRID_KEV = np.geomspace(15.0, 3000.0, 430)
-_MIN_KEV = 30.0
+DENSITY = (1.205e-3, 1.5)  # air, soil, g/cm3
+GRID_KEV = np.geomspace(15.0, 3000.0, 430)
+MIN_KEV = 30.0
 _CEILING_M = 250.0
-_MIN_WEIGHT = 1e-3
+MIN_WEIGHT = 1e-3
 _MIN_APART_M = 0.7  # a scattering nearer to a detector counts as from there: 0.4 % less flux, and no outliers
-_GENERATIONS = 60
+GENERATIONS = 60
 HEADINGS_DEG = (0.0, 30.0, 60.0, 90.0)  # of a level sensor's normal, from the direction to the source
 FACINGS = 8  # bins of the cosine between a photon's path and the normal
 
 
 @cache
-def _media() -> tuple[Array, Array]:
+def attenuations() -> tuple[Array, Array]:
     """(2, GRID) attenuation per metre of air and soil, and the share of Compton scattering."""
     totals, shares = [], []
-    for elements, density in zip((_AIR, _SOIL), _DENSITY, strict=True):
+    for elements, density in zip((_AIR, _SOIL), DENSITY, strict=True):
         electrons = sum(share * z / xraylib.AtomicWeight(z) for z, share in elements) * _AVOGADRO
-        compton = electrons * _BARN_RADIUS * np.array([_klein_nishina_total(float(e)) for e in _GRID_KEV])
+        compton = electrons * _BARN_RADIUS * np.array([_klein_nishina_total(float(e)) for e in GRID_KEV])
         photo = np.zeros_like(compton)
         for z, share in elements:
-            photo += share * np.array([_photo(z, float(e)) for e in _GRID_KEV])
+            photo += share * np.array([_photo(z, float(e)) for e in GRID_KEV])
         totals.append(100.0 * density * (compton + photo))
         shares.append(compton / (compton + photo))
     return np.array(totals), np.array(shares)
@@ -62,25 +62,25 @@ def _klein_nishina_total(energy_kev: float) -> float:
     return float(2.0 * np.pi * (first + log / (2.0 * k) - (1.0 + 3.0 * k) / (1.0 + 2.0 * k) ** 2))
 
 
-def _differential(energy: Array, cosine: Array) -> tuple[Array, Array]:
+def klein_nishina(energy: Array, cosine: Array) -> tuple[Array, Array]:
     """Density per steradian of the direction after a scattering (relative to all), and the energy there."""
     ratio = 1.0 / (1.0 + energy / MASS_KEV * (1.0 - cosine))
-    total = np.interp(energy, _GRID_KEV, _totals())
+    total = np.interp(energy, GRID_KEV, _totals())
     return 0.5 * ratio**2 * (ratio + 1.0 / ratio - 1.0 + cosine**2) / total, energy * ratio
 
 
 @cache
 def _totals() -> Array:
-    return np.array([_klein_nishina_total(float(e)) for e in _GRID_KEV])
+    return np.array([_klein_nishina_total(float(e)) for e in GRID_KEV])
 
 
-def _scattered(energy: Array, rng: np.random.Generator) -> Array:
+def scattering_cosines(energy: Array, rng: np.random.Generator) -> Array:
     """Cosines of scattering angles, by inversion of their tabulated distribution."""
     cosine = np.linspace(-1.0, 1.0, 201)
     result = np.empty_like(energy)
     order = np.argsort(energy)
     for some in np.array_split(order, max(1, len(order) // 400)):  # of nearly the same energy
-        density, _ = _differential(np.full(201, energy[some].mean()), cosine)
+        density, _ = klein_nishina(np.full(201, energy[some].mean()), cosine)
         cumulative = np.concatenate(([0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))))
         result[some] = np.interp(rng.random(len(some)) * cumulative[-1], cumulative, cosine)
     return result
@@ -108,39 +108,39 @@ def scattered_flux(
 def _batch(
     energies: Array, shares: Array, detectors: Array, edges_kev: Array, count: int, rng: np.random.Generator, source_m: float
 ) -> Array:
-    media, compton = _media()
+    media, compton = attenuations()
     tally = np.zeros((len(detectors), len(HEADINGS_DEG), FACINGS, len(edges_kev) - 1))
     energy = rng.choice(energies, count, p=shares)
     place = np.zeros((count, 3))
     place[:, 2] = source_m
-    direction = _isotropic(count, rng)
+    direction = isotropic(count, rng)
     weight = np.ones(count)
-    for _ in range(_GENERATIONS):
-        place, soil, out = _moved(place, direction, energy, media, rng)
-        share = np.where(soil, np.interp(energy, _GRID_KEV, compton[1]), np.interp(energy, _GRID_KEV, compton[0]))
+    for _ in range(GENERATIONS):
+        place, soil, out = moved(place, direction, energy, media, rng)
+        share = np.where(soil, np.interp(energy, GRID_KEV, compton[1]), np.interp(energy, GRID_KEV, compton[0]))
         weight = weight * share
-        kept = ~out & (energy > _MIN_KEV)
-        kept &= (weight > _MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
-        weight = np.where(weight > _MIN_WEIGHT, weight, 10.0 * weight)
+        kept = ~out & (energy > MIN_KEV)
+        kept &= (weight > MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
+        weight = np.where(weight > MIN_WEIGHT, weight, 10.0 * weight)
         place, direction, energy, weight = place[kept], direction[kept], energy[kept], weight[kept]
         if not len(energy):
             break
         tally += _seen(place, direction, energy, weight, detectors, edges_kev, media, rng)
-        cosine = _scattered(energy, rng)
-        direction = _turned(direction, cosine, rng)
+        cosine = scattering_cosines(energy, rng)
+        direction = deflected(direction, cosine, rng)
         energy = energy / (1.0 + energy / MASS_KEV * (1.0 - cosine))
     return tally
 
 
-def _isotropic(count: int, rng: np.random.Generator) -> Array:
+def isotropic(count: int, rng: np.random.Generator) -> Array:
     w, azimuth = rng.uniform(-1.0, 1.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
     flat = np.sqrt(1.0 - w * w)
     return np.column_stack((flat * np.cos(azimuth), flat * np.sin(azimuth), w))
 
 
-def _moved(place: Array, direction: Array, energy: Array, media: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def moved(place: Array, direction: Array, energy: Array, media: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Places of the next interactions, whether in soil, and whether so far away that they do not count."""
-    air, soil = (np.interp(energy, _GRID_KEV, one) for one in media)
+    air, soil = (np.interp(energy, GRID_KEV, one) for one in media)
     z, w = place[:, 2], direction[:, 2]
     depth = rng.exponential(size=len(energy))
     inside = (z < 0.0) | ((z == 0.0) & (w < 0.0))
@@ -172,8 +172,8 @@ def _seen(
     dz = height - place[:, 2:3]
     apart = np.maximum(np.sqrt(dx * dx + dy * dy + dz * dz), _MIN_APART_M)
     cosine = np.clip((dx * direction[:, :1] + dy * direction[:, 1:2] + dz * direction[:, 2:3]) / apart, -1.0, 1.0)
-    density, after = _differential(np.broadcast_to(energy[:, None], cosine.shape), cosine)
-    air, soil = (np.interp(after, _GRID_KEV, one) for one in media)
+    density, after = klein_nishina(np.broadcast_to(energy[:, None], cosine.shape), cosine)
+    air, soil = (np.interp(after, GRID_KEV, one) for one in media)
     in_soil = apart * np.clip(-place[:, 2:3] / np.maximum(dz, 1e-9), 0.0, 1.0)
     value = weight[:, None] * density * np.exp(-soil * in_soil - air * (apart - in_soil)) / apart**2
     groups = len(edges_kev) - 1
@@ -194,7 +194,7 @@ def _seen(
     return np.stack(by_heading, axis=1)
 
 
-def _turned(direction: Array, cosine: Array, rng: np.random.Generator) -> Array:
+def deflected(direction: Array, cosine: Array, rng: np.random.Generator) -> Array:
     """Directions after turning by these angles about random azimuths."""
     other = np.where(np.abs(direction[:, 2:3]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(direction, other)

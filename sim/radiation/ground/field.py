@@ -121,7 +121,7 @@ def natural_flux(ground_name: str, height_m: float) -> FloatArray:
 def rain_flux(ground_name: str, height_m: float) -> FloatArray:
     """(GROUPS,) as ``natural_flux``, of radon's daughters that add to the air kerma 1 m above as much as dry soil gives."""
     scale = natural_field("soil")[_ONE_METRE, :, GROUPS].sum() / rain_field(ground_name)[_ONE_METRE, :, GROUPS].sum()
-    return scale * _flux(rain_field(ground_name), height_m)
+    return np.asarray(scale * _flux(rain_field(ground_name), height_m))
 
 
 def _flux(table: FloatArray, height_m: float) -> FloatArray:
