@@ -9,6 +9,7 @@ CIRCLING = (Stage.TRACK, Stage.REACQUIRE)  # the source that has been found, or 
 SEARCHING = (Stage.SURVEY, *CIRCLING)  # looking for sources, or at them
 STEERED = (*SEARCHING, Stage.RETURN)  # by setpoints, with separation
 DESCENDING = (Stage.LANDING, Stage.ABORT)  # where the drone is
+BRAKING = (Stage.HOLD, Stage.LANDING)  # to rest by setpoints, before the autopilot holds or lands
 RETURNING = (Stage.RETURN, Stage.LANDING)  # on the way to the end of the flight
 FLYING = (Stage.TAKEOFF, *STEERED, Stage.HOLD, *DESCENDING)
 TAKING_PART = (Stage.TAKEOFF, *SEARCHING)  # in the search: the area is divided among these

@@ -33,6 +33,7 @@ from typing import TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
+from agent.lasting import begun
 from protocol.messages import Plan, Pose, Status
 
 N = TypeVar("N", bound=Pose | Plan | Status)
@@ -260,5 +261,5 @@ def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _
     slack_ns = -_LEAST_TRIP_NS // 2
     if not -returned_ns - slack_ns <= before.ahead_ns <= own_ns + slack_ns:
         return told
-    since_ns = now_ns if before.doubted_ns is None or before.doubted_ns > now_ns else before.doubted_ns
+    since_ns = begun(before.doubted_ns, now_ns)
     return told if now_ns - since_ns >= _HELD_NS else replace(before, doubted_ns=since_ns)

@@ -13,9 +13,11 @@ from enum import StrEnum
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.mission.lasting import since
+from agent.lasting import begun, since
+from agent.mission.flight import Flight
 from agent.vehicle.grounded import STILL_NS
 from agent.vehicle.interface import FlightMode, Request, VehicleState
+from agent.vehicle.requests import TARGETS
 from protocol.messages import Stage
 from protocol.stages import DESCENDING, STEERED
 
@@ -86,14 +88,6 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong t
     **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
 }
 
-_SHOWN_AS = {Request.OFFBOARD: FlightMode.OFFBOARD, Request.HOLD: FlightMode.HOLD, Request.LAND: FlightMode.LAND}
-_BY_MODE = {  # of a vehicle that somebody else flies
-    FlightMode.RETURN: Stage.RETURN,
-    FlightMode.LAND: Stage.LANDING,
-    FlightMode.HOLD: Stage.HOLD,
-    FlightMode.MANUAL: Stage.HOLD,
-}
-
 
 def is_failsafe(vehicle: VehicleState) -> bool:
     """Whether the autopilot brings the vehicle home or down, and nobody has asked it to."""
@@ -104,7 +98,7 @@ def is_elsewhere(vehicle: VehicleState | None, request: Request) -> bool:
     """Whether somebody has the autopilot in another mode than requested; a pilot at the sticks keeps the vehicle."""
     if vehicle is None or not vehicle.healthy or vehicle.mode is FlightMode.MANUAL:
         return False
-    return vehicle.mode is not _SHOWN_AS.get(request, vehicle.mode)
+    return vehicle.mode is not TARGETS.get(request, vehicle.mode)
 
 
 def is_cut_short(vehicle: VehicleState, height_m: float) -> bool:
@@ -113,24 +107,17 @@ def is_cut_short(vehicle: VehicleState, height_m: float) -> bool:
 
 
 class View(Struct, frozen=True):
-    """One piece of telemetry, and what the agent wants at that time.
-
-    ``since_ns``: when the stage began; ``steered``: it is flown by setpoints; ``stays``: it holds because its position cannot be
-    trusted; ``cut_short``: its takeoff has ended long before its height.
-    """
+    """One piece of telemetry, and the flight by then. ``cut_short``: its takeoff has ended long before its height."""
 
     vehicle: VehicleState
     now_ns: int
-    stage: Stage
-    since_ns: int
-    steered: bool
-    stays: bool = False
+    flight: Flight
     cut_short: bool = False
 
     @property
     def modes(self) -> tuple[FlightMode, ...]:
         """The modes of the stage, the one to be reached last."""
-        return (FlightMode.OFFBOARD,) if self.steered else MODES[self.stage]
+        return (FlightMode.OFFBOARD,) if self.flight.is_steered else MODES[self.flight.stage]
 
 
 class Authority(Struct, frozen=True):
@@ -194,7 +181,7 @@ class Authority(Struct, frozen=True):
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
         when they resume. In a hold it stays. ``holds``: ``owns_hold`` when the agent was ended.
         """
-        vehicle, stage = view.vehicle, view.stage
+        vehicle, stage = view.vehicle, view.flight.stage
         is_reached = stage is not Stage.TAKEOFF and not (holds and vehicle.mode is FlightMode.HOLD)
         there = self.after(Event.REACHED, view.now_ns) if is_reached else self
         if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and there._is_foreign(view)):  # no failsafe led to it
@@ -207,7 +194,7 @@ class Authority(Struct, frozen=True):
         """Note the autopilot's mode, for the report; ``steered``: the agent wants it in offboard."""
         lacks = self.is_released or (steered and mode is not FlightMode.OFFBOARD)
         unfollowed_ns = since(self.unfollowed_since_ns, now_ns, holds=lacks)
-        mode_ns = since(self.mode_since_ns if mode is self.mode else None, now_ns, holds=True)
+        mode_ns = begun(self.mode_since_ns if mode is self.mode else None, now_ns)
         if (mode, mode_ns, unfollowed_ns) == (self.mode, self.mode_since_ns, self.unfollowed_since_ns):
             return self
         return replace(self, mode=mode, mode_since_ns=mode_ns, unfollowed_since_ns=unfollowed_ns)
@@ -222,13 +209,11 @@ class Authority(Struct, frozen=True):
         lasts = foreign_ns is not None and now_ns - foreign_ns > _patience_ns(view)
         return judged.after(Event.OVERRULED, now_ns) if lasts else judged
 
-    def flown_as(self, stage: Stage, now_ns: int) -> Stage:
-        """Return the stage of a vehicle that somebody else flies, by the mode that has lasted: a failsafe for want of battery
-        holds before it returns, and a pilot may cancel it. The others plan by the last stage that is published.
+    def mode_lasts(self, now_ns: int) -> bool:
+        """Whether the autopilot has been in its mode for long enough to be told: a failsafe for want of battery holds before it
+        returns, and a pilot may cancel it. The others plan by the last stage that is published.
         """
-        if self.mode_since_ns is None or now_ns - self.mode_since_ns < FAILSAFE_NS:
-            return stage
-        return _BY_MODE.get(self.mode, stage)
+        return self.mode_since_ns is not None and now_ns - self.mode_since_ns >= FAILSAFE_NS
 
     def problem(self, now_ns: int) -> str | None:
         """Return what the operator is told of a vehicle that does not follow its agent; None while it does."""
@@ -243,7 +228,7 @@ class Authority(Struct, frozen=True):
         """Derive the event from telemetry and time."""
         now_ns, mode = view.now_ns, view.vehicle.mode
         held = self.held_ns is not None and 0 <= now_ns - self.held_ns < OWN_HOLD_NS
-        is_stale = view.stays or held or 0 <= now_ns - view.since_ns <= STALE_NS
+        is_stale = view.flight.position_loss.stays or held or 0 <= now_ns - view.flight.since_ns <= STALE_NS
         if view.cut_short or (mode is view.modes[-1] and not is_stale):
             return Event.REACHED
         if self.state is State.OWN_HOLD:
@@ -256,23 +241,25 @@ class Authority(Struct, frozen=True):
 
     def _is_foreign(self, view: View) -> bool:
         """Whether somebody else has chosen the autopilot's mode. Before arming, any mode is fine."""
-        vehicle, stage = view.vehicle, view.stage
+        vehicle, stage = view.vehicle, view.flight.stage
         if not vehicle.armed or vehicle.mode is FlightMode.MANUAL:
             return vehicle.armed
         if self.state in (State.REGAINING, State.REJOINED):
             return False
-        if view.stays and (vehicle.mode is FlightMode.HOLD or not vehicle.healthy):  # for want of a position
+        if view.flight.position_loss.stays and (vehicle.mode is FlightMode.HOLD or not vehicle.healthy):  # for want of a position
             return False
         if vehicle.mode is not FlightMode.HOLD:
             return vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and vehicle.mode not in MODES[stage]
         if self.state is not State.AGENT:
             return False
-        return view.steered or stage is Stage.TAKEOFF or (stage in DESCENDING and vehicle.healthy)  # a failsafe holds for a while
+        return (
+            view.flight.is_steered or stage is Stage.TAKEOFF or (stage in DESCENDING and vehicle.healthy)
+        )  # a failsafe holds for a while
 
 
 def _patience_ns(view: View) -> int:
     """Return how long a mode that the agent has not asked for must last to be a takeover."""
     vehicle = view.vehicle
-    if vehicle.mode is FlightMode.HOLD and view.stage in DESCENDING:
+    if vehicle.mode is FlightMode.HOLD and view.flight.stage in DESCENDING:
         return TOUCHDOWN_NS
     return TAKEOVER_NS if vehicle.healthy or vehicle.mode is FlightMode.MANUAL else FAILSAFE_NS

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from math import hypot
 
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.lasting import since
 from agent.vehicle.interface import FlightMode, VehicleState
 
 _STILL_MPS = 0.5
@@ -17,27 +21,22 @@ _SETTLED_NS = 800_000_000
 _LONGEST_NS = 5_000_000_000
 
 
-class Braking:
-    """Of one drone. ``lasts``: it is still steered."""
+class Braking(Struct, frozen=True):
+    """The braking of one drone. ``begun_ns``: when it was told to hold, or to land; None once it is not steered any more."""
 
-    def __init__(self) -> None:
-        self._begun_ns = 0
-        self._slow_since_ns: int | None = None
-        self.lasts = False
+    slow_since_ns: int | None = None
+    begun_ns: int | None = None
 
-    def begin(self, vehicle: VehicleState, now_ns: int) -> None:
-        """It is told to hold, or to land."""
-        self._begun_ns, self.lasts = now_ns, True
-        self.step(vehicle, now_ns)
+    def begun(self, vehicle: VehicleState, now_ns: int) -> Braking:
+        """Begin to brake."""
+        return replace(self, begun_ns=now_ns).observed(vehicle, now_ns)
 
-    def step(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Until it has been slow for long enough that it accelerates no more, or something else flies it, or its position cannot
-        be trusted; for some seconds at most.
+    def observed(self, vehicle: VehicleState, now_ns: int) -> Braking:
+        """Brake until the vehicle has been slow for long enough that it accelerates no more, or something else flies it, or its
+        position cannot be trusted; for some seconds at most.
         """
-        if hypot(*vehicle.velocity_mps) > _STILL_MPS:
-            self._slow_since_ns = None
-        elif self._slow_since_ns is None or self._slow_since_ns > now_ns:  # or the clock was set back
-            self._slow_since_ns = now_ns
-        rests = self._slow_since_ns is not None and now_ns - self._slow_since_ns >= _SETTLED_NS
+        slow_ns = since(self.slow_since_ns, now_ns, holds=hypot(*vehicle.velocity_mps) <= _STILL_MPS)
+        rests = slow_ns is not None and now_ns - slow_ns >= _SETTLED_NS
         is_steered = vehicle.mode is FlightMode.OFFBOARD and vehicle.position_trusted
-        self.lasts = self.lasts and not rests and is_steered and 0 <= now_ns - self._begun_ns < _LONGEST_NS
+        is_in_time = self.begun_ns is not None and 0 <= now_ns - self.begun_ns < _LONGEST_NS
+        return Braking(slow_ns, self.begun_ns if is_in_time and is_steered and not rests else None)

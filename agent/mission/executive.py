@@ -33,7 +33,7 @@ from agent.navigation.unheard.crossing import low_m
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.entries import Coverage
 from protocol.messages import Action, Plan, Stage
-from protocol.stages import ON_GROUND, SEARCHING
+from protocol.stages import ON_GROUND, RETURNING, SEARCHING
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
@@ -90,7 +90,7 @@ class Executive:
         telemetry, as it holds then.
         """
         vehicle, stage = self._own.vehicle, self.stage
-        if stage not in (Stage.RETURN, Stage.LANDING) or vehicle is None or self._mission.released:
+        if stage not in RETURNING or vehicle is None or self._mission.released:
             return stage is Stage.LANDED
         return abs(now_ns - vehicle.stamp_ns) <= TELEMETRY_AGE_NS and vehicle.mode in MODES[stage]
 
@@ -107,7 +107,7 @@ class Executive:
     def follow(self, vehicle: VehicleState) -> None:
         """Take telemetry, each once."""
         self._navigator.follow(vehicle)
-        self._aloft.take(vehicle)
+        self._aloft = self._aloft.observed(vehicle)
         if (started_ns := self.remembering.rejoin(vehicle)) != 0:
             self._begin(started_ns)
 
@@ -116,7 +116,8 @@ class Executive:
         """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it, or does not
         know.
         """
-        return None if self.stage in ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
+        started_ns = self._mission.flight.started_ns
+        return None if self.stage in ON_GROUND or started_ns == 0 else started_ns
 
     def obey(self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -125,7 +126,7 @@ class Executive:
         landing a new one. No other command tells when it began. ``problems``: those that prevent a start.
         """
         started_ns = stamp_ns if begun_ns is None else min(stamp_ns, begun_ns)
-        refused = self._mission.command(action, stamp_ns, self._situation(now_ns, problems), started_ns)
+        refused = self._mission.command(action, started_ns, self._situation(now_ns, problems))
         if refused is not None:
             return refused
         if action is Action.START and self._own.vehicle is not None:
@@ -161,7 +162,7 @@ class Executive:
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with how the mission is flown."""
-        unsteered, landed = self._mission.unsteered(now_ns), self._mission.landed_because
+        unsteered, landed = self._mission.unsteered(now_ns), self._mission.flight.landed_because
         coming_down = "landed" if self.stage is Stage.LANDED else "lands"
         absence = self._navigator.absence
         unheard = f"does not hear {', '.join(absence.unheard)} any more" if absence is not None and absence.unheard else None
@@ -211,7 +212,7 @@ class Executive:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
-        started_ns = self._mission.started_ns
+        started_ns = self._mission.flight.started_ns
         if self.stage not in ON_GROUND and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # it is not known
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None and begun_ns > started_ns:
@@ -221,14 +222,14 @@ class Executive:
 
     def _begin(self, started_ns: int) -> None:
         """What was measured and searched before counts no more."""
-        self._mission.started_ns = started_ns
+        self._mission.begin(started_ns)
         self._world.start(started_ns)
         self._search.begin(started_ns)
 
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis
         at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached and not self._navigator.comes_down
-        returning_s = (now_ns - self._mission.since_ns) * 1e-9 if self.stage is Stage.RETURN else 0.0
+        returning_s = (now_ns - self._mission.flight.since_ns) * 1e-9 if self.stage is Stage.RETURN else 0.0
         return Situation(
             now_ns,
             vehicle,
@@ -274,8 +275,9 @@ class Executive:
         if hypothesis is None or hypothesis.watched_s is None or looks(hypothesis):
             return False
         longest_s = self._config.survey.duration_s
-        began = self._mission.tracking_since_ns is not None
-        searched_s = (now_ns - self._mission.started_ns) * 1e-9 if began else self._mission.searched_s(now_ns)
+        flight = self._mission.flight
+        began = flight.tracking_since_ns is not None
+        searched_s = (now_ns - flight.started_ns) * 1e-9 if began else flight.searched_s(now_ns)
         if longest_s is not None and searched_s >= longest_s:
             return False
         if not began:
@@ -304,7 +306,7 @@ class Executive:
 
         Cameras measure on the ground as well, before a start in which not all take part.
         """
-        since_ns = max(self._mission.started_ns, now_ns - _LONGEST_FLIGHT_NS)
+        since_ns = max(self._mission.flight.started_ns, now_ns - _LONGEST_FLIGHT_NS)
         return frozenset(name for name, newest_ns in self._world.fusion.log.publishers.items() if newest_ns >= since_ns)
 
     def _conclude(self, now_ns: int) -> None:
@@ -312,7 +314,7 @@ class Executive:
         if self._world.fusion.hypothesis is not None:
             self.finding = ""
         elif self.stage is Stage.SURVEY:
-            found = conclusion(self._config, self._mission.searched_s(now_ns), self.prospect.at(now_ns))
+            found = conclusion(self._config, self._mission.flight.searched_s(now_ns), self.prospect.at(now_ns))
             self.finding = found or self.finding
 
     def _decide(self, now_ns: int, peers: Peers) -> Decision:
@@ -326,7 +328,7 @@ class Executive:
             self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(self._request_blind(vehicle, now_ns)))
         believed = self._left if self._revoked else focus(self._world.fusion.hypothesis, self._config)
-        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, believed, self._mission.took_part_ns)
+        moment = Moment(now_ns, self.stage, self._mission.flight.since_ns, vehicle, believed, self._mission.flight.took_part_ns)
         setpoint, plan = self._navigator.step(moment, peers)
         if self._navigator.waits:
             self._counters["waited_without_frame"] += 1

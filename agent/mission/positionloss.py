@@ -12,6 +12,9 @@ well above the ground, an operator may send the drone home.
 
 from __future__ import annotations
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from agent.vehicle.interface import FlightMode, VehicleState
 
 HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
@@ -25,46 +28,42 @@ WHY_LONG = f"{_LOST} for {LONGEST_NS * 1e-9:.0f} s"
 WHY_LOW = f"{_LOST}, and its battery is below the mission's reserve"
 
 
-class PositionLoss:
-    """Reaction of one drone. ``stays``: it is to hold; ``lands``: why it is to land, or None."""
+class PositionLoss(Struct, frozen=True):
+    """The reaction of one drone. ``stays``: it is to hold; ``lands``: why it is to land, or None. ``lost_ns``: for how long the
+    position has been lost; None while it can be trusted. ``least_m``: lower bound of the height.
+    """
 
-    def __init__(self) -> None:
-        self.stays = False
-        self.lands: str | None = None
-        self._lost_ns: int | None = None  # for how long; None while it can be trusted
-        self._last_ns = 0
-        self._flew = False
-        self._least_m = 0.0  # lower bound of its height
+    stays: bool = False
+    lands: str | None = None
+    lost_ns: int | None = None
+    last_ns: int = 0
+    flew: bool = False
+    least_m: float = 0.0
 
-    def stay_on(self, vehicle: VehicleState, now_ns: int) -> None:
+    @classmethod
+    def held(cls, vehicle: VehicleState, now_ns: int) -> PositionLoss:
         """The agent before a restart had this vehicle hold, and nothing has told yet that its position can be trusted again."""
-        self.stays, self._flew = True, True
-        self._lost_ns, self._last_ns, self._least_m = HOLD_NS, now_ns, vehicle.height_m
+        return cls(stays=True, lost_ns=HOLD_NS, last_ns=now_ns, flew=True, least_m=vehicle.height_m)
 
-    def step(self, vehicle: VehicleState, now_ns: int, *, battery_low: bool = False) -> None:
+    def observed(self, vehicle: VehicleState, now_ns: int, *, battery_low: bool = False) -> PositionLoss:
         """Take the newest telemetry of a flight; ``battery_low``: the battery calls for the return."""
         if vehicle.position_trusted:
-            self._resume(vehicle)
-            return
-        passed_ns = min(max(now_ns - self._last_ns, 0), _LONGEST_STEP_NS)  # the clock may have been set
-        self._last_ns = now_ns
-        if self._lost_ns is None:
-            self._lost_ns, self._flew, self._least_m = 0, False, vehicle.height_m
-        else:
-            self._lost_ns += passed_ns
-            if not vehicle.healthy and vehicle.mode is FlightMode.LAND:
-                self._least_m -= FALL_MPS * passed_ns * 1e-9
-        self._flew = self._flew or vehicle.in_air
-        self.stays = self._flew and (not vehicle.healthy or self._lost_ns >= HOLD_NS)
-        if not vehicle.healthy and min(vehicle.height_m, self._least_m) < NEAR_GROUND_M:
-            self.lands = WHY
-        elif self.stays and (battery_low or self._lost_ns >= LONGEST_NS):
-            self.lands = WHY_LOW if battery_low else WHY_LONG
+            return self._confirmed(vehicle)
+        lost_ns, flew, least_m, lands = 0, vehicle.in_air, vehicle.height_m, self.lands
+        if self.lost_ns is not None:
+            passed_ns = min(max(now_ns - self.last_ns, 0), _LONGEST_STEP_NS)  # the clock may have been set
+            falls = not vehicle.healthy and vehicle.mode is FlightMode.LAND
+            lost_ns, flew = self.lost_ns + passed_ns, self.flew or vehicle.in_air
+            least_m = self.least_m - (FALL_MPS * passed_ns * 1e-9 if falls else 0.0)
+        stays = flew and (not vehicle.healthy or lost_ns >= HOLD_NS)
+        if not vehicle.healthy and min(vehicle.height_m, least_m) < NEAR_GROUND_M:
+            lands = WHY
+        elif stays and (battery_low or lost_ns >= LONGEST_NS):
+            lands = WHY_LOW if battery_low else WHY_LONG
+        return PositionLoss(stays, lands, lost_ns, now_ns, flew, least_m)
 
-    def _resume(self, vehicle: VehicleState) -> None:
+    def _confirmed(self, vehicle: VehicleState) -> PositionLoss:
         """The position is confirmed; a drone near or on the ground by then does not resume its mission."""
-        if vehicle.in_air and vehicle.height_m >= NEAR_GROUND_M:
-            self.lands = None
-        elif self.stays:
-            self.lands = WHY
-        self._lost_ns, self.stays = None, False
+        is_high = vehicle.in_air and vehicle.height_m >= NEAR_GROUND_M
+        lands = None if is_high else WHY if self.stays else self.lands
+        return replace(self, lands=lands, lost_ns=None, stays=False)

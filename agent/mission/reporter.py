@@ -17,20 +17,7 @@ from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import (
-    MOST_SOURCES,
-    Answer,
-    Estimate,
-    Failsafe,
-    Frame,
-    Obeyed,
-    Pose,
-    Recognised,
-    Source,
-    Stage,
-    Status,
-    Ticket,
-)
+from protocol.messages import MOST_SOURCES, Estimate, Frame, Pose, Source, Status
 
 M = TypeVar("M", bound=Message)
 MAX_SENT = 100  # messages that are remembered: of four seconds
@@ -40,28 +27,6 @@ _PERIODS_NS: dict[type[Message], int] = {
     Estimate: 500_000_000,
     Status: 1_000_000_000,
 }
-
-
-class Condition(Struct, frozen=True):
-    """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
-    nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
-    command, what the vehicle's failsafe does, the answer to an upload, whether somebody else sends under this drone's id, and the
-    last order that was obeyed.
-    """
-
-    stage: Stage
-    counters: dict[str, int]
-    problems: tuple[str, ...]
-    finding: str = ""
-    recognised: Recognised | None = None
-    delays_ns: dict[str, int] = {}
-    started_ns: int | None = None
-    ticket: Ticket | None = None
-    failsafe: Failsafe | None = None
-    notices: tuple[str, ...] = ()
-    upload: Answer | None = None
-    disowns: bool = False
-    obeyed: Obeyed | None = None
 
 
 class Believed(Struct, frozen=True, eq=False):
@@ -122,11 +87,8 @@ class Outbox:
 class Reporter:
     """The regular messages of one drone."""
 
-    def __init__(self, drone: str, mission_id: str, boot: str, estimator: str) -> None:
-        self._drone = drone
-        self._mission_id = mission_id
-        self._boot = boot
-        self._estimator = estimator
+    def __init__(self, drone: str, mission_id: str, estimator: str) -> None:
+        self._drone, self._mission_id, self._estimator = drone, mission_id, estimator
         self._due_ns = dict.fromkeys(_PERIODS_NS, 0)
 
     def hurry(self, now_ns: int) -> None:
@@ -139,7 +101,7 @@ class Reporter:
         vehicle: VehicleState | None,
         frame: Transform | None,
         believed: Callable[[], Believed] | None,
-        condition: Callable[[], Condition],
+        status: Callable[[], Status],
     ) -> Iterator[Message]:
         """The messages that are due now.
 
@@ -148,7 +110,7 @@ class Reporter:
             vehicle: newest telemetry.
             frame: mission <- local of its epoch; published where it is estimated, for operators (agents have it from their logs).
             believed: what the source estimate is, called only when it is due; None without one.
-            condition: called only when a status is due.
+            status: called only when one is due.
         """
         if vehicle is not None and self._is_due(Pose, now_ns):
             yield self._pose(vehicle)
@@ -164,27 +126,7 @@ class Reporter:
         if believed is not None and self._is_due(Estimate, now_ns):
             yield self._estimate(now_ns, believed())
         if self._is_due(Status, now_ns):
-            now = condition()
-            yield Status(
-                stamp_ns=now_ns,
-                drone=self._drone,
-                mission=self._mission_id,
-                boot=self._boot,
-                stage=now.stage,
-                battery=vehicle.battery if vehicle is not None else None,
-                counters=now.counters,
-                problems=now.problems,
-                finding=now.finding,
-                recognised=now.recognised,
-                delays_ns=now.delays_ns,
-                started_ns=now.started_ns,
-                ticket=now.ticket,
-                failsafe=now.failsafe,
-                notices=now.notices,
-                upload=now.upload,
-                disowns=now.disowns or UNSET,
-                obeyed=now.obeyed if now.obeyed is not None else UNSET,
-            )
+            yield status()
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:
         period_ns = _PERIODS_NS[kind]

@@ -1,64 +1,76 @@
-"""What a search leads to: the source, the way home, or on to the next stage of it."""
+"""The events of a flight that goes by the mission: a source found or lost, the search over, home reached."""
 
 from __future__ import annotations
 
-from math import inf
+from msgspec import Struct
 
 from agent.config.mission import TrackConfig
+from agent.mission.flight import Flight
 from agent.mission.situation import Situation
+from agent.mission.transitions import Event
 from protocol.messages import Stage
+from protocol.stages import SEARCHING
 
 _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 
 
-class Searching:
-    """Of one drone: when it ends its search, and when the source counts as lost."""
+class Searching(Struct, frozen=True):
+    """The rules of one mission. ``gives_up``: the drone returns where nothing is found; ``can_lose``: the hypothesis rests on
+    measurements, and counts as lost when they stay away.
+    """
 
-    def __init__(self, track: TrackConfig, *, gives_up: bool, can_lose: bool) -> None:
-        """``gives_up``: it returns where nothing is found; ``can_lose``: the hypothesis rests on measurements."""
-        self._track, self._gives_up, self._can_lose = track, gives_up, can_lose
-        self._stranded_since_ns: int | None = None
+    track: TrackConfig
+    gives_up: bool
+    can_lose: bool
 
-    def next(self, stage: Stage, situation: Situation, tracking_since_ns: int | None) -> Stage:
-        """The stage that follows on one of a search; the same while nothing calls for another one."""
-        if situation.must_return or self._is_stranded(situation):
-            return Stage.RETURN
-        is_over = self._is_over(situation.now_ns, tracking_since_ns)
-        if stage is Stage.SURVEY:
+    def event(self, flight: Flight, situation: Situation, *, has_risen: bool) -> Event | None:
+        """Return what calls for another stage; None where nothing does. ``has_risen``: its takeoff is over."""
+        if flight.stage is Stage.RETURN:
+            return Event.ARRIVED if situation.at_home else Event.STUCK if situation.no_nearer else None
+        if flight.stage in SEARCHING:
+            return self._in_search(flight, situation)
+        if flight.stage is Stage.HOLD:
+            return Event.ENDS if situation.must_return else None
+        if not has_risen:
+            return None
+        return Event.ENDS if flight.resume is Stage.RETURN else Event.FOUND if situation.is_found else Event.SEARCHES
+
+    def _in_search(self, flight: Flight, situation: Situation) -> Event | None:
+        if situation.must_return or _is_stranded(flight, situation):
+            return Event.ENDS
+        is_over = self._is_over(situation.now_ns, flight.tracking_since_ns)
+        if flight.stage is Stage.SURVEY:
             if situation.is_found:
-                return Stage.TRACK
-            ends = (situation.nothing_found and self._gives_up) or (situation.has_hypothesis and is_over)
-            return Stage.RETURN if ends else stage
+                return Event.FOUND
+            ends = (situation.nothing_found and self.gives_up) or (situation.has_hypothesis and is_over)
+            return Event.ENDS if ends else None
         if not situation.has_hypothesis:  # a late entry can remove the hypothesis
-            return Stage.SURVEY
+            return Event.SEARCHES
         if is_over:
-            return Stage.RETURN
+            return Event.ENDS
         if situation.searches_on:
-            return Stage.SURVEY
-        return Stage.REACQUIRE if self._is_lost(stage, situation, tracking_since_ns) else Stage.TRACK
-
-    def _is_stranded(self, situation: Situation) -> bool:
-        """Whether what has it return, as the others are not heard or its place is in doubt, has lasted for long enough."""
-        if situation.stranded_s == inf:
-            self._stranded_since_ns = None
-        elif self._stranded_since_ns is None or self._stranded_since_ns > situation.now_ns:
-            self._stranded_since_ns = situation.now_ns
-        since_ns = self._stranded_since_ns
-        return since_ns is not None and (situation.now_ns - since_ns) * 1e-9 > situation.stranded_s
+            return Event.SEARCHES
+        return Event.LOST if self._is_lost(flight, situation) else Event.FOUND
 
     def _is_over(self, now_ns: int, tracking_since_ns: int | None) -> bool:
         """Whether the time for what has been found is over."""
-        duration_s = self._track.duration_s
+        duration_s = self.track.duration_s
         return tracking_since_ns is not None and duration_s is not None and now_ns - tracking_since_ns > duration_s * 1e9
 
-    def _is_lost(self, stage: Stage, situation: Situation, tracking_since_ns: int | None) -> bool:
+    def _is_lost(self, flight: Flight, situation: Situation) -> bool:
         """By the posterior's RMS where there is one, otherwise by the time without a cone."""
-        if not self._can_lose:
+        if not self.can_lose:
             return False
         if situation.rms_m is not None:
-            share = _FOUND_AGAIN if stage is Stage.REACQUIRE else 1.0
-            return situation.rms_m > share * self._track.lost_rms_m
-        timeout_s = self._track.no_cone_timeout_s
+            share = _FOUND_AGAIN if flight.stage is Stage.REACQUIRE else 1.0
+            return situation.rms_m > share * self.track.lost_rms_m
+        timeout_s, tracking_since_ns = self.track.no_cone_timeout_s, flight.tracking_since_ns
         if timeout_s is None or tracking_since_ns is None:
             return False
         return situation.now_ns - max(situation.last_cone_ns, tracking_since_ns) > timeout_s * 1e9
+
+
+def _is_stranded(flight: Flight, situation: Situation) -> bool:
+    """Whether what has it return, as the others are not heard or its place is in doubt, has lasted for long enough."""
+    since_ns = flight.stranded_since_ns
+    return since_ns is not None and (situation.now_ns - since_ns) * 1e-9 > situation.stranded_s

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.lasting import since
 from agent.vehicle.interface import VehicleState
 
 STANDS_NS = 10_000_000_000  # PX4 disarms 2 s after a landing by default
 WHAT = "has landed and is still armed, for {seconds:.0f} s: command land once more to disarm it, or disarm it by remote control"
 
 
-class StandingArmed:
-    """Of one drone. ``disarms``: an operator wants it disarmed, as long as it stands."""
+class StandingArmed(Struct, frozen=True):
+    """The state of one vehicle. ``disarms``: an operator wants it disarmed, as long as it stands."""
 
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self.disarms = False
+    since_ns: int | None = None
+    disarms: bool = False
 
-    def step(self, vehicle: VehicleState, now_ns: int, *, comes_down: bool) -> None:
+    def observed(self, vehicle: VehicleState, now_ns: int, *, comes_down: bool) -> StandingArmed:
         """Take the newest telemetry; ``comes_down``: in a stage in which it lands."""
-        if not comes_down or vehicle.in_air or not vehicle.armed:
-            self._since_ns, self.disarms = None, False
-        elif self._since_ns is None or self._since_ns > now_ns:  # or the clock was set back
-            self._since_ns = now_ns
+        stands = comes_down and vehicle.armed and not vehicle.in_air
+        return StandingArmed(since(self.since_ns, now_ns, holds=stands), self.disarms and stands)
 
-    def ordered(self) -> None:
-        """An operator has commanded to land: where it stands, it is to be disarmed."""
-        self.disarms = self._since_ns is not None
+    def ordered(self) -> StandingArmed:
+        """An operator has commanded to land: a vehicle that stands is to be disarmed."""
+        return replace(self, disarms=self.since_ns is not None)
 
     def problem(self, now_ns: int) -> str | None:
-        """What the operator is told; None while it flies, or is about to be disarmed by its autopilot."""
-        if self._since_ns is None or now_ns - self._since_ns < STANDS_NS:
+        """Return what the operator is told; None while it flies, or is about to be disarmed by its autopilot."""
+        if self.since_ns is None or now_ns - self.since_ns < STANDS_NS:
             return None
-        return WHAT.format(seconds=(now_ns - self._since_ns) * 1e-9)
+        return WHAT.format(seconds=(now_ns - self.since_ns) * 1e-9)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from functools import partial
 
+from msgspec import UNSET
+
 from agent.config.beyond import outside_texts
 from agent.config.mission import MissionConfig
 from agent.fusion.proofs import Proofs
@@ -15,7 +17,7 @@ from agent.mission.commanding import Commanding
 from agent.mission.executive import Executive
 from agent.mission.orders import Orders
 from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
-from agent.mission.reporter import Believed, Condition, Outbox, Reporter
+from agent.mission.reporter import Believed, Outbox, Reporter
 from agent.mission.revoking import Revoking
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.peers.newest import Peers
@@ -51,11 +53,11 @@ class Telling:
         executive: Executive,
     ) -> None:
         """``boot``: of the agent; ``counters``: of everything that is counted on board; the rest: the drone's parts."""
-        self._id, self._outbox, self._counters = drone, outbox, counters
+        self._id, self._mission_id, self._boot, self._outbox, self._counters = drone, mission.mission_id, boot, outbox, counters
         self._orders, self._commanding, self._revoking = orders, commanding, revoking
         self._problems, self._world, self._own, self._clocks = problems, world, own, clocks
         self._camera, self._peers, self._proofs, self._executive = camera, peers, proofs, executive
-        self._reporter = Reporter(drone, mission.mission_id, boot, mission.fusion.estimator)
+        self._reporter = Reporter(drone, mission.mission_id, mission.fusion.estimator)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone))
         self._area = mission.area
         self._notices = tuple[str, ...]()
@@ -74,16 +76,21 @@ class Telling:
         frame, fusion, hypothesis = self._own.frame, self._world.fusion, self._world.fusion.hypothesis
         believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
         placed = frame.mission_from_local if frame is not None else None
-        reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, partial(self._condition, now_ns))
+        reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, partial(self._status, now_ns))
         for message in (*self._revoking.due(now_ns), *reports):
             if not isinstance(message, Status):
                 self._outbox.put(message)
             elif (status := self._outbox.sendable(message)) is not None:
                 self._outbox.put(self._proofs.signed_status(status))
 
-    def _condition(self, now_ns: int) -> Condition:
-        self.told = self._look(now_ns)
-        return Condition(
+    def _status(self, now_ns: int) -> Status:
+        vehicle, obeyed, self.told = self._own.vehicle, self._orders.obeyed, self._look(now_ns)
+        return Status(
+            stamp_ns=now_ns,
+            drone=self._id,
+            mission=self._mission_id,
+            boot=self._boot,
+            battery=vehicle.battery if vehicle is not None else None,
             stage=self._executive.remembering.stage(now_ns),
             counters=dict(self._counters),
             problems=self.told,
@@ -95,8 +102,8 @@ class Telling:
             failsafe=self._failsafe,
             notices=(*self._outside(now_ns), *self._revoking.notices, *self._notices)[:MOST_NOTICES],
             upload=self._commanding.uploads.answer,
-            disowns=self._problems.has_twin(now_ns),
-            obeyed=self._orders.obeyed,
+            disowns=self._problems.has_twin(now_ns) or UNSET,
+            obeyed=obeyed if obeyed is not None else UNSET,
         )
 
     def _look(self, now_ns: int) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.geometry import Array, Vector3
+from agent.lasting import begun
 from agent.localization.ownpose import LocalFrame, OwnPose
 from agent.motion.braking import comes_to_rest
 from agent.motion.reference import PeerState, Reference
@@ -27,6 +28,7 @@ from agent.navigation.unheard.crossing import WayHome, crossing_height_m
 from agent.navigation.unheard.lines import KEPT_M
 from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
+from protocol.stages import BRAKING
 
 # A drone whose frame is not known waits in place; after a while on a small circle, because ranges alone give no heading of a
 # drone that does not move. Two that only saw in which direction the other one was, 6 m away, circled towards each other (2.2 m).
@@ -123,7 +125,7 @@ class Guidance:
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
-        if not moment.vehicle.position_trusted or moment.stage in (Stage.HOLD, Stage.LANDING):  # by setpoints to rest
+        if not moment.vehicle.position_trusted or moment.stage in BRAKING:  # by setpoints to rest
             return self.stay(state)
         if self._holds and not circles and moment.stage is not Stage.RETURN:
             is_low = moment.stage is Stage.SURVEY and self._may_meet
@@ -163,7 +165,7 @@ class Guidance:
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
         """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
-        if moment.stage in (Stage.TAKEOFF, Stage.RETURN, Stage.HOLD, Stage.LANDING):
+        if moment.stage in (Stage.TAKEOFF, Stage.RETURN, *BRAKING):
             return self._yaw_rad, 0.0
         rate_rps = 0.0
         if moment.stage is Stage.SURVEY or centre is None:
@@ -241,8 +243,7 @@ class Guidance:
         their way to their heights, too, and as they expect each other elsewhere they may be pushed along as they climb: where
         the first one had begun to search in its layer, it met one that came through it (1.1 m).
         """
-        if self._above_ns is None or self._above_ns > moment.now_ns:  # or the clock was set back
-            self._above_ns = moment.now_ns
+        self._above_ns = begun(self._above_ns, moment.now_ns)
         all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
         if all_are_there and abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
             found = self._survey(moment, state, partners, frame)

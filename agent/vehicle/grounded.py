@@ -9,6 +9,7 @@ from math import hypot
 
 from msgspec.structs import replace
 
+from agent.lasting import since
 from agent.vehicle.interface import VehicleState
 
 CONFIRM_NS = 2_200_000_000  # two more heartbeats, at 1 Hz, must say the same
@@ -35,10 +36,7 @@ class Grounded:
         """The telemetry with what is believed of it."""
         self._healthy = state.healthy if state.armed or state.in_air else self._healthy
         falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
-        if not falls:
-            self._since_ns = None
-        elif self._since_ns is None or self._since_ns > state.stamp_ns:  # the clock was set back
-            self._since_ns = state.stamp_ns
+        self._since_ns = since(self._since_ns, state.stamp_ns, holds=falls)
         if falls and self._since_ns is not None and not self._confirmed(state, self._since_ns):
             up = state.armed or state.in_air
             healthy = state.healthy if up else self._healthy

@@ -65,7 +65,7 @@ class Seen(Struct, frozen=True):
     intended: FlightMode | None = None
 
 
-_TARGETS = {
+TARGETS = {  # the mode that a request is for
     Request.TAKEOFF: FlightMode.TAKEOFF,
     Request.OFFBOARD: FlightMode.OFFBOARD,
     Request.HOLD: FlightMode.HOLD,
@@ -107,7 +107,7 @@ class Requests:
         if request is Request.DISARM:
             stands = seen.armed and not seen.in_air and not is_blind
             return self._asked(now_s, Act.DISARM if stands else None, REPEAT_S)
-        if request not in _TARGETS:
+        if request not in TARGETS:
             return None
         self._was_armed = self._was_armed or seen.armed  # however soon after the command a heartbeat shows it
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
@@ -140,12 +140,12 @@ class Requests:
         self._by_hand = by_hand  # a human pilot flew when the request came, and has ever since
         self._was_armed = self._reached = False
         self._disarmed_s = float("inf")  # arrival of the first heartbeat that told so, of those in a row
-        self._yielded = taken_over and request in _TARGETS  # not once it is released
+        self._yielded = taken_over and request in TARGETS  # not once it is released
 
     def _is_taken_over(self, seen: Seen) -> bool:
         """Whether a human pilot has taken the vehicle from the present request."""
         had_it = self._reached or self._yielded or not self._by_hand
-        return self._request in _TARGETS and seen.armed and seen.mode is FlightMode.MANUAL and had_it
+        return self._request in TARGETS and seen.armed and seen.mode is FlightMode.MANUAL and had_it
 
     def _judge(self, seen: Seen) -> None:
         """Whether the request has been reached, or somebody else has chosen otherwise."""
@@ -161,7 +161,7 @@ class Requests:
             return  # offboard loss: the autopilot resumes by itself once setpoints are streamed again
         before = self._mode_before
         by_itself = not self._reached and seen.mode in _OWN and before in _OWN
-        if seen.mode is _TARGETS[self._request]:
+        if seen.mode is TARGETS[self._request]:
             self._reached = True
         elif self._reached or takes_over or (before not in (None, seen.mode) and not by_itself):
             self._yielded = True
@@ -181,7 +181,7 @@ class Requests:
 
     def _is_there(self, seen: Seen) -> bool:
         """Whether the requested mode is active, and in a failsafe also the one that it goes back to."""
-        target = _TARGETS[self._request]
+        target = TARGETS[self._request]
         if seen.failsafe and seen.intended is not None and self._request is not Request.OFFBOARD:
             return seen.intended is target
         return seen.mode is target

@@ -10,6 +10,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from protocol.messages import Source
+from protocol.stages import CIRCLING
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions, reach_m
 from sim.figures.faultmarks import fault_entries, fault_places
@@ -20,7 +21,6 @@ CONES_SHOWN = 20  # more would cover the map
 _INSET_BELOW = 0.04  # share of the map's width: a smaller 90 % region is also shown enlarged
 _INSET_SIZE = 0.32  # share of the map's width
 _OPEN = "#8a8a8a"
-_TRACKING = ("track", "reacquire")
 
 
 def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
@@ -34,7 +34,7 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     left, right, bottom, top = _window(trace)
     _draw_cones(axes, trace, end, reach_m=float(np.hypot(right - left, top - bottom)))
     axes.add_patch(Polygon(trace.area_m, closed=True, fill=False, edgecolor="#444444", linewidth=1.2, linestyle=(0, (6, 3))))
-    tracking = np.isin(trace.swarm_stage, _TRACKING)
+    tracking = np.isin(trace.swarm_stage, CIRCLING)
     for drone, name in enumerate(trace.drones):
         track = trace.position_m[:, drone]
         colour = drone_colour(drone)
@@ -70,7 +70,7 @@ def _open(trace: Trace) -> list[tuple[NDArray[np.float64], str, str]]:
 def last_tracking(trace: Trace) -> int:
     """The last sample at which the first drone tracked with a hypothesis, else the last with one, else the very last."""
     has = np.isfinite(trace.estimate_m[:, 0])
-    tracking = has & np.isin(trace.swarm_stage, _TRACKING)
+    tracking = has & np.isin(trace.swarm_stage, CIRCLING)
     for choice in (tracking, has):
         if choice.any():
             return int(np.flatnonzero(choice)[-1])

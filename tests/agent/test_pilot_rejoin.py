@@ -277,7 +277,7 @@ def test_the_time_of_its_search_goes_on():
     one.receive(*command(), START_NS)
     fly(one, START_NS, 20.0, FlightMode.OFFBOARD)
     again, _ = back(one.memory)
-    assert again._executive._mission.searched_s(BACK_NS) == pytest.approx(30.0, abs=0.1)
+    assert again._executive._mission.flight.searched_s(BACK_NS) == pytest.approx(30.0, abs=0.1)
 
 
 def test_a_mode_that_stays_is_somebodys_will():

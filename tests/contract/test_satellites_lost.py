@@ -78,7 +78,7 @@ def test_after_a_landing_that_was_not_noticed_nothing_moves_it_off_the_ground_ag
     between = [later - sooner for sooner, later in pairwise(landing_s) if later < 26.0]
     assert max(between) < 1.0  # again and again: what PX4 goes back to was never changed
     assert flown.stages[-1][1] is Stage.LANDING
-    assert "position" in flown.mission.landed_because
+    assert "position" in flown.mission.flight.landed_because
 
 
 def test_a_landing_that_was_noticed_ends_the_mission() -> None:
@@ -86,7 +86,7 @@ def test_a_landing_that_was_noticed_ends_the_mission() -> None:
     assert flown.setpoints(9.4) == []
     assert next(mode for _, mode in flown.modes(8.2)) == "hold"
     assert flown.stages[-1][1] is Stage.LANDED
-    assert "position" in flown.mission.landed_because
+    assert "position" in flown.mission.flight.landed_because
 
 
 def test_a_loss_of_two_seconds_is_stayed_out_and_then_forgotten() -> None:
@@ -96,7 +96,7 @@ def test_a_loss_of_two_seconds_is_stayed_out_and_then_forgotten() -> None:
     assert flown.setpoints(lost_s + 1.3, trusted_s - LOOK_S) == []
     assert {mode for time_s, mode in flown.modes(lost_s) if time_s < trusted_s} == {"hold"}
     assert flown.setpoints(trusted_s + 0.3)
-    assert not flown.mission.landed_because
+    assert not flown.mission.flight.landed_because
 
 
 def test_a_loss_of_five_seconds_is_survived_where_it_is_certainly_high_enough(monkeypatch: pytest.MonkeyPatch) -> None:

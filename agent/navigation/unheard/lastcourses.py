@@ -10,7 +10,7 @@ from agent.navigation.peers.newest import Peer
 from agent.navigation.unheard.agentless import Agentless, Course
 from agent.navigation.unheard.contact import motion_of
 from protocol.messages import Pose, Stage
-from protocol.stages import STEERED
+from protocol.stages import BRAKING, STEERED
 
 _BLIND_NS = 1_500_000_000  # statuses go on, and its last pose is older: its agent hears nothing of its vehicle
 
@@ -72,7 +72,7 @@ def _possible_stages(stage: Stage, *, steered: bool) -> list[Stage]:
     """The stages in which it may be, that of its last status first; ``steered``: by its agent, by its last pose."""
     if not steered and stage in STEERED:
         return [stage, Stage.HOLD]
-    if steered and stage in (Stage.TAKEOFF, Stage.HOLD, Stage.LANDING):  # it was rising, or braking, by setpoints
+    if steered and stage in (Stage.TAKEOFF, *BRAKING):  # it was rising, or braking, by setpoints
         return [stage, Stage.SURVEY]
     return [stage]
 

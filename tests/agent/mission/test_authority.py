@@ -8,6 +8,8 @@ from msgspec.structs import replace
 from situations import SECOND, VEHICLE
 
 from agent.mission.authority import ROWS, TABLE, TAKEOVER_NS, Authority, Event, State, View
+from agent.mission.flight import Flight
+from agent.mission.positionloss import PositionLoss
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
 
@@ -52,9 +54,10 @@ def test_a_pilot_at_the_sticks_takes_over_in_every_state(events: list[Event], st
     authority = Authority()
     for event in events:
         authority = authority.after(event, 0)
-    vehicle, steered = replace(VEHICLE, mode=FlightMode.MANUAL, healthy=healthy), stage in (Stage.SURVEY, Stage.RETURN)
+    vehicle = replace(VEHICLE, mode=FlightMode.MANUAL, healthy=healthy)
+    flight = Flight(stage=stage, since_ns=SECOND, position_loss=PositionLoss(stays=stays))
     for now_ns in (10 * SECOND, 10 * SECOND + TAKEOVER_NS + 1):
-        authority = authority.judged(View(vehicle, now_ns, stage, SECOND, steered, stays))
+        authority = authority.judged(View(vehicle, now_ns, flight))
     assert authority.is_released
 
 

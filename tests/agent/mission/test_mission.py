@@ -8,7 +8,8 @@ from one_pilot import MISSION
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from agent.config.mission import SurveyConfig, TrackConfig
-from agent.mission.stages import ROOMLESS_S, SPENT, STRANDED_S, Mission
+from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
+from agent.mission.transitions import Event
 from agent.motion.reference import PeerState
 from agent.navigation.unheard.agentless import Agentless
 from agent.navigation.unheard.contact import SILENT_NS
@@ -33,8 +34,8 @@ def test_start_is_refused_with_its_reason():
 
 def test_a_late_start_joins_the_mission_that_the_others_fly():
     mission = Mission(TrackConfig())
-    assert mission.command(Action.START, 9 * SECOND, CALM, started_ns=2 * SECOND) is None
-    assert mission.started_ns == 2 * SECOND
+    assert mission.command(Action.START, 2 * SECOND, at(9.0, VEHICLE)) is None
+    assert (mission.flight.started_ns, mission.flight.since_ns) == (2 * SECOND, 9 * SECOND)
 
 
 def test_takeoff_waits_for_the_autopilot_to_finish():
@@ -109,15 +110,15 @@ def test_a_look_at_what_may_move_neither_ends_the_search_nor_begins_the_tracking
     mission = surveying(duration_s=60.0)
     mission.step(at(10.0, has_hypothesis=True, looks=True))
     assert mission.stage is Stage.TRACK
-    assert mission.tracking_since_ns is None
+    assert mission.flight.tracking_since_ns is None
     mission.step(at(20.0, has_hypothesis=True, searches_on=True))
     assert mission.stage is Stage.SURVEY
-    assert mission.searched_s(32 * SECOND) == pytest.approx(30.0)
+    assert mission.flight.searched_s(32 * SECOND) == pytest.approx(30.0)
     mission.step(at(100.0, has_hypothesis=True, looks=True))
     mission.step(at(110.0, has_hypothesis=True))  # all of the area is covered meanwhile
     assert mission.stage is Stage.TRACK
-    assert mission.tracking_since_ns == 110 * SECOND
-    assert mission.searched_s(115 * SECOND) == 0.0
+    assert mission.flight.tracking_since_ns == 110 * SECOND
+    assert mission.flight.searched_s(115 * SECOND) == 0.0
 
 
 def test_it_begins_again_once_all_that_were_found_have_had_their_turns_and_ends_with_the_mission():
@@ -135,14 +136,14 @@ def test_it_begins_again_once_all_that_were_found_have_had_their_turns_and_ends_
 
 def test_a_search_lasts_through_a_hold_and_begins_anew_after_a_source_was_tracked():
     mission = surveying()
-    assert mission.searched_s(62 * SECOND) == pytest.approx(60.0)
+    assert mission.flight.searched_s(62 * SECOND) == pytest.approx(60.0)
     mission.command(Action.HOLD, 70 * SECOND, at(70.0))
     mission.command(Action.RESUME, 80 * SECOND, at(80.0))
-    assert mission.searched_s(92 * SECOND) == pytest.approx(90.0)
+    assert mission.flight.searched_s(92 * SECOND) == pytest.approx(90.0)
     mission.step(at(100.0, has_hypothesis=True))
-    assert mission.searched_s(110 * SECOND) == 0.0
+    assert mission.flight.searched_s(110 * SECOND) == 0.0
     mission.step(at(120.0, has_hypothesis=False))
-    assert mission.searched_s(130 * SECOND) == pytest.approx(10.0)
+    assert mission.flight.searched_s(130 * SECOND) == pytest.approx(10.0)
 
 
 def test_a_given_hypothesis_is_never_lost():
@@ -165,13 +166,13 @@ def test_returns_lands_and_rests():
 
 def test_it_takes_part_from_the_takeoff_to_a_hold_and_again_from_then_on():
     mission = tracking()
-    assert mission.took_part_ns == SECOND
+    assert mission.flight.took_part_ns == SECOND
     mission.command(Action.HOLD, 12 * SECOND, at(12.0))
     mission.command(Action.RESUME, 20 * SECOND, at(20.0))
     mission.step(at(21.0, has_hypothesis=True))
-    assert (mission.stage, mission.took_part_ns) == (Stage.TRACK, 20 * SECOND)
+    assert (mission.stage, mission.flight.took_part_ns) == (Stage.TRACK, 20 * SECOND)
     mission.step(at(15.0, has_hypothesis=True))
-    assert mission.took_part_ns == 15 * SECOND  # the clock was set back
+    assert mission.flight.took_part_ns == 15 * SECOND  # the clock was set back
 
 
 def test_hold_and_resume():
@@ -223,7 +224,7 @@ def after(*, holds, **happens):
 @pytest.mark.parametrize("holds", [False, True])
 def test_a_battery_that_does_not_last_for_the_way_home_ends_the_flight_where_it_is(holds):
     mission = after(battery_spent=True, holds=holds)
-    assert (mission.stage, mission.landed_because) == (Stage.LANDING, SPENT)
+    assert (mission.stage, mission.flight.landed_because) == (Stage.LANDING, Event.SPENT)
     assert mission.command(Action.RETURN, 13 * SECOND, at(13.0)) is None
     mission.step(at(14.0, battery_spent=True))
     assert mission.stage is Stage.RETURN  # the operator insists
@@ -262,12 +263,25 @@ def test_after_a_landing_it_can_be_started_again() -> None:
     ground = replace(VEHICLE, armed=False, in_air=False)
     assert mission.command(Action.START, 30 * SECOND, at(30.0, ground, problems=("low battery",))) == "start refused: low battery"
     assert mission.command(Action.START, 31 * SECOND, at(31.0, ground)) is None
-    assert (mission.stage, mission.started_ns, mission.tracking_since_ns) == (Stage.TAKEOFF, 31 * SECOND, None)
+    assert (mission.stage, mission.flight.started_ns, mission.flight.tracking_since_ns) == (Stage.TAKEOFF, 31 * SECOND, None)
     mission.step(at(31.1, ground))  # not armed yet: that is no landing
     assert mission.stage is Stage.TAKEOFF
     mission.step(at(40.0, VEHICLE))
     assert mission.stage is Stage.SURVEY
-    assert mission.searched_s(41 * SECOND) == pytest.approx(1.0)
+    assert mission.flight.searched_s(41 * SECOND) == pytest.approx(1.0)
+
+
+def test_what_ended_the_flight_before_does_not_end_the_next_one() -> None:
+    """A drone that had returned alone, and was started again, returned at once where nobody was heard."""
+    mission = surveying()
+    for at_s in (10.0, 16.0):
+        mission.step(at(at_s, stranded_s=STRANDED_S))
+    assert mission.stage is Stage.RETURN
+    mission.step(at(30.0, replace(VEHICLE, armed=False, in_air=False)))
+    mission.command(Action.START, 40 * SECOND, at(40.0, VEHICLE))
+    for at_s, stage in ((41.0, Stage.SURVEY), (42.0, Stage.SURVEY), (46.0, Stage.SURVEY), (48.0, Stage.RETURN)):
+        mission.step(at(at_s, VEHICLE if at_s < 42.0 else OFFBOARD, stranded_s=STRANDED_S))
+        assert mission.stage is stage
 
 
 def test_a_return_that_gets_no_nearer_lands_where_it_is() -> None:
@@ -277,7 +291,7 @@ def test_a_return_that_gets_no_nearer_lands_where_it_is() -> None:
     assert mission.stage is Stage.RETURN
     mission.step(at(70.0, no_nearer=True))
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
-    assert "home" in mission.landed_because
+    assert "home" in mission.flight.landed_because
 
 
 @pytest.mark.parametrize("stranded_s", [ROOMLESS_S, STRANDED_S])

@@ -39,7 +39,7 @@ def test_near_the_ground_it_lands_for_good() -> None:
     for tick in range(60):  # from 3 m, by an estimate that stays there
         mission.step(at(10.0 + 0.05 * tick, descending))
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
-    assert "near the ground" in mission.landed_because
+    assert "near the ground" in mission.flight.landed_because
     mission.step(at(20.0, OFFBOARD))  # satellites are back, and it went back to offboard by itself
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
 
@@ -56,7 +56,7 @@ def test_a_position_that_stays_lost_is_not_held_for_ever(low_s, lands_s, why) ->
         landing_s += [now_s] if mission.stage is Stage.LANDING else []
     assert landing_s[0] == pytest.approx(lands_s, abs=0.11)
     assert mission.request is Request.LAND
-    assert why in mission.landed_because
+    assert why in mission.flight.landed_because
 
 
 def landing_without_a_position():
@@ -85,7 +85,7 @@ def test_once_its_position_is_back_an_operator_may_send_it_home() -> None:
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
     assert mission.command(Action.RETURN, 44 * SECOND, at(44.0)) is None
     mission.step(at(45.0))
-    assert (mission.stage, mission.request, mission.landed_because) == (Stage.RETURN, Request.OFFBOARD, "")
+    assert (mission.stage, mission.request, mission.flight.landed_because) == (Stage.RETURN, Request.OFFBOARD, "")
 
 
 def test_near_the_ground_not_even_then() -> None:

@@ -4,23 +4,21 @@ import numpy as np
 import pytest
 
 from agent.fusion.estimator import Exclusion, Hypothesis
-from agent.mission.reporter import Believed, Condition, Reporter
+from agent.mission.reporter import Believed, Reporter
 from protocol.messages import Estimate, Stage, Status
 
 SECOND = 1_000_000_000
 NOW_NS = 1_767_225_600 * SECOND
+STATUS = Status(stamp_ns=NOW_NS, drone="d1", mission="m" * 16, boot="0" * 16, stage=Stage.TRACK)
 
 
 @pytest.mark.parametrize("back_s", [3, 600])
 def test_a_clock_that_is_set_back_does_not_silence_the_drone(back_s: int) -> None:
-    reporter = Reporter("d1", "m" * 16, "0" * 16, "paper")
-    condition = Condition(Stage.TRACK, {}, (), "", None, {}, None)
+    reporter = Reporter("d1", "m" * 16, "paper")
 
     def statuses(since_ns: int) -> int:
         times = range(since_ns, since_ns + 5 * SECOND, SECOND // 20)
-        return sum(
-            isinstance(one, Status) for now_ns in times for one in reporter.due(now_ns, None, None, None, lambda: condition)
-        )
+        return sum(isinstance(one, Status) for now_ns in times for one in reporter.due(now_ns, None, None, None, lambda: STATUS))
 
     usual = statuses(NOW_NS)
     assert usual >= 4
@@ -32,12 +30,11 @@ def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:
         place, spread = np.array((x, 2.0, 0.0)), np.diag((0.04, 0.09, 0.0))
         return Hypothesis(NOW_NS, place, spread, np.zeros(3), 7, NOW_NS, 2e9, 1e8, nuclide=nuclide, others=others)
 
-    reporter = Reporter("d1", "m" * 16, "0" * 16, "sources")
-    condition = Condition(Stage.TRACK, {}, (), "", None, {}, None)
+    reporter = Reporter("d1", "m" * 16, "sources")
     first = source(1.0, "Cs-137", source(5.0, "Co-60"))
     cells = np.zeros(3, np.bool_)
     believed = Believed(first, "0" * 32, Exclusion({"Cs-137": 2e8, "Co-60": None}, cells, cells))
-    due = reporter.due(NOW_NS, None, None, lambda: believed, lambda: condition)
+    due = reporter.due(NOW_NS, None, None, lambda: believed, lambda: STATUS)
     (estimate,) = [one for one in due if isinstance(one, Estimate)]
     assert estimate.excluded_bq == {"Cs-137": 2e8}
     assert [(one.position_m[0], one.nuclide) for one in estimate.sources] == [(1.0, "Cs-137"), (5.0, "Co-60")]

@@ -128,7 +128,7 @@ def test_a_reason_to_land_does_not_outlive_a_takeover(action: Action) -> None:
     flight.run(60.0, FlightMode.HOLD)
     assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
     assert flight.command(action) is None
-    assert (flight.mission.request, flight.mission.landed_because) == (Request.OFFBOARD, "")
+    assert (flight.mission.request, flight.mission.flight.landed_because) == (Request.OFFBOARD, "")
 
 
 @pytest.mark.parametrize("action", [Action.RETURN, Action.RESUME])
@@ -244,7 +244,7 @@ def test_a_pilots_own_return_is_not_what_resume_leads_to_after_a_restart() -> No
     assert (kept.stage, kept.resume) == (Stage.RETURN, Stage.TRACK)
     restarted = Mission(TrackConfig())
     restarted.rejoin(kept, flight.vehicle, 25 * SECOND)
-    assert (restarted.stage, restarted.resume) == (Stage.RETURN, Stage.TRACK)
+    assert (restarted.stage, restarted.flight.resume) == (Stage.RETURN, Stage.TRACK)
 
 
 @pytest.mark.parametrize(("action", "follows"), [(Action.RETURN, Stage.RETURN), (Action.RESUME, Stage.TRACK)])
