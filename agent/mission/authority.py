@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from agent.lasting import begun, since
 from agent.mission.flight import Flight
+from agent.mission.transitions import REQUESTS
 from agent.vehicle.grounded import STILL_NS
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from agent.vehicle.requests import TARGETS
@@ -82,10 +83,8 @@ ROWS: tuple[tuple[tuple[State, ...], Event, State], ...] = (
 TABLE = {(state, event): after for states, event, after in ROWS for state in states}
 
 MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong to a stage; the one to be reached last
+    **{stage: (TARGETS[request],) for stage, request in REQUESTS.items() if request in TARGETS},
     Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.OFFBOARD),  # the last metres by setpoints
-    Stage.HOLD: (FlightMode.HOLD,),
-    **dict.fromkeys(DESCENDING, (FlightMode.LAND,)),
-    **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
 }
 
 
@@ -152,11 +151,11 @@ class Authority(Struct, frozen=True):
         """Whether this is the first telemetry after a time without."""
         return self.unheard_ns is not None and vehicle.stamp_ns > self.unheard_ns
 
-    def after(self, event: Event, now_ns: int) -> Authority:
+    def after(self, event: Event | None, now_ns: int) -> Authority:
         """Take an event; one that is not in the table for this state changes nothing."""
-        state = TABLE.get((self.state, event))
-        if state is None:
+        if event is None or (self.state, event) not in TABLE:
             return self
+        state = TABLE[self.state, event]
         if state is State.RELEASED:
             return replace(self, state=state, since_ns=now_ns, mode_since_ns=None)
         return replace(self, state=state, since_ns=now_ns, foreign_since_ns=None if self.is_released else self.foreign_since_ns)
@@ -201,8 +200,8 @@ class Authority(Struct, frozen=True):
 
     def judged(self, view: View) -> Authority:
         """Judge who flies. A failsafe is given time to pass: the autopilot goes back to offboard when setpoints resume."""
-        event, now_ns = self._event(view), view.now_ns
-        judged = self if event is None else self.after(event, now_ns)
+        now_ns = view.now_ns
+        judged = self.after(self._event(view), now_ns)
         foreign_ns = since(judged.foreign_since_ns, now_ns, holds=judged._is_foreign(view))
         if foreign_ns != judged.foreign_since_ns:
             judged = replace(judged, foreign_since_ns=foreign_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
 from msgspec import Struct
 
@@ -12,7 +13,14 @@ from agent.mission.orders import Orders
 from agent.mission.problems import Problems
 from agent.mission.uploads import Ground, Uploads
 from agent.navigation.peers.newest import Peers
-from protocol.messages import Action, AnyOrder, Command, Upload
+from protocol.messages import Action, AnyOrder, Command, Status, Upload
+
+UNPLACED = "its heading is not known, and it has neither seen another drone nor been seen by one yet"
+DISPLACED = (
+    "its localisation jumped before this agent was started, or while nothing was heard of the vehicle: "
+    "restart autopilot and agent at its launch place"
+)
+PASSING = "{name} flies past so near that a takeoff would be in its way; start again in a moment"
 
 
 class Verdict(Struct, frozen=True):
@@ -65,17 +73,20 @@ class Commanding:
     def _take(self, upload: Upload, now_ns: int) -> str | None:
         return self.uploads.judge(upload, Ground(now_ns, self._executive.stage, self._own.vehicle, self._peers.statuses(now_ns)))
 
-    def look(self, now_ns: int) -> None:
-        """Note what stands in the way of a start at present."""
-        self._problems.unplaced, self._problems.displaced = self._own.is_unplaced, self._own.is_displaced
-        self._problems.taken_over = self.uploads.obstacle
-        self._problems.passing = self._executive.passing(now_ns, self._peers)
+    def against_start(self, now_ns: int, statuses: Mapping[str, Status]) -> tuple[str, ...]:
+        """Return what prevents a start. ``statuses``: of the other drones, by id."""
+        found = (
+            UNPLACED if self._own.is_unplaced else None,
+            DISPLACED if self._own.is_displaced else None,
+            self.uploads.obstacle,
+            *(PASSING.format(name=name) for name in self._executive.passing(now_ns, self._peers)),
+        )
+        obstacles = [text for text in found if text is not None]
+        return self._problems.against_start(now_ns, self._own.vehicle, statuses, obstacles)
 
     def _obey(self, command: Command, now_ns: int) -> str | None:
-        self.look(now_ns)
         others = self._peers.statuses(now_ns)
-        flying = {name: others[name] for name in others if name in command.to}
-        problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
+        problems = self.against_start(now_ns, {name: others[name] for name in others if name in command.to})
         # That of the drones that fly it already: all ignore the same earlier measurements.
         begun_ns = self._peers.begun_ns(self._mission_id, now_ns)
         return self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)

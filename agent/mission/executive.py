@@ -75,7 +75,7 @@ class Executive:
         self.prospect = Prospect(lambda: fusion.outlook)
         informed = InformedSearch(mission, self.prospect)
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
-        self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
+        self._reserve = Reserve(drone.id, mission.safety.battery_reserve)
         self.finding, self._revoked = "", False
         self._left: Hypothesis | None = None  # the last one of a drone that is revoked: the others circle there
         self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory)
@@ -192,7 +192,7 @@ class Executive:
         absence = self._navigator.absence
         unheard = absence.coming_home if absence is not None else ()
         way_home_s = self._way_home_s if self._reserve.is_low else 0.0
-        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard, way_home_s)
+        self._reserve = self._reserve.observed(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard, way_home_s)
         self._mission.step(self._situation(now_ns))
         self.remembering.note(now_ns, peers)
         return self._decide(now_ns, peers)
@@ -241,7 +241,7 @@ class Executive:
             nothing_found=self.finding != "",
             stranded_s=self._stranded_s,
             revoked=self._revoked,
-            battery_low=self._battery_low,
+            battery_low=self._reserve.returns,
             battery_spent=self._reserve.is_spent,
             no_nearer=self._is_no_nearer(returning_s),
             searches_on=self._searches_on(hypothesis, now_ns),

@@ -93,7 +93,7 @@ class Flight(Struct, frozen=True):
 
     def after(self, event: Action | Event | None, now_ns: int, vehicle: VehicleState | None, *, released: bool = False) -> Flight:
         """Take an event; one that is not in the table for this stage changes nothing. ``released``: somebody else flies."""
-        if (self.stage, event) not in TABLE:
+        if event is None or (self.stage, event) not in TABLE:
             return self
         stage = TABLE[self.stage, event] or self.resume
         begins_search = stage is Stage.SURVEY and self.searching_since_ns is None

@@ -18,11 +18,8 @@ LOW_BATTERY = "its battery is below the mission's reserve"
 class Problems:
     """The problems of one drone. A flying drone reports them but flies on.
 
-    ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``revoked``:
-    that this drone has been, which prevents one too. ``noticed``, ``seen``: found by the pilot, and no obstacle to a start: of
-    camera and spectrum, and of clock, localisation and frames. ``unplaced``: nothing relates the heading of its local frame to
-    the mission frame yet. ``displaced``: its localisation jumped while it was not watched, and its frame is not known any more.
-    ``taken_over``: a mission is. ``passing``: ids of drones that fly too near for a takeoff.
+    ``blocked``, ``warned``: found by the shell; the former prevent a start. ``revoked``: that this drone has been, which prevents
+    one too.
     """
 
     def __init__(self, drone: str, mission_id: str, battery_reserve: float) -> None:
@@ -31,15 +28,9 @@ class Problems:
         self._mission_id = mission_id
         self._battery_reserve = battery_reserve
         self._twin_ns: int | None = None  # when another agent with this id was last heard
-        self.unplaced = self.displaced = False
         self.revoked: tuple[str, ...] = ()
-        self.taken_over: str | None = None
-        self.passing: tuple[str, ...] = ()
         self.blocked: tuple[str, ...] = ()
         self.warned: tuple[str, ...] = ()
-        self.noticed: tuple[str, ...] = ()
-        self.seen: tuple[str, ...] = ()
-        self.flown: tuple[str, ...] = ()
 
     def hear_twin(self, now_ns: int) -> None:
         """Another agent sends under this drone's id."""
@@ -49,8 +40,10 @@ class Problems:
         """Whether another agent has lately sent under this drone's id."""
         return self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS
 
-    def against_start(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
-        """What prevents a start. ``statuses``: of the other drones, by id."""
+    def against_start(
+        self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status], obstacles: Iterable[str] = ()
+    ) -> tuple[str, ...]:
+        """Return what prevents a start. ``statuses``: of the other drones, by id; ``obstacles``: found elsewhere on board."""
         problems = []
         if vehicle is None:
             problems.append("no telemetry from the vehicle yet")
@@ -63,18 +56,7 @@ class Problems:
             problems.append(LOW_BATTERY)
         if self.has_twin(now_ns):
             problems.append(f"another agent is running as {self._drone}")
-        if self.unplaced:
-            problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")
-        if self.displaced:
-            problems.append(
-                "its localisation jumped before this agent was started, or while nothing was heard of the vehicle: "
-                "restart autopilot and agent at its launch place"
-            )
-        if self.taken_over is not None:
-            problems.append(self.taken_over)
-        problems += [
-            f"{name} flies past so near that a takeoff would be in its way; start again in a moment" for name in self.passing
-        ]
+        problems += obstacles
         problems += [
             f"{name} has another mission ({status.mission}, here {self._mission_id})"
             for name, status in statuses.items()
@@ -82,9 +64,9 @@ class Problems:
         ]
         return _sendable((*self.revoked, *problems, *self.blocked))
 
-    def all(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
-        """All problems: first those of the flight, then those that prevent a start."""
-        return _sendable((*self.flown, *self.against_start(now_ns, vehicle, statuses), *self.warned, *self.seen, *self.noticed))
+    def all(self, flown: Iterable[str], against_start: Iterable[str], seen: Iterable[str]) -> tuple[str, ...]:
+        """Return all problems: of the flight, against a start, the shell's warnings, and what else the pilot has seen."""
+        return _sendable((*flown, *against_start, *self.warned, *seen))
 
 
 def _sendable(problems: Iterable[str]) -> tuple[str, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
+from msgspec import Struct
+
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Status
 from protocol.stages import ON_GROUND, RETURNING
@@ -16,50 +18,49 @@ _STEP = 0.01  # in which an autopilot may tell the level: so much less may have 
 _SURE_NS = 2_000_000_000  # a level that is low for a moment only is not believed
 
 
-class Reserve:
-    """The battery of one drone against the mission's reserve. ``is_low``: it is below; ``is_spent``: it does not last for the way
-    home, at the rate at which it has drained since.
+class Reserve(Struct, frozen=True):
+    """The battery of one drone against the mission's reserve. ``low``: since when it has been below (ns), and the level then.
+    ``is_low``: it is below for sure; ``is_spent``: it does not last for the way home, at the rate at which it has drained since;
+    ``returns``: the drone is to return now.
     """
 
-    def __init__(self, drone: str, reserve: float) -> None:
-        self._drone, self._reserve = drone, reserve
-        self._low: tuple[int, float] | None = None  # since when it is low, and the level then
-        self._newest_ns = 0
-        self.is_low = self.is_spent = False
+    drone: str
+    reserve: float
+    low: tuple[int, float] | None = None
+    newest_ns: int = 0
+    is_low: bool = False
+    is_spent: bool = False
+    returns: bool = False
 
-    def returns(
+    def observed(
         self,
         now_ns: int,
         vehicle: VehicleState | None,
         statuses: Mapping[str, Status],
         unheard: Collection[str] = (),
         way_home_s: float = 0.0,
-    ) -> bool:
-        """Whether this drone is to return now. ``statuses``: of the others that are heard; ``unheard``: drones that may
-        be on their way home without their agents; ``way_home_s``: how long the own way home takes.
+    ) -> Reserve:
+        """Take the newest level. ``statuses``: of the others that are heard; ``unheard``: drones that may be on their way home
+        without their agents; ``way_home_s``: how long the own way home takes.
 
-        It waits for those that are on their way home, and for those with a smaller id whose batteries are low too, but no longer
-        than it can at the rate at which its battery has drained since it is low.
+        The drone waits for those that are on their way home, and for those with a smaller id whose batteries are low too, but no
+        longer than it can at the rate at which its battery has drained since it is low.
         """
         level = vehicle.battery if vehicle is not None else None
-        if level is None or level >= self._reserve:
-            self._low, self.is_low, self.is_spent = None, False, False
-            return False
-        if self._low is None or now_ns < self._newest_ns:  # the clock was set back
-            self._low = now_ns, level
-        since_ns, then = self._low
-        self._newest_ns = now_ns
-        self.is_low = now_ns - since_ns >= _SURE_NS
-        if not self.is_low:
-            self.is_spent = False
-            return False
+        if level is None or level >= self.reserve:
+            return Reserve(self.drone, self.reserve)
+        was_set_back = now_ns < self.newest_ns  # the clock
+        since_ns, then = low = (now_ns, level) if self.low is None or was_set_back else self.low
+        if now_ns - since_ns < _SURE_NS:
+            return Reserve(self.drone, self.reserve, low, now_ns)
         drain_ps = max(0.0, then - level - _STEP) / ((now_ns - since_ns) * 1e-9) if now_ns - since_ns >= _SPAN_NS else 0.0
         at_home = level - drain_ps * (way_home_s + _LANDING_S)
-        self.is_spent = at_home < _SPENT * self._reserve and level < _URGENT * self._reserve
-        return at_home < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values())))
+        is_spent = at_home < _SPENT * self.reserve and level < _URGENT * self.reserve
+        is_next = not (unheard or any(map(self._goes_first, statuses.values())))
+        return Reserve(self.drone, self.reserve, low, now_ns, True, is_spent, at_home < _URGENT * self.reserve or is_next)
 
     def _goes_first(self, other: Status) -> bool:
         if other.stage in ON_GROUND:
             return False
-        low = other.battery is not None and other.battery < self._reserve
-        return other.stage in RETURNING or (low and other.drone < self._drone)
+        low = other.battery is not None and other.battery < self.reserve
+        return other.stage in RETURNING or (low and other.drone < self.drone)

@@ -16,20 +16,12 @@ from agent.mission.positionloss import NEAR_GROUND_M
 from agent.mission.refusal import refusal
 from agent.mission.searching import Searching
 from agent.mission.situation import Situation
-from agent.mission.transitions import TABLE, Event
+from agent.mission.transitions import REQUESTS, TABLE, Event
 from agent.navigation.home import KeptHome
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 from protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
 
-REQUESTS: dict[Stage, Request] = {  # what a stage asks of the autopilot
-    Stage.PREFLIGHT: Request.STAY,
-    Stage.LANDED: Request.STAY,
-    Stage.TAKEOFF: Request.TAKEOFF,
-    Stage.HOLD: Request.HOLD,
-    **dict.fromkeys(DESCENDING, Request.LAND),
-    **dict.fromkeys(STEERED, Request.OFFBOARD),
-}
 STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 # Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
 # agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).

@@ -111,11 +111,9 @@ class Telling:
         flying = self._executive.stage in FLYING
         posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
         entries = *self._proofs.problems(now_ns), *self._world.problems(now_ns), *self._contradictions(now_ns)
-        self._problems.seen = (*self._peers.problems(now_ns), *posed, *entries)
-        self._problems.noticed = self._camera.problems(now_ns)
-        self._problems.flown = self._executive.problems(now_ns)
-        self._commanding.look(now_ns)
-        return self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+        seen = (*self._peers.problems(now_ns), *posed, *entries, *self._camera.problems(now_ns))
+        flown = self._executive.problems(now_ns)
+        return self._problems.all(flown, self._commanding.against_start(now_ns, self._peers.statuses(now_ns)), seen)
 
     def _outside(self, now_ns: int) -> list[str]:
         """A line for each source beyond the fence, tracked or met by the search: the drones cannot circle it."""

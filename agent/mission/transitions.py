@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from agent.vehicle.interface import Request
 from protocol.messages import Action, Stage
 from protocol.stages import DESCENDING, FLYING, ON_GROUND, SEARCHING, STEERED
 
@@ -55,6 +56,13 @@ ROWS: tuple[tuple[tuple[Stage, ...], Action | Event, Stage | None], ...] = (  # 
     ((*ON_GROUND, _S.TAKEOFF, *STEERED), _E.TAKEN, _S.HOLD),
     (FLYING, _E.GROUNDED, _S.LANDED),
 )
+REQUESTS: dict[Stage, Request] = {  # what a stage asks of the autopilot
+    **dict.fromkeys(ON_GROUND, Request.STAY),
+    _S.TAKEOFF: Request.TAKEOFF,
+    **dict.fromkeys(STEERED, Request.OFFBOARD),
+    _S.HOLD: Request.HOLD,
+    **dict.fromkeys(DESCENDING, Request.LAND),
+}
 TABLE = {(stage, event): after for stages, event, after in ROWS for stage in stages}
 TO_REST = (Action.HOLD, Action.LAND, Event.SPENT)  # the drone comes to rest by setpoints first, where it flies by these
 REASONS = (Event.STUCK, Event.SPENT, Event.SUNK)  # of a landing

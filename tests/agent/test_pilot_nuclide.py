@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
-from agent.mission.problems import Problems
 from protocol.messages import Status
 
 beam = pytest.importorskip("sim.radiation.beam")
@@ -45,11 +44,3 @@ def test_the_missions_own_nuclide_is_no_problem():
 def test_background_is_no_nuclide():
     status = last_status("Cs-137", 1.0)
     assert status.recognised is None
-
-
-def test_what_the_pilot_notices_does_not_stand_against_a_start():
-    problems = Problems("d1", "0" * 16, 0.2)
-    problems.noticed = ("another nuclide",)
-    vehicle = state(START_NS)
-    assert problems.against_start(START_NS, vehicle, {}) == ()
-    assert problems.all(START_NS, vehicle, {}) == ("another nuclide",)

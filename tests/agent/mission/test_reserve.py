@@ -20,8 +20,7 @@ def returns(
     level: float | None, others: dict[str, Status] | None = None, for_ns: int = LATER_NS, unheard: tuple[str, ...] = ()
 ) -> bool:
     reserve, vehicle = Reserve("d2", 0.2), replace(state(0), battery=level)
-    reserve.returns(0, vehicle, others or {}, unheard)
-    return reserve.returns(for_ns, vehicle, others or {}, unheard)
+    return reserve.observed(0, vehicle, others or {}, unheard).observed(for_ns, vehicle, others or {}, unheard).returns
 
 
 @pytest.mark.parametrize(("level", "goes"), [(None, False), (0.3, False), (0.2, False), (0.19, True)])
@@ -58,8 +57,8 @@ def test_who_would_land_with_too_little_waits_for_nobody(way_home_s, goes) -> No
     reserve = Reserve("d2", 0.2)
     for second in range(11):
         vehicle = replace(state(0), battery=0.19 - 0.003 * second)
-        found = reserve.returns(second * SECOND, vehicle, other("d1", Stage.RETURN), way_home_s=way_home_s)
-    assert found is goes
+        reserve = reserve.observed(second * SECOND, vehicle, other("d1", Stage.RETURN), way_home_s=way_home_s)
+    assert reserve.returns is goes
 
 
 @pytest.mark.parametrize(("way_home_s", "spent_at_s"), [(0.0, 9), (12.0, 5), (20.0, 5)])
@@ -67,7 +66,7 @@ def test_whose_battery_does_not_last_for_the_way_home_knows_it(way_home_s, spent
     """From 10 % it drains by 0.4 % each second, 1 % of which may be a step of what the autopilot tells."""
     reserve, since_s = Reserve("d2", 0.2), None
     for second in range(12):
-        reserve.returns(second * SECOND, replace(state(0), battery=0.1 - 0.004 * second), {}, way_home_s=way_home_s)
+        reserve = reserve.observed(second * SECOND, replace(state(0), battery=0.1 - 0.004 * second), {}, way_home_s=way_home_s)
         since_s = second if reserve.is_spent and since_s is None else since_s
     assert since_s == spent_at_s
 
@@ -80,7 +79,7 @@ def test_a_level_that_is_noisy_or_sags_or_a_clock_that_is_set_back_ends_no_fligh
         for second in range(80):
             level = 0.199 - 0.001 * second + 0.003 * rng.standard_normal() - (0.03 if second > 2 and trial % 2 else 0.0)
             now_ns = (second - (50 if second > 60 else 0)) * SECOND
-            reserve.returns(now_ns, replace(state(0), battery=level), {}, way_home_s=15.0)
+            reserve = reserve.observed(now_ns, replace(state(0), battery=level), {}, way_home_s=15.0)
             assert not reserve.is_spent
 
 
