@@ -56,7 +56,7 @@ ROWS: tuple[tuple[tuple[Stage, ...], Action | Event, Stage | None], ...] = (  # 
     ((*ON_GROUND, _S.TAKEOFF, *STEERED), _E.TAKEN, _S.HOLD),
     (FLYING, _E.GROUNDED, _S.LANDED),
 )
-REQUESTS: dict[Stage, Request] = {  # what a stage asks of the autopilot
+REQUESTS: dict[Stage, Request] = {  # to the autopilot, by stage
     **dict.fromkeys(ON_GROUND, Request.STAY),
     _S.TAKEOFF: Request.TAKEOFF,
     **dict.fromkeys(STEERED, Request.OFFBOARD),

@@ -12,6 +12,7 @@ from recorded_px4 import LOOK_S, Asked, Replay
 from agent.config.mission import TrackConfig
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
+from agent.mission.transitions import Event
 from agent.vehicle.interface import Request, Setpoint, VehicleCommand
 from protocol.messages import Action, Stage
 
@@ -39,7 +40,7 @@ class Flown:
         situation = Situation(now_ns, vehicle, has_hypothesis=False, last_cone_ns=0, at_home=False)
         if mission.stage is Stage.PREFLIGHT:
             assert mission.command(Action.START, 1, situation) is None
-            mission._enter(Stage.SURVEY, now_ns)
+            mission._apply(Event.SEARCHES, now_ns)
         mission.step(situation)
         self.stages.append((time_s, mission.stage))
         self.requests.append((time_s, mission.request))
