@@ -20,15 +20,16 @@ class NuclideWatch:
     Where there are several candidates, there may be several sources, whose spectrum is that of no one nuclide; so only lines are
     told that no mixture of candidates explains.
 
-    Where there is one nuclide, it is also the reference for the camera's energy scale. What was read before that has moved is
-    forgotten.
+    The nuclides that are seen are the reference for the camera's energy scale: the mission's one from the start, until another is
+    recognised before its lines have been read; of several candidates those that are present. What was read before that scale has
+    jumped is forgotten.
     """
 
     def __init__(self, expected: str | tuple[str, ...]) -> None:
         """``expected``: as in the mission."""
         self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
-        self._scale = EnergyScale(self._expected[0]) if len(self._expected) == 1 else None
+        self._scale = EnergyScale(self._expected[0] if len(self._expected) == 1 else None)
         prepare(self._expected)
         self._looked_ns: int | None = None
         self.recognised: Recognition | None = None
@@ -37,17 +38,16 @@ class NuclideWatch:
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Add the energies (keV) of events, by the present scale."""
         self._recogniser.add(energies_kev)
-        if self._scale is not None:
-            self._scale.add(energies_kev)
+        self._scale.add(energies_kev)
 
     @property
     def scale(self) -> float:
         """By which the energies of the calibration are to be multiplied."""
-        return self._scale.factor if self._scale is not None else 1.0
+        return self._scale.factor
 
     def look(self, now_ns: int) -> None:
         """Evaluate again, if it is time."""
-        if self._scale is not None and self._scale.look(now_ns):
+        if self._scale.look(now_ns):
             self._recogniser = Recogniser()
         if self._looked_ns is None:
             self._looked_ns = now_ns
@@ -57,8 +57,11 @@ class NuclideWatch:
             self.recognised = found if found is not None and found.certain else None
             if len(self._expected) == 1:
                 self._unknown_kev = self._recogniser.unknown_lines_kev(found)
+                if self.recognised is not None and not self._scale.is_read:
+                    self._scale.follow((self.recognised.nuclide,))
             else:
                 self._unknown_kev = self._recogniser.foreign_lines_kev(self._expected)
+                self._scale.follow(self._recogniser.present(self._expected))
 
     @property
     def message(self) -> Recognised | None:
@@ -69,8 +72,7 @@ class NuclideWatch:
     @property
     def problems(self) -> tuple[str, ...]:
         """Lines where the spectrum contradicts the mission's nuclide, or its lines have moved."""
-        moved = self._scale.problems if self._scale is not None else ()
-        return (*moved, *self._strange)
+        return (*self._scale.problems, *self._strange)
 
     @property
     def _strange(self) -> tuple[str, ...]:

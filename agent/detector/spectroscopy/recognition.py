@@ -41,7 +41,6 @@ class Recognition:
     peak_events: float
     events: int
     against: str | None = None
-    gain: float = 1.0
 
     @property
     def certain(self) -> bool:
@@ -52,16 +51,9 @@ class Recognition:
 class Recogniser:
     """Accumulates event energies; ``look`` evaluates them."""
 
-    def __init__(
-        self,
-        candidates: Sequence[str] = CANDIDATES,
-        readings: tuple[Reading, ...] = _READINGS,
-        counts: Array | None = None,
-    ) -> None:
-        """``candidates``: the nuclides that are known; ``readings``: the ways in which the camera may read energies; ``counts``:
-        (B,) to begin with.
-        """
-        self._candidates, self._readings = tuple(candidates), readings
+    def __init__(self, candidates: Sequence[str] = CANDIDATES, counts: Array | None = None) -> None:
+        """``candidates``: the nuclides that are known; ``counts``: (B,) to begin with."""
+        self._candidates = tuple(candidates)
         self._counts: Array = np.zeros(len(MIDDLES_KEV)) if counts is None else counts
         self._peaks: Array | None = None  # component shares (C G, K) of the last fit
         self._plain: dict[int, Array] = {}  # by candidate, (G, K - 1) of its last fit without peaks
@@ -90,24 +82,22 @@ class Recogniser:
         """The nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
         if self.events < LEAST_EVENTS:
             return None
-        parts = _parts(self._candidates, self._readings)
+        parts = _parts(self._candidates)
         likelihood, peaks = self._fitted(parts, self._peaks)
         self._peaks = peaks
-        by_nuclide = likelihood.reshape(len(self._candidates), len(self._readings))
+        by_nuclide = likelihood.reshape(len(self._candidates), len(_READINGS))
         first = int(by_nuclide.max(axis=1).argmax())
         reading = int(by_nuclide[first].argmax())
         others = np.delete(by_nuclide, first, axis=0).max(initial=-np.inf)
-        begin = first * len(self._readings)
+        begin = first * len(_READINGS)
         place = begin + reading
-        without, self._plain[first] = self._fitted(parts[begin : begin + len(self._readings), 1:], self._plain.get(first))
+        without, self._plain[first] = self._fitted(parts[begin : begin + len(_READINGS), 1:], self._plain.get(first))
         evidence = likelihood[place] - max(without.max(), others)
         expected = peaks[place] @ parts[place] * self._counts.sum()
         nuclide = self._candidates[first]
-        read = self._readings[reading].gain
+        read = _READINGS[reading].gain
         against = contradiction(self._counts, expected, [energy * read for energy, _ in GAMMAS[nuclide]])
-        weights = np.exp(by_nuclide[first] - by_nuclide[first, reading])
-        gain = float(np.average([each.gain for each in self._readings], weights=weights))
-        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against, gain)
+        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against)
 
     def _fitted(self, parts: Array, before: Array | None) -> tuple[Array, Array]:
         """As ``fitted``, going on from the shares of the fit before; None: this is the first one."""
@@ -123,9 +113,27 @@ class Recogniser:
         """Energies (keV) of the peaks in the spectrum that no mixture of these nuclides explains."""
         if self.events < LEAST_EVENTS:
             return ()
-        parts = _mixtures(tuple(nuclides))
+        parts = mixtures(tuple(nuclides), _READINGS)
         likelihood, _ = fitted(self._counts, parts, None, _ROUNDS[0])
         return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
+
+    def present(self, nuclides: Sequence[str]) -> tuple[str, ...]:
+        """Those of these nuclides without which their mixture does not explain the spectrum, the weaker ones left out first."""
+        if self.events < LEAST_EVENTS:
+            return ()
+        every = mixtures(tuple(nuclides), _READINGS)
+        likelihood, shares = fitted(self._counts, every, None, _ROUNDS[0])
+        best = int(likelihood.argmax())
+        most, parts, peaks = likelihood[best], every[best], shares[best, : 2 * len(nuclides) : 2]
+        left = list(nuclides)
+        for place in peaks.argsort().tolist():
+            own = 2 * left.index(nuclides[place])
+            without = np.delete(parts, (own, own + 1), axis=0)
+            least = fitted(self._counts, without[None], None, _ROUNDS[0])[0][0]
+            if peaks[place] < LEAST_SHARE or most - least < LEAST_EVIDENCE:
+                left.remove(nuclides[place])
+                most, parts = least, without
+        return tuple(left)
 
 
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
@@ -150,26 +158,28 @@ def prepare(expected: Sequence[str]) -> None:
     """Compute now what all looks need where these nuclides are expected: at the first look it would take longer than a control
     step.
     """
-    _parts(CANDIDATES, _READINGS)
+    _parts(CANDIDATES)
     single_lines()
     if len(expected) > 1:
-        _mixtures(tuple(expected))
-
-
-def prepare_readings(nuclide: str, readings: tuple[Reading, ...]) -> None:
-    """The same for a nuclide alone, in these readings."""
-    _parts((nuclide,), readings)
+        mixtures(tuple(expected), _READINGS)
 
 
 @cache
-def _mixtures(nuclides: tuple[str, ...]) -> Array:
-    """(G, K, B): for each reading peaks and continua of all nuclides, then the components common to all."""
-    return np.array(
-        [
-            np.concatenate((*(of_nuclide(GAMMAS[name], reading) for name in nuclides), surroundings(reading)))
-            for reading in _READINGS
-        ]
-    )
+def mixtures(nuclides: tuple[str, ...], readings: tuple[Reading, ...]) -> Array:
+    """(G, K, B): for each reading peaks and continuum of each nuclide, then the components common to all."""
+    return np.concatenate((*(_read(name, readings) for name in nuclides), _common(readings)), axis=1)
+
+
+@cache
+def _read(nuclide: str, readings: tuple[Reading, ...]) -> Array:
+    """(G, 2, B): peaks and continuum of a nuclide by reading."""
+    return np.array([of_nuclide(GAMMAS[nuclide], reading) for reading in readings])
+
+
+@cache
+def _common(readings: tuple[Reading, ...]) -> Array:
+    """(G, K, B): the components common to all nuclides, by reading."""
+    return np.array([surroundings(reading) for reading in readings])
 
 
 def _even(parts: Array) -> Array:
@@ -177,13 +187,6 @@ def _even(parts: Array) -> Array:
 
 
 @cache
-def _parts(candidates: tuple[str, ...], readings: tuple[Reading, ...]) -> Array:
+def _parts(candidates: tuple[str, ...]) -> Array:
     """(C G, K, B): for each candidate and reading its peaks and continuum, then the components common to all."""
-    common = [surroundings(reading) for reading in readings]
-    return np.array(
-        [
-            np.concatenate((of_nuclide(GAMMAS[name], reading), shared))
-            for name in candidates
-            for reading, shared in zip(readings, common, strict=True)
-        ]
-    )
+    return np.concatenate([mixtures((name,), _READINGS) for name in candidates])

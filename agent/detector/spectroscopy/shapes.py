@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import erf, erfcx
@@ -69,14 +70,19 @@ def continuum(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) 
     """Recoil electrons of photons that scattered once and escaped."""
     shape = np.zeros(len(MIDDLES_KEV))
     for energy, photons in lines:
-        photo, total = attenuation_per_mm(energy)
-        edge = compton_edge_kev(energy)
-        electron = (np.arange(200) + 0.5) * edge / 200.0
-        spectrum = np.array([klein_nishina_recoil(energy, float(kev)) for kev in electron])
-        spectrum *= photons * (total - photo) / spectrum.sum()
-        sigma = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
-        shape += np.diff(_normal((EDGES_KEV[:, None] / reading.gain - electron) / sigma), axis=0) @ spectrum
+        electron, sigma, spectrum = _recoils(energy)
+        shape += np.diff(_normal((EDGES_KEV[:, None] / reading.gain - electron) / sigma), axis=0) @ (photons * spectrum)
     return _normalised(shape)
+
+
+@cache
+def _recoils(energy_kev: float) -> tuple[Array, Array, Array]:
+    """Energies (keV) of the recoil electrons of a line, their resolution, and their number: the line's attenuation by scatter."""
+    photo, total = attenuation_per_mm(energy_kev)
+    electron = (np.arange(200) + 0.5) * compton_edge_kev(energy_kev) / 200.0
+    spectrum = np.array([klein_nishina_recoil(energy_kev, float(kev)) for kev in electron])
+    sigma = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
+    return electron, sigma, spectrum * ((total - photo) / spectrum.sum())
 
 
 def surroundings(reading: Reading = NOMINAL) -> Array:

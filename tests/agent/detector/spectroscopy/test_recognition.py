@@ -1,45 +1,15 @@
 """Nuclide recognition on events that the simulation transported through the sensor."""
 
-from functools import cache
-
 import numpy as np
 import pytest
+from event_energies import pool
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
 from agent.detector.lines import GAMMAS, LINES_KEV
 from agent.detector.spectroscopy import recognition, residuals
-from agent.detector.spectroscopy.energyscale import EnergyScale
 from agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
 from agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
 
-events = pytest.importorskip("sim.radiation.events")
-nuclides = pytest.importorskip("sim.radiation.nuclides")
-event_readout = pytest.importorskip("event_readout")
-surroundings = pytest.importorskip("sim.radiation.surroundings")
-timepix3 = pytest.importorskip("sim.radiation.timepix3")
-truth = pytest.importorskip("sim.radiation.truth")
-
 FOUR = ("Cs-137", "Co-60", "I-131", "Ir-192")
-
-
-def energies(lines, interactions):
-    """Energies that the chain reads of photons from all sides, in the order of the events."""
-    simulated = events.simulate(lines, interactions, timepix3.response(truth.CameraTruth()), np.random.default_rng(4))
-    found = []
-    chain = DetectorChain(DetectionConfig(), None, Calibration.nominal(), on_energies=lambda kev: found.extend(list(kev)))
-    chain.process(event_readout.readout_of(simulated))
-    return np.array(found)
-
-
-@cache
-def pool(what):
-    if what == "background":
-        return energies(surroundings.background_lines(), 40_000)
-    source = nuclides.nuclide(what)
-    direct, scattered = energies(source.lines, 15_000), energies(surroundings.scattered_lines(source), 6_000)
-    return np.random.default_rng(1).permutation(np.concatenate((direct, scattered[: len(direct) // 3])))
 
 
 def recogniser(seed, without=None, **counts):
@@ -237,9 +207,8 @@ def test_a_watch_with_candidates_takes_any_of_them_and_tells_of_all_else():
 @pytest.mark.parametrize("expected", ["Cs-137", ("Cs-137", "Co-60")])
 def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected) -> None:
     """All agents of a swarm look at the same time: where they share a computer, what a first look costs adds up."""
-    residuals.single_lines.cache_clear()
-    recognition._parts.cache_clear()
-    recognition._mixtures.cache_clear()
+    for each in (residuals.single_lines, recognition._parts, recognition.mixtures, recognition._read, recognition._common):
+        each.cache_clear()
     watch = NuclideWatch(expected)
 
     def late(*_):
@@ -251,92 +220,3 @@ def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected
     watch.look(0)
     watch.look(LOOK_NS)
     assert watch.recognised is not None
-
-
-def looked_at(watch, second, gain, nuclide="Cs-137"):
-    """Ten seconds of a camera that reads so much of all energies, after which the watch looks. Returns what it told then."""
-    rng = np.random.default_rng(second)
-    watch.add(watch.scale * gain * np.concatenate((rng.choice(pool(nuclide), 600), rng.choice(pool("background"), 30))))
-    watch.look(second * LOOK_NS)
-    return watch.problems
-
-
-@pytest.mark.parametrize("gain", [0.7, 0.762, 0.93, 1.2])
-def test_an_energy_scale_that_moves_is_corrected_by_the_lines_of_the_nuclide_and_back_again(gain):
-    watch = NuclideWatch("Cs-137")
-    watch.look(0)
-    assert looked_at(watch, 1, 1.0) == ()
-    assert watch.scale == 1.0
-    (told,) = looked_at(watch, 2, gain)
-    assert "corrected" in told
-    assert watch.scale * gain == pytest.approx(1.0, abs=0.015)
-    known = watch.scale
-    looked_at(watch, 3, gain)
-    assert watch.scale == known
-    looked_at(watch, 4, 1.0)
-    assert watch.scale == 1.0
-    assert not any("corrected" in text for text in watch.problems)
-
-
-@pytest.mark.parametrize(("drift_per_s", "word"), [(-0.01 / 60.0, "low"), (0.01 / 60.0, "high")])
-def test_a_slow_drift_is_told_within_a_minute_of_passing_4_percent(drift_per_s, word):
-    """1 % a minute at 40 events a second: passes 4 % after 240 s. Not before 2.5 %: the scale is read to 1 %."""
-    rng = np.random.default_rng(3)
-    watch, told = NuclideWatch("Cs-137"), {}
-    for second in range(0, 480, 2):
-        gain = 1.0 + drift_per_s * second
-        watch.add(watch.scale * gain * np.concatenate((rng.choice(pool("Cs-137"), 76), rng.choice(pool("background"), 4))))
-        watch.look(second * 1_000_000_000)
-        for text in watch.problems:
-            told.setdefault(text, second)
-        if second > 300:
-            assert watch.scale * gain == pytest.approx(1.0, abs=0.035)
-    first = next(iter(told))
-    assert first == f"camera: gain 4 % {word}, by the lines of its nuclide; corrected"
-    assert 150 < told[first] <= 300
-
-
-@pytest.mark.parametrize("gain", [0.975, 1.0, 1.02])
-def test_a_gain_within_its_uncertainty_is_left_alone(gain):
-    for seed in range(4):
-        watch = NuclideWatch("Cs-137")
-        watch.look(0)
-        for second in range(1, 8):
-            assert looked_at(watch, 100 * seed + second, gain) == ()
-        assert watch.scale == 1.0
-
-
-@pytest.mark.parametrize("nuclide", [name for name in CANDIDATES if name != "Am-241"])  # whose line is at the spectrum's end
-def test_the_scale_of_a_right_camera_is_left_alone_by_all_nuclides(nuclide):
-    rng = np.random.default_rng(6)
-    scale = EnergyScale(nuclide)
-    for second in range(1, 9):
-        scale.add(np.concatenate((rng.choice(pool(nuclide), 900), rng.choice(pool("background"), 45))))
-        assert not scale.look(second * LOOK_NS)
-    assert scale.problems == ()
-
-
-@pytest.mark.parametrize("nuclide", ["Ir-192", "I-131", "Co-60"])
-def test_another_nuclide_is_no_moved_scale(nuclide):
-    """Only Na-22 looks like Cs-137 of which a camera reads 0.77: 511 of 662 keV."""
-    watch = NuclideWatch("Cs-137")
-    watch.look(0)
-    looked_at(watch, 1, 1.0)
-    for second in range(2, 6):
-        looked_at(watch, second, 1.0, nuclide)
-    assert watch.scale == 1.0
-
-
-def test_an_energy_scale_that_moves_is_corrected_also_after_the_clock_was_set_back():
-    watch = NuclideWatch("Cs-137")
-    watch.look(0)
-    looked_at(watch, 9, 1.0)
-    looked_at(watch, 5, 0.762)
-    assert watch.scale * 0.762 == pytest.approx(1.0, abs=0.015)
-
-
-def test_a_camera_that_has_never_seen_the_nuclide_as_it_is_is_believed():
-    watch = NuclideWatch("Cs-137")
-    watch.look(0)
-    looked_at(watch, 1, 0.762)
-    assert watch.scale == 1.0
