@@ -73,10 +73,8 @@ def main(
         for gain in GAINS:
             energies, events = satellites_kev(hits if gain == 1.0 else amplified(hits, gain, calibration))
             rates[gain] = np.histogram(energies, EDGES_KEV)[0] / events
-            share = 1e3 * len(energies) / events
-            print(
-                f"{label:10} gain {gain:4.2f}: {share:5.1f} satellites, mean {energies.mean():5.2f}, sigma {energies.std():4.2f} keV"
-            )
+            place = f"mean {energies.mean():5.2f}, sigma {energies.std():4.2f} keV"
+            print(f"{label:10} gain {gain:4.2f}: {1e3 * len(energies) / events:5.1f} satellites, {place}")
         slope = (rates[1.03] - rates[0.97]) / np.log(1.03 / 0.97)
         information = float((slope**2 / np.maximum(rates[1.0], 1.0 / events)).sum())
         print(f"{label:10} 400 events: {100.0 / np.sqrt(400.0 * information):.1f} %")
