@@ -45,12 +45,12 @@ class EnergyScale:
     def __init__(self, named: str | None) -> None:
         """``named``: the nuclide of the one source; None: see ``follow``."""
         self.factor = 1.0
-        self.is_read = False  # whether the lines have been seen where the scale has them
+        self._is_read = False  # whether the lines have been seen where the scale has them
         self._named, self._nuclides = named, tuple[str, ...]()
-        self._state, self._covariance = np.zeros(2), np.diag((CALIBRATION_SIGMA**2, 0.0))  # g and e
+        self._state, self._covariance = np.zeros(2), np.zeros((2, 2))  # g and e
         self._recent = Recogniser()  # energies since the last look
         self._since_ns: int | None = None
-        self._is_told = False
+        self._is_told = False  # that the gain is off
         for nuclide in CANDIDATES:  # what takes long, now: whichever of them is followed in flight
             mixtures((nuclide,), NEAR)
         if named is not None:
@@ -58,14 +58,16 @@ class EnergyScale:
             mixtures((named,), FAR)
 
     def follow(self, nuclides: tuple[str, ...]) -> None:
-        """Take the lines of these nuclides for reference. Where they are others than before, they have a reading error of their
-        own.
+        """Take the lines of these nuclides for reference; none: as before. Others than before are read with an error of their
+        own; where all are others, what was read before was not of the lines that it was taken for, and the calibration holds.
         """
         if not nuclides or nuclides == self._nuclides:
             return
+        if set(nuclides).isdisjoint(self._nuclides):
+            self._state[0], self._covariance[0, 0], self._is_read = 0.0, CALIBRATION_SIGMA**2, False
+            self._tell()
         self._nuclides = nuclides
-        self._state[1] = 0.0
-        self._covariance[0, 1] = self._covariance[1, 0] = 0.0
+        self._state[1] = self._covariance[0, 1] = self._covariance[1, 0] = 0.0
         self._covariance[1, 1] = LINE_SIGMA**2 + (LOSS_SIGMA_KEV / max(map(strongest_line_kev, nuclides))) ** 2
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
@@ -74,20 +76,21 @@ class EnergyScale:
 
     def look(self, now_ns: int) -> bool:
         """Evaluate again, if it is time. Returns whether the scale has jumped since the look before."""
-        since_ns = now_ns if self._since_ns is None else self._since_ns
-        if 0 <= now_ns - since_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:  # negative: the clock was set back
-            self._since_ns = since_ns
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        elapsed_ns = now_ns - self._since_ns  # negative: the clock was set back
+        if 0 <= elapsed_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:
             return False
         counts, self._recent, self._since_ns = self._recent.counts, Recogniser(), now_ns
-        self._covariance[0, 0] += DRIFT_SIGMA**2 * max(0.0, 1e-9 * (now_ns - since_ns))
+        self._covariance[0, 0] += DRIFT_SIGMA**2 * max(0.0, 1e-9 * elapsed_ns)
         if not self._nuclides:
             return False
         near = read(counts, self._nuclides, NEAR, LEAST_EVIDENCE)
         if near is not None:
-            self.is_read = True
+            self._is_read = True
             self._correct(*near)
             return False
-        return self.is_read and self._jumped(counts)
+        return self._is_read and self._jumped(counts)
 
     def _correct(self, moved: float, sigma: float) -> None:
         """Update by a reading: logarithm of the gain over that of the present scale, and its error."""

@@ -20,9 +20,8 @@ class NuclideWatch:
     Where there are several candidates, there may be several sources, whose spectrum is that of no one nuclide; so only lines are
     told that no mixture of candidates explains.
 
-    The nuclides that are seen are the reference for the camera's energy scale: the mission's one from the start, until another is
-    recognised before its lines have been read; of several candidates those that are present. What was read before that scale has
-    jumped is forgotten.
+    The nuclides that are seen are the reference for the camera's energy scale: the mission's one, until another is recognised; of
+    several candidates those that are present. What was read before that scale has jumped is forgotten.
     """
 
     def __init__(self, expected: str | tuple[str, ...]) -> None:
@@ -57,7 +56,7 @@ class NuclideWatch:
             self.recognised = found if found is not None and found.certain else None
             if len(self._expected) == 1:
                 self._unknown_kev = self._recogniser.unknown_lines_kev(found)
-                if self.recognised is not None and not self._scale.is_read:
+                if self.recognised is not None:
                     self._scale.follow((self.recognised.nuclide,))
             else:
                 self._unknown_kev = self._recogniser.foreign_lines_kev(self._expected)

@@ -50,7 +50,7 @@ def test_the_scale_of_a_right_camera_stays_with_all_nuclides(nuclide):
         scale.add(scale.factor * np.concatenate((rng.choice(pool(nuclide), 900), rng.choice(pool("background"), 45))))
         assert not scale.look(second * LOOK_NS)
         assert scale.factor == pytest.approx(1.0, abs=RIGHT)
-    assert scale.is_read
+    assert scale.factor != 1.0
     assert scale.problems == ()
 
 
@@ -118,6 +118,19 @@ def test_another_nuclide_is_no_jump(nuclide):
     for second in range(2, 6):
         looked_at(watch, second, 1.0, nuclide)
     assert watch.scale == pytest.approx(1.0, abs=RIGHT)
+
+
+@pytest.mark.parametrize(("mission", "nuclide"), [("I-131", "Ba-133"), ("Ba-133", "I-131"), ("Ba-133", "Eu-152")])
+@pytest.mark.parametrize("gain", [0.95, 1.0])
+def test_another_nuclide_with_a_line_nearby_is_no_drift(mission, nuclide, gain):
+    """364 and 356 keV, 356 and 344 keV: what the first readings took for the mission's line is forgotten with the recognition."""
+    watch = watch_of(mission)
+    for second in range(1, 9):
+        looked_at(watch, second, 1.0, nuclide)
+    assert watch.scale == pytest.approx(1.0, abs=RIGHT)
+    for second in range(9, 13):
+        looked_at(watch, second, gain, nuclide)
+    assert watch.scale * gain == pytest.approx(1.0, abs=RIGHT)
 
 
 def test_a_jump_is_corrected_also_after_the_clock_was_set_back():
