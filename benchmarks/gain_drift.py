@@ -80,6 +80,7 @@ class Flown:
         self.without: dict[int, Hypothesis] = {}
         self.source, self.started_ns = (0.0, 0.0), 0
         scenario = override(load_scenario("ideal-static-swarm"), {"end.track_s": OVER_S, "end.after_s": OVER_S + 30.0})
+        assert scenario.source is not None
         self.activity_bq = scenario.source.activity_bq
         watched(scenario, seed, self._watch, self._pilot)
 

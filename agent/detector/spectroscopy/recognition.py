@@ -41,6 +41,7 @@ class Recognition:
     peak_events: float
     events: int
     against: str | None = None
+    gain: float = 1.0
 
     @property
     def certain(self) -> bool:
@@ -51,9 +52,16 @@ class Recognition:
 class Recogniser:
     """Accumulates event energies; ``look`` evaluates them."""
 
-    def __init__(self, candidates: Sequence[str] = CANDIDATES, counts: Array | None = None) -> None:
-        """``candidates``: the nuclides that are known; ``counts``: (B,) to begin with."""
-        self._candidates = tuple(candidates)
+    def __init__(
+        self,
+        candidates: Sequence[str] = CANDIDATES,
+        readings: tuple[Reading, ...] = _READINGS,
+        counts: Array | None = None,
+    ) -> None:
+        """``candidates``: the nuclides that are known; ``readings``: the ways in which the camera may read energies; ``counts``:
+        (B,) to begin with.
+        """
+        self._candidates, self._readings = tuple(candidates), readings
         self._counts: Array = np.zeros(len(MIDDLES_KEV)) if counts is None else counts
         self._peaks: Array | None = None  # component shares (C G, K) of the last fit
         self._plain: dict[int, Array] = {}  # by candidate, (G, K - 1) of its last fit without peaks
@@ -82,22 +90,24 @@ class Recogniser:
         """The nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
         if self.events < LEAST_EVENTS:
             return None
-        parts = _parts(self._candidates)
+        parts = _parts(self._candidates, self._readings)
         likelihood, peaks = self._fitted(parts, self._peaks)
         self._peaks = peaks
-        by_nuclide = likelihood.reshape(len(self._candidates), len(_READINGS))
+        by_nuclide = likelihood.reshape(len(self._candidates), len(self._readings))
         first = int(by_nuclide.max(axis=1).argmax())
         reading = int(by_nuclide[first].argmax())
         others = np.delete(by_nuclide, first, axis=0).max(initial=-np.inf)
-        begin = first * len(_READINGS)
+        begin = first * len(self._readings)
         place = begin + reading
-        without, self._plain[first] = self._fitted(parts[begin : begin + len(_READINGS), 1:], self._plain.get(first))
+        without, self._plain[first] = self._fitted(parts[begin : begin + len(self._readings), 1:], self._plain.get(first))
         evidence = likelihood[place] - max(without.max(), others)
         expected = peaks[place] @ parts[place] * self._counts.sum()
         nuclide = self._candidates[first]
-        read = _READINGS[reading].gain
+        read = self._readings[reading].gain
         against = contradiction(self._counts, expected, [energy * read for energy, _ in GAMMAS[nuclide]])
-        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against)
+        weights = np.exp(by_nuclide[first] - by_nuclide[first, reading])
+        gain = float(np.average([each.gain for each in self._readings], weights=weights))
+        return Recognition(nuclide, float(evidence), float(peaks[place, 0]) * self.events, self.events, against, gain)
 
     def _fitted(self, parts: Array, before: Array | None) -> tuple[Array, Array]:
         """As ``fitted``, going on from the shares of the fit before; None: this is the first one."""
@@ -158,7 +168,7 @@ def prepare(expected: Sequence[str]) -> None:
     """Compute now what all looks need where these nuclides are expected: at the first look it would take longer than a control
     step.
     """
-    _parts(CANDIDATES)
+    _parts(CANDIDATES, _READINGS)
     single_lines()
     if len(expected) > 1:
         mixtures(tuple(expected), _READINGS)
@@ -187,6 +197,6 @@ def _even(parts: Array) -> Array:
 
 
 @cache
-def _parts(candidates: tuple[str, ...]) -> Array:
+def _parts(candidates: tuple[str, ...], readings: tuple[Reading, ...]) -> Array:
     """(C G, K, B): for each candidate and reading its peaks and continuum, then the components common to all."""
-    return np.concatenate([mixtures((name,), _READINGS) for name in candidates])
+    return np.concatenate([mixtures((name,), readings) for name in candidates])

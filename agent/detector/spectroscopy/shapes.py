@@ -79,10 +79,11 @@ def continuum(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) 
 def _recoils(energy_kev: float) -> tuple[Array, Array, Array]:
     """Energies (keV) of the recoil electrons of a line, their resolution, and their number: the line's attenuation by scatter."""
     photo, total = attenuation_per_mm(energy_kev)
-    electron = (np.arange(200) + 0.5) * compton_edge_kev(energy_kev) / 200.0
-    spectrum = np.array([klein_nishina_recoil(energy_kev, float(kev)) for kev in electron])
-    sigma = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
-    return electron, sigma, spectrum * ((total - photo) / spectrum.sum())
+    electron: Array = (np.arange(200) + 0.5) * compton_edge_kev(energy_kev) / 200.0
+    spectrum: Array = np.array([klein_nishina_recoil(energy_kev, float(kev)) for kev in electron])
+    sigma: Array = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
+    scattered: Array = spectrum * ((total - photo) / spectrum.sum())
+    return electron, sigma, scattered
 
 
 def surroundings(reading: Reading = NOMINAL) -> Array:
