@@ -79,7 +79,8 @@ def continuum(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) 
 def _recoils(energy_kev: float) -> tuple[Array, Array, Array]:
     """Energies (keV) of the recoil electrons of a line, their resolution, and their number: the line's attenuation by scatter."""
     photo, total = attenuation_per_mm(energy_kev)
-    electron: Array = (np.arange(200) + 0.5) * compton_edge_kev(energy_kev) / 200.0
+    edge = compton_edge_kev(energy_kev)
+    electron: Array = np.array([(step + 0.5) * edge / 200.0 for step in range(200)])
     spectrum: Array = np.array([klein_nishina_recoil(energy_kev, float(kev)) for kev in electron])
     sigma: Array = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
     scattered: Array = spectrum * ((total - photo) / spectrum.sum())
