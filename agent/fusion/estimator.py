@@ -66,7 +66,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     ascending. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
     circle around this source, with a share of it farther out; None if the estimator tells one source only. look: of a source that
     is told at rest, where it is if it moves, while that is not clear; the drones look there before they go on. contradicted: ids
-    of drones whose measurements are left out, as they do not fit while those of others do.
+    of drones whose measurements are left out, as they do not fit while those of others do. turned_deg: by drone, by how much its
+    cones are certainly turned to the left of its heading.
     """
 
     stamp_ns: int
@@ -85,6 +86,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     watched_s: float | None = None
     look: Hypothesis | None = None
     contradicted: tuple[str, ...] = ()
+    turned_deg: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):

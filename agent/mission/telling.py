@@ -26,6 +26,9 @@ from protocol.messages import Failsafe, Reaction, Stage, Status
 from protocol.stages import FLYING
 
 MISEXPOSED_NS = 30_000_000_000  # exposures that do not count are told for so long
+TURNED = (
+    "{}: its cones are turned by about {:.0f} deg to the {}: check compass, mount and camera_rpy_deg (radron-agent calibrate)"
+)
 LEFT_OUT = "what it measures does not fit what two others measure, and is left out: its position or its detector may be wrong"
 MISEXPOSED = "they are left out; its agent is faulty, or its key has been copied"
 
@@ -130,4 +133,9 @@ class Telling:
         """A line for each drone, this one or another, whose measurements do not fit, or whose exposures cannot be."""
         hypothesis, log = self._world.fusion.hypothesis, self._world.fusion.log
         misexposed = [f"{drone}: its exposures {why}: {MISEXPOSED}" for drone, why in log.misexposed(now_ns - MISEXPOSED_NS)]
-        return misexposed + ([f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted] if hypothesis is not None else [])
+        if hypothesis is None:
+            return misexposed
+        turned = [
+            TURNED.format(drone, abs(deg), "left" if deg > 0.0 else "right") for drone, deg in hypothesis.turned_deg.items()
+        ]
+        return [*misexposed, *(f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted), *turned]

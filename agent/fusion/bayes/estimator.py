@@ -35,6 +35,7 @@ from agent.fusion.bayes.sight import Scene
 from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, SCATTER_SIGMA
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
+from agent.fusion.bayes.turned import turned_deg
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.geometry import Array
@@ -143,6 +144,7 @@ class BayesEstimator:
             evidence=state.evidence,
             sights=Sights(self._vehicles, mean, covariance, self._ground, height_m),
             contradicted=tuple(drone for drone, vehicle in self._vehicles.items() if state.leaves_out(vehicle, step.middle_ns)),
+            turned_deg={drone: turn for drone, vehicle in self._vehicles.items() if (turn := turned_deg(state.turns, vehicle))},
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:

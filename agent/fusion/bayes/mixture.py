@@ -199,7 +199,7 @@ class Mixture(Struct, frozen=True, eq=False):
         scale[:2] = math.sqrt(factor)
         return replace(self, covariance=self.covariance * scale[:, None] * scale)
 
-    def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
+    def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float, float]:
         """Measurement update with a cone: probabilistic data association [BST75] over its readings and "no information".
 
         For each reading k, its axis n_k turned by -psi about up, c = n_k . u:
@@ -220,7 +220,8 @@ class Mixture(Struct, frozen=True, eq=False):
             m <- m + D,   D = -sum_k P h_k sum_j gamma_kj delta_k / V_kj
             P <- P + sum_k P h_k h_k' P sum_j gamma_kj ((delta_k / V_kj)^2 - 1 / V_kj) - D D'.
 
-        Arguments and the second result as for counts.
+        Arguments and the second result as for counts; the third one: derivative of the log likelihood by psi, mean of the
+        mixture (see ``turned``).
         """
         response, sight = scene.response, LineOfSight.of(self.mean, scene, vehicle, apex, age_s)
         distance = sight.distance
@@ -233,7 +234,8 @@ class Mixture(Struct, frozen=True, eq=False):
         slope = (cosine[..., None] * directions[..., None, :] - axes) / across  # (S, M, K, 3)
         gradient = sight.gradient(slope, self.mean.shape[-1])  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
-        gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
+        heading = BIASES + BIAS * vehicle + HEADING
+        gradient[..., heading] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
         density, precision = orders.density(delta, np.maximum(np.vecdot(gain, gradient), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
@@ -249,7 +251,8 @@ class Mixture(Struct, frozen=True, eq=False):
         moved = -np.vecmat(first, gain)
         widened = (gain * second[..., None]).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
         likelihood = np.log(heard / (rate + response.cone_background_ps))
-        return self._reweighted(likelihood, self.mean + moved, self.covariance + widened)
+        score = -float(np.vdot(self.weight, np.vecdot(first, gradient[..., heading])))
+        return *self._reweighted(likelihood, self.mean + moved, self.covariance + widened), score
 
     def _reweighted(self, log_likelihood: Array, mean: Array, covariance: Array) -> tuple[Mixture, float]:
         """Bayes' rule for the weights, given log likelihoods (S, M); also the log of the sum of weight times likelihood."""

@@ -12,6 +12,7 @@ from agent.fusion.bayes.doubted import Sure
 from agent.fusion.bayes.exposed import Exposed
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.search import SearchState
+from agent.fusion.bayes.turned import Turns
 from agent.geometry import Array
 
 
@@ -23,8 +24,8 @@ class BayesState(Struct, frozen=True, eq=False):
     relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
     observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
     waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``;
-    rejections, contrary: of exposures and by cones, see ``contradicted``. moments: mean and covariance of the track after the
-    step, for the hypotheses until the next one.
+    rejections, contrary: of exposures and by cones, see ``contradicted``. turns: of cameras, see ``turned``. moments: mean and
+    covariance of the track after the step, for the hypotheses until the next one.
     """
 
     search: SearchState | None = None
@@ -40,6 +41,7 @@ class BayesState(Struct, frozen=True, eq=False):
     sure: Sure = {}
     rejections: Rejections = {}
     contrary: Rejections = {}
+    turns: Turns = {}
     moments: tuple[Array, Array] | None = None
 
     def leaves_out(self, vehicle: int, stamp_ns: int) -> bool:

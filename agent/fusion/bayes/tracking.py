@@ -15,6 +15,7 @@ from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import GAIN
 from agent.fusion.bayes.sight import Scene
 from agent.fusion.bayes.state import BayesState
+from agent.fusion.bayes.turned import with_score
 from agent.fusion.estimator import GridStep
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.geometry import Array
@@ -57,9 +58,10 @@ class Tracking:
         if contradicted:
             return replace(state, track=track)
         age_s = (step.start_ns - observation.stamp_ns) / _NS
-        after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
-        contrary = rejected(state.contrary, vehicle, observation.stamp_ns, -after[1] / CONE_NATS)
-        return _gained(replace(state, cones=state.cones + 1, contrary=contrary), *after)
+        after, gained, score = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
+        contrary = rejected(state.contrary, vehicle, observation.stamp_ns, -gained / CONE_NATS)
+        turns = with_score(state.turns, vehicle, score)
+        return _gained(replace(state, cones=state.cones + 1, contrary=contrary, turns=turns), after, gained)
 
     def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
         response = self._scene.response
