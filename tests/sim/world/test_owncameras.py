@@ -9,9 +9,11 @@ import pytest
 
 from agent.config.drone import DroneConfig
 from agent.errors import ConfigError
+from sim.lockstep.flight import watched
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.truth import CameraTruth
 from sim.scenario import load_scenario, override
+from sim.scoring.moment import Moment
 from sim.world.cameras import Cameras
 from sim.world.frame import CameraMount
 from sim.world.owncameras import OwnCamera, drone_file
@@ -81,3 +83,17 @@ def test_what_is_no_calibration_is_refused(tmp_path, text, problem) -> None:
 def test_a_camera_of_an_unknown_drone_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"cameras\.d9: no such drone; there are d1, d2, d3"):
         override(load_scenario("mismatch-camera"), {"cameras": "{d9 = {dead_block = 0.1}}"})
+
+
+@pytest.mark.slow
+def test_in_flight_both_faults_are_reported() -> None:
+    told: set[str] = set()
+
+    def watch(moment: Moment) -> bool:
+        told.update(text for pilot in moment.pilots for text in pilot.problems if "camera" in text or "cones" in text)
+        return len(told) == 2 or moment.time_s > 100.0
+
+    watched(load_scenario("mismatch-camera"), 1, watch)
+    dead, turned = sorted(told)
+    assert dead.startswith("camera: no hit in 9 of 64 blocks of the sensor")
+    assert turned.startswith("d2: its cones are turned by about 5 deg to the right")  # 8 deg, to first order
