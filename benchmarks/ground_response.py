@@ -9,6 +9,7 @@ nuclides and natural series, which are data, and the sensor.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise, product
 from typing import Annotated
 
@@ -61,19 +62,24 @@ def counted(events: Events, name: str) -> Array:
     return counts
 
 
-def responses(names: list[str], events: int) -> dict[str, Array]:
-    """Of each nuclide (FACINGS, groups, 4) effective areas of CHANNELS, mm2."""
+def beams(events: int) -> Iterator[tuple[int, int, Events]]:
+    """So many events each, with the bin of the cosine between path and normal and the energy group: for each of AZIMUTHS_DEG."""
     rng = np.random.default_rng(11)
-    areas = {name: np.zeros((FACINGS, len(EDGES_KEV) - 1, len(CHANNELS))) for name in names}
     for (f, cosine), turn in product(enumerate(NORMALS), np.deg2rad(AZIMUTHS_DEG)):
         flat = np.sqrt(1.0 - cosine * cosine)
         view = float(flat * np.cos(turn)), float(flat * np.sin(turn)), float(cosine)
         for g, (low, high) in enumerate(pairwise(EDGES_KEV)):
             lines = tuple((float(e), 0.25) for e in np.geomspace(low, high, 9)[1::2])
-            found = simulate(lines, events, response(TRUTH), rng, direction=view)
-            for name in names:
-                counts = counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
-                areas[name][f, g] += counts / len(AZIMUTHS_DEG)
+            yield f, g, simulate(lines, events, response(TRUTH), rng, direction=view)
+
+
+def responses(names: list[str], events: int) -> dict[str, Array]:
+    """Of each nuclide (FACINGS, groups, 4) effective areas of CHANNELS, mm2."""
+    areas = {name: np.zeros((FACINGS, len(EDGES_KEV) - 1, len(CHANNELS))) for name in names}
+    for f, g, found in beams(events):
+        for name in names:
+            counts = counted(found, name) * float(found.area_mm2.sum()) / len(found.kind)
+            areas[name][f, g] += counts / len(AZIMUTHS_DEG)
     return areas
 
 

@@ -23,7 +23,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
 from agent.detector.lines import CANDIDATES
-from agent.fusion.sources.spectra import MEAN_FACING
+from agent.fusion.facing import MEAN_FACING
 from protocol.spectrum import BINS
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import COMPLETE, Events, simulate

@@ -7,10 +7,11 @@ from functools import cache
 
 from agent.fusion.bayes.response import RESPONSES
 from agent.fusion.bayes.soil import SOIL
+from agent.fusion.sources.soiltables import SOIL as SOIL_SPECTRA
 from agent.fusion.sources.tables import TABLES
 
 
 @cache
 def tables_version() -> str:
     """16 hex digits that change with any number of the tables."""
-    return hashlib.blake2b(repr((RESPONSES, SOIL, TABLES)).encode(), digest_size=8).hexdigest()
+    return hashlib.blake2b(repr((RESPONSES, SOIL, TABLES, SOIL_SPECTRA)).encode(), digest_size=8).hexdigest()

@@ -21,7 +21,7 @@ NAMES = {
     "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
-    "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
+    "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high", "many-soil",
     "walls-known", "walls-unknown", "mismatch-ground", "mismatch-buried", "mismatch-raised",
     "mismatch-drift", "mismatch-rain", "mismatch-camera",
     "soil-static-solo", "soil-static-swarm", "soil-moving-solo", "soil-moving-swarm",
@@ -61,6 +61,7 @@ def test_ideal_scenarios_are_the_papers_but_for_the_poses_the_smallest_cones_and
     [
         *((f"soil-{kind}", f"ideal-{kind}") for kind in ("static-solo", "static-swarm", "moving-solo", "moving-swarm")),
         *((f"soil-paper-{kind}", f"paper-{kind}") for kind in ("static-swarm", "moving-swarm")),
+        ("many-soil", "many-real"),
     ],
 )
 def test_a_twin_over_soil_differs_in_the_ground_alone(name, bare):

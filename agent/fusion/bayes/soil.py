@@ -21,11 +21,11 @@ import numpy as np
 from agent.fusion.facing import MEAN_FACING
 from agent.geometry import Array
 
-BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of what the empty surroundings do in ``response``
+BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of what the surroundings are taken to do over nothing
 SCATTER_SIGMA = 0.3  # of the logarithm of the scatter factor
 HEIGHT_SIGMA_M = 0.5  # of the source above the ground
 IMAGE_DEPTH = 1.2  # per height of the source: 1.1 to 1.3 by nuclide
-_OTHER_PS = 0.2  # background of another origin than soil, as a share of that of ``response``
+OTHER_SHARE = 0.2  # background of another origin than soil, as a share of that over nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class SoilTable:
         table = np.array([(c.near_mm2, c.steep_mm2, c.air_mm2, c.turn, c.background_ps) for c in channels]).T
         self._near, self._steep, self._air, self._turn, own_ps = table
         self._body_mm2 = body_mm2
-        self.background_ps: Array = own_ps + _OTHER_PS * alone_ps
+        self.background_ps: Array = own_ps + OTHER_SHARE * alone_ps
 
     def by_soil(self, fluence: Array, steepness: Array, facing: Array | float) -> Array:
         """Expected counts (..., C) of photons scattered by soil.

@@ -10,6 +10,7 @@ from shapely import Polygon, contains_xy
 
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Rows
+from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
@@ -47,6 +48,7 @@ class Scan:
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         distance = np.sqrt(np.maximum(square, NEAREST_M**2))
         self._depth: Array = _AIR_PER_M * distance
+        self._steepness: Array = np.maximum(middle[:, 2] - at[:, 2:], 0.0) / distance
         self._w: Array = PER_MM2 * np.exp(-self._depth) / distance**2  # (G, voxels)
 
     def candidates(self, solution: Solution) -> list[Candidate]:
@@ -57,12 +59,15 @@ class Scan:
         """
         counts = self._counts
         expected = counts.views(counts.expected(solution)).mean  # no counts are expected of a hidden source
-        near, far = self._spectra.templates(solution.scale, solution.scatter)
+        shapes = self._spectra.templates(solution.scale, solution.scatter)
+        strengths = self._spectra.strengths(Sight(self._depth, 0.0, self._steepness, solution.soil))
+        each = [(self._w * strengths[q], shapes[:, q]) for q in self._spectra.level]  # (G, voxels), (N, BINS)
         weighted = (counts.live_s * counts.weight)[:, None]
         excess = self._voxels @ (weighted * (counts.counts / expected - 1.0))
         variance = self._voxels @ (weighted * counts.live_s[:, None] / expected)
-        score = self._w @ (excess @ near.T) + (self._w * self._depth) @ (excess @ far.T)  # (G, N)
-        information = self._w**2 @ (variance @ (near**2).T)
+        score = sum(w @ (excess @ shape.T) for w, shape in each)  # (G, N)
+        near = each[:1] + each[2:]  # less what air scatters
+        information = sum((w * v) @ (variance @ (shape * other).T) for w, shape in near for v, other in near)
         gain = np.where(score > 0.0, 0.5 * score**2 / np.maximum(information, 1e-300), 0.0)
         return self._best(gain, score / np.maximum(information, 1e-300))
 

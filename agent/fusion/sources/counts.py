@@ -1,32 +1,33 @@
 """The likelihood of the counts: Poisson in every energy bin of every row, with the expectation of ``spectra``.
 
-    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk, f_rk)],    d_rk = |x_k + b - p_r|
+    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk, f_rk, h_rk)],    d_rk = |x_k + b - p_r|
 
 T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
 drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
 by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong.
 Near a source, whose counts change on the way of an exposure, eps grows by about s^2 / d^2, s^2 the mean squared distance from
-p_r. Known walls let a share of the direct photons in S pass (``shades``), whose derivatives are left out; at the edges of their
-shadows eps grows, too. That is with a view that is otherwise clear; what may hide the sources unknown is in ``hidden``.
+p_r. Known walls let a share of the photons from the source's side pass (``shades``), whose derivatives are left out; at the
+edges of their shadows eps grows, too. That is with a view that is otherwise clear; what may hide the sources unknown is in
+``hidden``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import accumulate, pairwise
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.fusion.facing import Facing
+from agent.fusion.facing import MEAN_FACING, Facing
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected, Views
 from agent.fusion.sources.shades import KnownWalls, Shades
+from agent.fusion.sources.shapes import Mixture, Part, products
+from agent.fusion.sources.soil import SOIL_SHAPES
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import AIR, MEAN_FACING, NEAR, NEAREST_M, PER_MM2, Spectra
+from agent.fusion.sources.spectra import AIR, NEAR, NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS
@@ -40,56 +41,12 @@ _LEAST_SHARE = 0.3  # of the background: expectations are never less, where atte
 Derivatives = Callable[[], tuple[Array, Array]]  # a gradient and a Fisher information, computed only where they are wanted
 
 
-@dataclass(frozen=True)
-class Part:
-    """What some numbers of a solution change. of: which of the mixture's shapes, n of them. by: (n, numbers, R) derivatives of
-    the shapes' strengths in each row.
-    """
-
-    of: slice
-    by: Array
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """Spectra that are sums of few shapes (Q, BINS) with strengths (Q, R) of their own in each row; direct: the direct photons in
-    the shapes, (Q, BINS). As all derivatives are such sums too, gradient and information follow from products of the few shapes.
-    """
-
-    shapes: Array
-    direct: Array
-    parts: list[Part]
-    strengths: Array
-
-    @property
-    def counts(self) -> Array:
-        """(R, BINS)."""
-        result: Array = self.strengths.T @ self.shapes
-        return result
-
-    @property
-    def straight(self) -> Array:
-        """(R, BINS) the direct photons among the counts."""
-        result: Array = self.strengths.T @ self.direct
-        return result
-
-    def plus(self, shape: Array, strength: Array) -> Mixture:
-        """With a further shape (BINS,), without direct photons, and a number that is the logarithm of its strength (R,)."""
-        part = Part(slice(len(self.shapes), len(self.shapes) + 1), strength[None, None])
-        shapes, direct = np.vstack((self.shapes, shape)), np.vstack((self.direct, np.zeros_like(shape)))
-        return Mixture(shapes, direct, [*self.parts, part], np.vstack((self.strengths, strength)))
-
-    @property
-    def ends(self) -> list[int]:
-        """Where the numbers of each part begin, and where the last ones end."""
-        return [0, *accumulate(part.by.shape[1] for part in self.parts)]
-
-
 class CountModel:
     """The rows with all that does not depend on the sources."""
 
     def __init__(self, rows: Rows, spectra: Spectra, ground: Ground, drones: int, walls: KnownWalls | None = None) -> None:
         self._spectra, self._ground = spectra, ground
+        self._over_soil = spectra.soil is not None
         self._shades = Shades(walls, rows.place) if walls else None
         self.place, self.counts = rows.place, rows.counts
         self.live_s = rows.live_s
@@ -160,8 +117,8 @@ class CountModel:
         return self.views(expected).log_likelihood
 
     def scored(self, solution: Solution) -> tuple[float, Derivatives]:
-        """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = size K + 1 numbers of the
-        sources and the background.
+        """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p numbers of the sources,
+        the background and, over soil, of that: ``Solution.unbiased``.
         """
         sources = self._mixture(solution, range(len(solution)))
         time, spectrum = self._background_s(solution), self._spectra.background_ps(solution.scale)
@@ -169,6 +126,8 @@ class CountModel:
         expected = _limited(background + sources.counts, sources.straight, background)
         seen = self.views(expected)
         mixture = sources.plus(spectrum, time)
+        if solution.log_soil is not None:
+            mixture = mixture.scaled(self._of_soil(sources, solution))
         return seen.log_likelihood, lambda: self._derived(mixture, expected, seen, self._of_drone)
 
     def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Derivatives]:
@@ -186,16 +145,17 @@ class CountModel:
 
         return seen.log_likelihood, derivatives
 
-    def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array]:
-        """(R,) each, of source k: distances; f - ``MEAN_FACING``; live times as they count for it, with the sensitivity of the
+    def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
+        """(R,) each, of source k: distances; f - ``MEAN_FACING``; h; live times as they count for it, with the sensitivity of the
         cameras and known walls, but without air and distance.
         """
-        near, _, faced = self._unshaded(solution, [k])[0, :, 2]
-        distance = self._ways(solution, [k])[0][0]
+        near, _, faced = self._unshaded(solution, [k])[0, :3, 2]
+        distances, way, along = self._ways(solution, [k])
+        distance, (steepness, _) = distances[0], self._depressed(solution, [k], distances, way, along)
         live: Array = self.live_s * np.exp(solution.bias[self.drone, 2])
         if self._shades is not None:
             live = live * self._shades.passing(solution.nuclide[k], self._source(solution, k))
-        return distance, faced / near, live
+        return distance, faced / near, steepness[0], live
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
@@ -203,6 +163,16 @@ class CountModel:
         for n, one in zip(solution.nuclide, self._by_source(solution, range(len(solution))), strict=True):
             yield from (by.T @ shapes[n] for by in one.swapaxes(0, 1))
         yield self.background(solution)
+        if solution.log_soil is not None:
+            mixture = self._mixture(solution, range(len(solution)))
+            yield self._of_soil(mixture, solution).T @ mixture.shapes
+
+    def _of_soil(self, mixture: Mixture, solution: Solution) -> Array:
+        """(Q, R) the strengths of those shapes that soil scatters, which are their derivatives by ``Solution.log_soil``."""
+        several = self._shapes(solution)[0].shape[1]
+        of_soil = np.arange(len(mixture.strengths)) % several >= several - SOIL_SHAPES
+        result: Array = np.where(of_soil[:, None], mixture.strengths, 0.0)
+        return result
 
     def _background_s(self, solution: Solution) -> Array:
         """(R,) live times for the background, with its own strength and the cameras' sensitivities."""
@@ -212,7 +182,7 @@ class CountModel:
     def _derived(self, mixture: Mixture, expected: Expected, seen: Views, groups: Sequence[slice]) -> tuple[Array, Array]:
         """Gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
         towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
-        between, pairs = _products(mixture.shapes, seen.information[:, None] / expected.clear)
+        between, pairs = products(mixture.shapes, seen.information[:, None] / expected.clear)
         ends, size = mixture.ends, mixture.ends[-1]
         gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
         for place, part in enumerate(mixture.parts):
@@ -249,17 +219,18 @@ class CountModel:
 
     def _by_source(self, solution: Solution, sources: Sequence[int]) -> Array:
         """(K, Q, size, R) derivatives of the shapes' strengths by x, y, log activity and, where it may be above the ground,
-        height of each of K sources; those by log activity are the strengths.
+        height of each of K sources; those by log activity are the strengths. The shapes are those of ``_shapes``.
         """
         by = self._unshaded(solution, sources)
         if self._shades is None:
             return by
         passing = [self._shades.passing(solution.nuclide[k], self._source(solution, k)) for k in sources]
         share = np.reshape(passing, (len(sources), 1, 1, len(self.live_s)))
-        return np.concatenate((by[:, :1] + AIR / NEAR * by[:, 1:2], share * by), axis=1)
+        around = by[:, :2] if self._over_soil else by[:, :1] + AIR / NEAR * by[:, 1:2]
+        return np.concatenate((around, share * by), axis=1)
 
     def _unshaded(self, solution: Solution, sources: Sequence[int]) -> Array:
-        """(K, 3, size, R) as ``_by_source``, of N, F and G without walls."""
+        """(K, Q, size, R) as ``_by_source``, of ``Spectra.templates`` without walls."""
         distance, way, along = self._ways(solution, sources)
         air = self._spectra.air_per_m[[solution.nuclide[k] for k in sources]][:, None]
         depth = air * distance
@@ -267,12 +238,20 @@ class CountModel:
         near = PER_MM2 * self.live_s * np.exp(logarithm) / distance**2
         facing, turns = self._faced(distance, way, along)
         nearer, farther = -near * (2.0 / distance + air), -near * (1.0 + depth) * air
-        by = np.empty((len(distance), 3, solution.size, distance.shape[1]))
+        by = np.empty((len(distance), 6 if self._over_soil else 3, solution.size, distance.shape[1]))
         by[:, 0, 2], by[:, 1, 2], by[:, 2, 2] = near, near * depth, near * facing
         for number, one, turn in zip((0, 1, 3)[: solution.size - 1], along, turns, strict=False):
             by[:, 0, number] = nearer * one
             by[:, 1, number] = farther * one
             by[:, 2, number] = by[:, 0, number] * facing + near * turn
+        if self._over_soil:
+            steepness, falls = self._depressed(solution, sources, distance, way, along)
+            soil = solution.soil
+            by[:, 3] = soil * by[:, 0]
+            by[:, 4], by[:, 5] = by[:, 3] * steepness[:, None], by[:, 3] * (steepness * facing)[:, None]
+            for number, fall, turn in zip((0, 1, 3)[: solution.size - 1], falls, turns, strict=False):
+                by[:, 4, number] += soil * near * fall
+                by[:, 5, number] += soil * near * (fall * facing + steepness * turn)
         return by
 
     def _source(self, solution: Solution, k: int) -> Vector3:
@@ -293,6 +272,15 @@ class CountModel:
         along[:2] += self._ground.slopes(at).T[:, :, None] * along[2]
         return distance, way, along
 
+    def _depressed(
+        self, solution: Solution, sources: Sequence[int], distance: Array, way: Array, along: Array
+    ) -> tuple[Array, list[Array]]:
+        """(K, R) each: h of K sources, 0 above the horizon, and its derivatives by x, y and height; arguments of ``_faced``."""
+        steepness = np.maximum(-way[2] / distance, 0.0)
+        east, north = self._ground.slopes(solution.place[list(sources)]).T[:, :, None]
+        each = zip((east, north, 1.0), along, strict=True)
+        return steepness, [np.where(steepness > 0.0, -(rise + steepness * by) / distance, 0.0) for rise, by in each]
+
     def _faced(self, distance: Array, way: Array, along: Array) -> tuple[Array, list[Array]]:
         """(K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y and height; arguments as from ``_ways``."""
         (x, y, _), (twice_cos, twice_sin) = way, self._facing.T
@@ -305,15 +293,13 @@ class CountModel:
 
 @lru_cache(_SHAPES_KEPT)
 def _shapes(spectra: Spectra, scale: float, scatter: float, shaded: bool) -> tuple[Array, Array]:
-    """(N, Q, BINS) shapes of each nuclide, and the direct photons in them: N, F and G of ``spectra``; with known walls, what is
-    direct in the three by itself, after b Q, what is scattered nearby.
+    """(N, Q, BINS) shapes of each nuclide, and the photons from the source's side in them: ``Spectra.templates``; with known
+    walls, these by themselves, after b Q, what is scattered nearby, and over soil a R, by air: over nothing, both are alike.
     """
-    facing = spectra.facing(scale)
-    whole = np.stack((*spectra.templates(scale, scatter), facing), axis=1)
-    direct = np.stack((*spectra.direct_templates(scale), facing), axis=1)
+    whole, direct = spectra.templates(scale, scatter), spectra.direct_templates(scale)
     if not shaded:
         return whole, direct
-    scattered = (whole - direct)[:, :1]
+    scattered = (whole - direct)[:, : 1 if spectra.soil is None else 2]
     return np.concatenate((scattered, direct), axis=1), np.concatenate((np.zeros_like(scattered), direct), axis=1)
 
 
@@ -321,13 +307,3 @@ def _limited(clear: Array, direct: Array, background: Array) -> Expected:
     """With expectations that are never less than a share of the background's."""
     least = _LEAST_SHARE * background
     return Expected(np.maximum(clear, least), direct, least)
-
-
-def _products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:
-    """(P, R) sums over the bins of the products of any two shapes (Q, BINS), times the weight (R, BINS); and which of them is of
-    which two, (Q, Q).
-    """
-    first, second = np.tril_indices(len(shapes))
-    pairs = np.empty((len(shapes), len(shapes)), np.int64)
-    pairs[first, second] = pairs[second, first] = np.arange(len(first))
-    return (shapes[first] * shapes[second]) @ weight.T, pairs

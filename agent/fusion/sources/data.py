@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.observation import ConeObservation, CountObservation
-from agent.fusion.sources.spectra import pooled
+from agent.fusion.sources.bins import pooled
 from agent.geometry import Array
 from protocol.spectrum import BINS
 

@@ -77,7 +77,7 @@ class ConeModel:
 
     def scored(self, solution: Solution) -> tuple[float, Derivatives]:
         """As ``CountModel.scored``."""
-        size = solution.size * len(solution) + 1
+        size = solution.unbiased
         if not len(self._cones) or not len(solution):
             return 0.0, lambda: (np.zeros((self._drones, size)), np.zeros((self._drones, size, size)))
         background = self._background * np.exp(solution.log_background)
@@ -91,7 +91,7 @@ class ConeModel:
     ) -> tuple[Array, Array]:
         """By drone, gradients (V, p) and informations (V, p, p)."""
         each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
-        gradient = np.empty((len(self._cones), each * len(solution) + 1))
+        gradient = np.zeros((len(self._cones), solution.unbiased))
         for k, one in enumerate(sources):
             rise = np.array(self._ground.slope(*solution.place[k].tolist()))
             weakening = _by_place(one.weakening[:, None] * one.unit, rise, solution)
@@ -101,7 +101,7 @@ class ConeModel:
             by_place[one.own] += turned / above[one.own, None]
             gradient[:, [each * k + part for part in free]] = by_place
             gradient[:, each * k + 2] = share
-        gradient[:, -1] = background / above - background / below
+        gradient[:, solution.of_sources] = background / above - background / below
         return _parts_by_drone(self._drones, self._cones.drone, gradient)
 
     def _source(self, solution: Solution, k: int) -> _Source:

@@ -58,20 +58,15 @@ class SourcesAtRest:
         """``area``: in which sources are searched for, mission frame.
 
         Raises:
-            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order; soil.
+            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order.
         """
         self._config = mission.fusion.sources
         least_bq, most_bq = self._config.activity_bq
         if least_bq >= most_bq:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
-        if mission.fusion.ground != "none":
-            raise ConfigError(
-                f"fusion.ground = {mission.fusion.ground!r}: estimator 'sources' does not know what soil scatters; "
-                "take estimator 'bayes', or ground 'none'"
-            )
         self.ground = Ground.from_config(mission)
         self._area = area
-        self.spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
+        self.spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN, mission.fusion.ground)
         air_per_m = np.append(self.spectra.air_per_m, np.full(self._config.most + 1, UNKNOWN_AIR_PER_M))
         self.walls = KnownWalls(mission.buildings, air_per_m, self.ground)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
@@ -116,7 +111,7 @@ class SourcesAtRest:
         state = state.summed(self._numbers)
         if not len(state.rows):
             return state
-        nothing = Solution.nothing(len(self._numbers), raised=self.raised)
+        nothing = Solution.nothing(len(self._numbers), raised=self.raised, over_soil=self.spectra.soil is not None)
         spectra, problem_of = self.spectra.plus(state.unknown), cache(partial(self._problem, state))
         start = nothing if state.fitted is None else state.fitted.solution
         if state.unknown:
@@ -206,5 +201,5 @@ def _strongest_first(fitted: Fitted) -> Fitted:
     order = [k, *(other for other in range(len(solution)) if other != k)]
     size = solution.size
     numbers = [size * one + part for one in order for part in range(size)]
-    numbers += range(size * len(solution), len(fitted.covariance))
+    numbers += range(solution.of_sources, len(fitted.covariance))
     return replace(fitted, solution=solution.only(order), covariance=fitted.covariance[np.ix_(numbers, numbers)])

@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from agent.fusion.bayes.soil import SCATTER_SIGMA
 from agent.fusion.sources.counts import CountModel, Derivatives
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.hidden import Expected
@@ -24,9 +25,9 @@ _CONVERGED = 2e-3  # of the improvement that the next iteration promises
 class Prior:
     """1-sigma errors, and where and how strong sources may be.
 
-    bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names. low, high: (2,) corners of the
-    region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected: number of sources expected.
-    height: least and greatest above the ground, metres.
+    bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names; soil: of ``Solution.log_soil``.
+    low, high: (2,) corners of the region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected:
+    number of sources expected. height: least and greatest above the ground, metres.
     """
 
     bias: Array
@@ -39,10 +40,12 @@ class Prior:
     area_m2: float
     expected: float
     height: tuple[float, float] = (0.0, 0.0)
+    soil: float = SCATTER_SIGMA
 
     def log_density(self, solution: Solution) -> float:
         """Of the nuisances, up to a constant."""
         squares = float(((solution.bias / self.bias) ** 2).sum()) + (solution.log_background / self.background) ** 2
+        squares += 0.0 if solution.log_soil is None else (solution.log_soil / self.soil) ** 2
         return -0.5 * (squares + (solution.scale / self.scale) ** 2 + (solution.scatter / self.scatter) ** 2)
 
     def precision(self, solution: Solution) -> Array:
@@ -51,7 +54,8 @@ class Prior:
         source = [12.0 / self.area_m2, 12.0 / self.area_m2, 12.0 / (greatest - least) ** 2]
         if solution.height is not None:
             source.append(12.0 / (self.height[1] - self.height[0]) ** 2)
-        return np.concatenate((source * len(solution), [self.background**-2], (self.bias**-2.0).ravel()))
+        around = [self.background**-2] if solution.log_soil is None else [self.background**-2, self.soil**-2]
+        return np.concatenate((source * len(solution), around, (self.bias**-2.0).ravel()))
 
     def inside(self, solution: Solution) -> Solution:
         """The solution with all sources within the limits."""
@@ -154,10 +158,10 @@ class Problem:
         """Gradient and information of the posterior density, from those of the likelihoods by drone."""
         gradients, informations = (sum(part) for part in zip(*by_drone, strict=True))
         precision = self.prior.precision(solution)
-        count = solution.size * len(solution) + 1
+        count, free = solution.unbiased, solution.of_sources  # the priors of the sources' numbers are uniform
         gradient = np.zeros(len(precision))
         information = np.diag(precision)
-        gradient[count - 1 :] -= (precision * solution.vector)[count - 1 :]
+        gradient[free:] -= (precision * solution.vector)[free:]
         shift = by_bias(solution)
         for drone, (g, h) in enumerate(zip(gradients, informations, strict=True)):
             own = slice(count + BIAS * drone, count + BIAS * (drone + 1))
@@ -188,14 +192,14 @@ def solved(matrix: Array, right: Array) -> Array:
 
 
 def by_bias(solution: Solution) -> Array:
-    """(size K + 1, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the
+    """(unbiased, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the
     background.
     """
     size = solution.size
-    shift = np.zeros((size * len(solution) + 1, BIAS))
+    shift = np.zeros((solution.unbiased, BIAS))
     for k in range(len(solution)):
         shift[size * k : size * (k + 1)] = np.eye(size, BIAS)
-    shift[-1, 2] = 1.0
+    shift[solution.of_sources, 2] = 1.0
     return shift
 
 

@@ -24,6 +24,7 @@ from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.shades import KnownWalls
+from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
 from agent.geometry import Array
@@ -131,8 +132,10 @@ class _Seen:
     ) -> None:
         """``at``: (G, 3) the places."""
         solution = fitted.solution
-        near, far = spectra.templates(solution.scale, solution.scatter)
-        self._shapes: Array = np.stack((near, far, *spectra.direct_templates(solution.scale)))
+        level = spectra.level
+        self._shapes: Array = spectra.templates(solution.scale, solution.scatter)[:, level]
+        self._direct: Array = spectra.direct_templates(solution.scale)[:, level]
+        self._spectra, self._level, self._soil = spectra, level, solution.soil
         self._air_per_m, self._places = spectra.air_per_m, len(at)
         voxels = rows.coarse
         views = counts.views(counts.expected(solution))
@@ -145,6 +148,7 @@ class _Seen:
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         self._place, self._of = np.nonzero(square < _REACH_M**2)
         self._distance: Array = np.sqrt(np.maximum(square[self._place, self._of], NEAREST_M**2))
+        self._steepness: Array = np.maximum(middle[self._of, 2] - at[self._place, 2], 0.0) / self._distance
         self._lines = walls.lines(at[self._place], middle[self._of]) if walls else None
         relative = [(voxels @ (weight * part)) / self._expected for part in counts.derivatives(solution)]
         self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers with which M changes
@@ -152,14 +156,18 @@ class _Seen:
 
     def signal(self, n: int) -> _Signal:
         """What a source of nuclide n adds."""
-        near = self._shapes[0, n]
+        near = self._shapes[n, 0]
         bins = near > _LEAST_SHARE * near.max()
         depth = self._air_per_m[n] * self._distance
         strength = PER_MM2 * np.exp(-depth) / self._distance**2 * self._live_s[self._of]
-        strengths, shapes = np.stack((strength, strength * depth)), self._shapes[:2, n, bins]
+        each = self._spectra.strengths(Sight(depth, 0.0, self._steepness, self._soil))
+        strengths, shapes = np.stack([strength * each[q] for q in self._level]), self._shapes[n][:, bins]
         if self._lines is not None:
             stopped = 1.0 - self._lines.shares(n).min(axis=0)
-            strengths, shapes = np.concatenate((strengths, -stopped * strengths)), self._shapes[:, n, bins]
+            strengths, shapes = (
+                np.concatenate((strengths, -stopped * strengths)),
+                np.concatenate((shapes, self._direct[n][:, bins])),
+            )
         added = np.maximum(strengths.T @ shapes, 0.0)
         counted, expected = (part[:, bins][self._of] for part in (self._counted, self._expected))
         relative = added / expected
@@ -215,16 +223,20 @@ def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution
     """(N, G) where a source of nuclide n would add less than ``_GLARE`` to the spectrum M that is measured above it, the root of
     sum s^2 / M relative to sum M, of which most is of fitted sources.
     """
-    near, far = spectra.templates(solution.scale, solution.scatter)
-    fitted = np.zeros((len(at), near.shape[1]))
+    shapes = spectra.templates(solution.scale, solution.scatter)
+    fitted = np.zeros((len(at), shapes.shape[2]))
     above = at + np.array((0.0, 0.0, target.height_m))
     for k, (n, (x, y)) in enumerate(zip(solution.nuclide, solution.place.tolist(), strict=True)):
         at_source, log_activity = (x, y, ground.height_m(x, y) + solution.height_of(k)), float(solution.log_activity[k])
         distance = np.sqrt(((above - at_source) ** 2).sum(axis=1))[:, None]
         depth = spectra.air_per_m[n] * distance
-        fitted += PER_MM2 * np.exp(log_activity - depth) / distance**2 * np.maximum(near[n] + depth * far[n], 0.0)
+        steepness = np.maximum(above[:, 2:] - at_source[2], 0.0) / distance
+        strengths = spectra.strengths(Sight(depth, 0.0, steepness, solution.soil))
+        areas = sum(strengths[q] * shapes[n, q] for q in spectra.level)
+        fitted += PER_MM2 * np.exp(log_activity - depth) / distance**2 * np.maximum(areas, 0.0)
     background = spectra.background_ps(solution.scale) * np.exp(solution.log_background)
     expected = fitted + background
+    near = spectra.areas(solution.scale, solution.scatter, Sight(steepness=1.0, soil=solution.soil))
     own = target.least * PER_MM2 / target.height_m**2 * near  # (N, BINS)
     squared: Array = own**2 @ (1.0 / expected).T / expected.sum(axis=1)
     glare: Flags = (squared < _GLARE**2) & (fitted.sum(axis=1) > background.sum())

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from agent.fusion.sources.candidates import Scan
 from agent.fusion.sources.fit import Fitted, Problem
+from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import Spectra
 from agent.geometry import Array
@@ -146,8 +147,7 @@ class Moves:
 
     def _swapped(self, fitted: Fitted, k: int) -> Fitted:
         """Source k may be of the nuclide that explains the counts best, with all else as it is."""
-        near, _ = self.spectra.templates(0.0, 0.0)
-        sums = near.sum(axis=1)
+        sums = self.spectra.areas(0.0, 0.0, Sight()).sum(axis=1)
         solution, own = fitted.solution, fitted.solution.nuclide[k]
         rest, others = self.problem.counts.expected(solution.without(k)), []
         for n in range(len(sums)):

@@ -1,6 +1,8 @@
-"""What is fitted: the sources, and with them the errors of background, positions, sensitivities, energies and scatter."""
+"""What is fitted: the sources, and with them the errors of background, ground, positions, sensitivities, energies and scatter."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +19,8 @@ class Solution(Struct, frozen=True, eq=False):
 
     nuclide: indices among the candidates. place: (K, 2) metres, mission frame. log_activity: (K,). log_background: of the ratio
     between actual and assumed background. bias: (V, BIAS). scale: error of the energies; scatter: excess of scattered photons.
-    height: (K,) metres above the ground; None: all are known to lie on it.
+    height: (K,) metres above the ground; None: all are known to lie on it. log_soil: of the ratio between actual and assumed
+    photons that soil scatters; None: there is no soil.
     """
 
     nuclide: tuple[int, ...]
@@ -28,11 +31,13 @@ class Solution(Struct, frozen=True, eq=False):
     scale: float = 0.0
     scatter: float = 0.0
     height: Array | None = None
+    log_soil: float | None = None
 
     @classmethod
-    def nothing(cls, drones: int, *, raised: bool = False) -> Solution:
+    def nothing(cls, drones: int, *, raised: bool = False, over_soil: bool = False) -> Solution:
         """No source, no errors. ``raised``: sources may be above the ground."""
-        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=np.zeros(0) if raised else None)
+        height, log_soil = np.zeros(0) if raised else None, 0.0 if over_soil else None
+        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=height, log_soil=log_soil)
 
     def __len__(self) -> int:
         return len(self.nuclide)
@@ -47,22 +52,39 @@ class Solution(Struct, frozen=True, eq=False):
         return 0.0 if self.height is None else float(self.height[k])
 
     @property
+    def soil(self) -> float:
+        """Ratio between actual and assumed photons that soil scatters."""
+        return 1.0 if self.log_soil is None else math.exp(self.log_soil)
+
+    @property
+    def of_sources(self) -> int:
+        """Numbers of all sources, the first ones of ``vector``."""
+        return self.size * len(self)
+
+    @property
+    def unbiased(self) -> int:
+        """Numbers before the drones' biases in ``vector``: those of the sources, of the background and, over soil, of that."""
+        return self.of_sources + (1 if self.log_soil is None else 2)
+
+    @property
     def vector(self) -> Array:
-        """(size K + 1 + 3 V,) all but scale and scatter."""
+        """(``unbiased`` + 3 V,) all but scale and scatter."""
         columns = (self.place, self.log_activity) if self.height is None else (self.place, self.log_activity, self.height)
-        return np.concatenate((np.column_stack(columns).ravel(), [self.log_background], self.bias.ravel()))
+        around = [self.log_background] if self.log_soil is None else [self.log_background, self.log_soil]
+        return np.concatenate((np.column_stack(columns).ravel(), around, self.bias.ravel()))
 
     def moved(self, vector: Array) -> Solution:
         """With these values in the place of ``vector``."""
-        count = self.size * len(self)
+        count = self.of_sources
         sources = vector[:count].reshape(-1, self.size)
         return replace(
             self,
             place=sources[:, :2],
             log_activity=sources[:, 2],
             log_background=float(vector[count]),
-            bias=vector[count + 1 :].reshape(-1, BIAS),
+            bias=vector[self.unbiased :].reshape(-1, BIAS),
             height=None if self.height is None else sources[:, 3],
+            log_soil=None if self.log_soil is None else float(vector[count + 1]),
         )
 
     def plus(self, nuclide: int, place: Array, log_activity: float, height: float = 0.0) -> Solution:

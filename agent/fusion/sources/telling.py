@@ -123,7 +123,7 @@ class Telling:
         """
         size = fitted.solution.size
         own = [size * k, size * k + 1, size * k + 2]
-        theirs, first = [0, 1, ACTIVITY], size * len(fitted.solution) + 1
+        theirs, first = [0, 1, ACTIVITY], fitted.solution.unbiased
         for number in range(len(self._numbers)):
             own += [first + BIAS * number + part for part in range(BIAS)]
             theirs += [BIASES + ERRORS * number + part for part in (0, 1, GAIN)]

@@ -22,16 +22,19 @@ from agent.fusion.bayes.counts import TRACK_TEMPER, background_log_likelihood, f
 from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.bayes.motion import REST
 from agent.fusion.bayes.response import Channel, Response
+from agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE, SoilChannel
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.estimator import Hypothesis
+from agent.fusion.facing import MEAN_STEEPNESS
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.fusion.sources.bins import LEAST_MM2, pooled
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import UNTOLD_HITS, Rows
 from agent.fusion.sources.fit import Problem
 from agent.fusion.sources.hidden import HIDDEN
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra, UnknownSpectrum, pooled
+from agent.fusion.sources.spectra import Spectra, UnknownSpectrum
 from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS, EDGES_KEV
@@ -40,7 +43,7 @@ _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's err
 _HIDDEN_SIGMA = 2.0  # and behind something that nobody knows of
 _ITERATIONS = 6
 _IN_VIEW = 0.5  # probability of a clear view
-_LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
+_LEAST_PS = 1e-6  # so that nothing counted is impossible
 
 
 class Mark(Struct, frozen=True):
@@ -142,7 +145,7 @@ class Tracker:
         self._own = [bool(pointing[nuclide] > 0.0) for pointing, _, _ in of_lines]
         area_mm2 = math.fsum(float(pointing[nuclide]) for pointing, _, _ in of_lines)
         cones_ps = math.fsum(cones_ps for (_, _, cones_ps), own in zip(of_lines, self._own, strict=True) if own)
-        cones = Channel(max(area_mm2, _LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS), 0.0)
+        cones = Channel(max(area_mm2, LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS), 0.0)
         self._response = _response(spectra, nuclide, self._bins, cones)
         self._ground = Ground.from_config(mission)
         self._drones = {drone.id: number for number, drone in enumerate(mission.drones)}
@@ -218,10 +221,22 @@ def _bins(windows: Windows) -> Array:
 
 def _response(spectra: Spectra, n: int, bins: Array, cones: Channel) -> Response:
     """What a camera counts of nuclide n in the channels; areas in the tables are times photons per decay."""
-    near, far = (each[n] @ bins for each in spectra.templates(0.0, 0.0))
-    direct = np.maximum(spectra.direct_templates(0.0)[0][n] @ bins, _LEAST_MM2)
+    near, far, _, *of_soil = spectra.templates(0.0, 0.0)[n] @ bins
+    direct = np.maximum(spectra.direct_templates(0.0)[n, 0] @ bins, LEAST_MM2)
     background_ps = np.maximum(spectra.background_ps(0.0) @ bins, _LEAST_PS)
     edge = spectra.facing(0.0)[n] @ bins / direct  # either way, what an area lacks from the edge
+    if of_soil:  # of what is scattered nearby over nothing, ``Response`` takes this share for vehicle and mount
+        near = direct + (near - direct) / BODY_SHARE
     rows = np.column_stack((direct, near / direct, far / direct, background_ps, edge))
     partial, full = (Channel(*row) for row in rows.tolist())
-    return Response(spectra.nuclides[n], 1.0, float(spectra.air_per_m[n]), (partial, full), cones)
+    soil = _soil(of_soil, far, background_ps) if of_soil else None
+    return Response(spectra.nuclides[n], 1.0, float(spectra.air_per_m[n]), (partial, full), cones, soil)
+
+
+def _soil(of_soil: list[Array], air: Array, background_ps: Array) -> tuple[SoilChannel, SoilChannel]:
+    """Of H, I and J in the channels, what air scatters, and the background; (2,) each."""
+    near, steep, turned = of_soil
+    turn = MEAN_STEEPNESS * turned / np.maximum(near + MEAN_STEEPNESS * steep, LEAST_MM2)
+    rows = np.column_stack((near, steep, air, turn, (1.0 - OTHER_SHARE) * background_ps))
+    partial, full = (SoilChannel(*row) for row in rows.tolist())
+    return partial, full

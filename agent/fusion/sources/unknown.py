@@ -17,6 +17,7 @@ what they find is compared with what there was: a search a step, not two.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -25,7 +26,9 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import maximum_filter1d
 
+from agent.fusion.facing import MEAN_STEEPNESS
 from agent.fusion.sources.fit import Fitted, Prior, Problem
+from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
 from agent.geometry import Array
@@ -38,6 +41,7 @@ _MOST_MISFIT, _EXPLAINED = 80.0, 40.0  # chi squared of 32 bins: of known nuclid
 _REACH_M = 15.0  # within which a source's spectrum is measured
 _TOGETHER_M = 3.0  # within which other sources may only make up for the spectrum of one
 _SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (0.0, -2.0, 2.0)  # sigmas of their priors
+_SOILS = (0.0, -0.5, 0.5, -1.0, 1.0, -1.5, 1.5, -2.0, 2.0)  # likewise, of what soil scatters, which is most of the counts
 _NEAREST_FIRST = np.argsort(np.abs(_SCALES), kind="stable")  # most spectra are explained without much of either
 _WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances make up for a wrong spectrum
 _AROUND = 5  # bins
@@ -52,7 +56,7 @@ _TINY = 1e-12
 @dataclass(frozen=True, eq=False)
 class Measured:
     """A spectrum as it is measured. area: S; chance: its statistical errors; taken: what was taken off for the other sources and
-    the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing: means, see ``spectra``.
+    the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing, steepness: means, see ``spectra``.
     """
 
     area: Array
@@ -60,6 +64,7 @@ class Measured:
     taken: Array
     distance_m: float
     facing: float
+    steepness: float = MEAN_STEEPNESS
 
     def variance(self, expected: Array) -> Array:
         """Of S (..., BINS), where so much is expected: by chance, which is that of what is expected wherever it is more than was
@@ -135,7 +140,7 @@ def only_told(fitted: Fitted, spectra: Spectra) -> tuple[Fitted, Spectra]:
         return fitted, spectra
     number = {n: known + place for place, n in enumerate(told)}
     nuclide = tuple(number.get(n, n) for n in fitted.solution.nuclide)
-    kept = Spectra.of(spectra.nuclides).plus([spectra.unknown[n - known] for n in told])
+    kept = Spectra.of(spectra.nuclides, spectra.ground).plus([spectra.unknown[n - known] for n in told])
     return replace(fitted, solution=replace(fitted.solution, nuclide=nuclide)), kept
 
 
@@ -149,13 +154,13 @@ def measured_at(problem: Problem, solution: Solution, group: Sequence[int], info
     ``information``: (R,) of the views of the solution.
     """
     counts = problem.counts
-    distance, facing, live = counts.aside(solution, group[0])
+    distance, facing, steepness, live = counts.aside(solution, group[0])
     near = distance < _REACH_M
     if not near.any():
         return None
     others = counts.expected(solution.only([k for k in range(len(solution)) if k not in group])).clear[near]
     weight = information[near, None]
-    distance, facing = np.maximum(distance[near], NEAREST_M), facing[near]
+    distance, facing, steepness = np.maximum(distance[near], NEAREST_M), facing[near], steepness[near]
     w = (PER_MM2 * live[near] * np.exp(-UNKNOWN_AIR_PER_M * distance) / distance**2)[:, None]
     seen = counts.counts[near]
     area = np.maximum(((weight * w * (seen - others) / others).sum(axis=0)) / (weight * w * w / others).sum(axis=0), _TINY)
@@ -166,7 +171,8 @@ def measured_at(problem: Problem, solution: Solution, group: Sequence[int], info
     share = precision @ area**2
     share /= share.sum()
     taken = (precision * others / w).sum(axis=0) / precision.sum(axis=0)
-    return Measured(area, precision.sum(axis=0) ** -0.5, taken, float(share @ distance), float(share @ facing))
+    means = [float(share @ part) for part in (distance, facing, steepness)]
+    return Measured(area, precision.sum(axis=0) ** -0.5, taken, *means)
 
 
 def explained(measured: Measured, spectra: Spectra, prior: Prior, enough: float = 0.0) -> Explanation:
@@ -179,13 +185,14 @@ def explained(measured: Measured, spectra: Spectra, prior: Prior, enough: float 
 
 
 def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterator[Explanation]:
-    """The best ones for each energy scale and excess of scatter."""
+    """The best ones for each energy scale and excess of scatter, over soil of what that scatters."""
     known = slice(0, len(spectra.nuclides))
     pairs = np.array(list(combinations_with_replacement(range(len(spectra.nuclides)), 2)))
-    around = maximum_filter1d(measured.area, _AROUND)  # a bin where nothing was counted by chance must not decide
-    variance = measured.variance(around) + (_MODEL_ERROR * measured.area) ** 2
-    for scatter in _SCATTERS:
-        shapes = np.stack([_seen(measured, spectra, prior.scale * scale, prior.scatter * scatter)[known] for scale in _SCALES])
+    highest = maximum_filter1d(measured.area, _AROUND)  # a bin where nothing was counted by chance must not decide
+    variance = measured.variance(highest) + (_MODEL_ERROR * measured.area) ** 2
+    for off in _SCATTERS if spectra.soil is None else _SOILS:
+        scatter, soil = (prior.scatter * off, 1.0) if spectra.soil is None else (0.0, math.exp(prior.soil * off))
+        shapes = np.stack([_seen(measured, spectra, prior.scale * scale, scatter, soil)[known] for scale in _SCALES])
         by_scale = np.gradient(shapes, prior.scale * _SCALES, axis=0)
         for scale, shape, slope in zip(_SCALES[_NEAREST_FIRST], shapes[_NEAREST_FIRST], by_scale[_NEAREST_FIRST], strict=True):
             activity = _activities(shape, pairs, measured.area, 1.0 / variance)
@@ -197,14 +204,13 @@ def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterato
             best = int(misfit.argmin())
             used = [(int(n), float(a)) for n, a in zip(pairs[best], activity[best], strict=True) if a > 0.0]
             nuclides, activities = tuple(n for n, _ in used), tuple(a for _, a in used)
-            yield Explanation(nuclides, activities, float(misfit[best]) + scale**2 + scatter**2)
+            yield Explanation(nuclides, activities, float(misfit[best]) + scale**2 + off**2)
 
 
-def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float) -> Array:
+def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float, soil: float = 1.0) -> Array:
     """(N + U, BINS) areas of all nuclides as they would be measured with the attenuation of unknown ones."""
-    near, far = spectra.templates(scale, scatter)
     air = spectra.air_per_m[:, None] * measured.distance_m
-    seen = near + air * far + measured.facing * spectra.facing(scale)
+    seen = spectra.areas(scale, scatter, Sight(air, measured.facing, measured.steepness, soil))
     return np.maximum(seen, 0.0) * np.exp(UNKNOWN_AIR_PER_M * measured.distance_m - air)
 
 
@@ -236,11 +242,10 @@ def lines_kev(measured: Measured) -> tuple[int, ...]:
 
 def _unknown(solution: Solution, group: Sequence[int], spectra: Spectra, measured: Measured) -> tuple[Solution, Spectra]:
     """With one source of a new unknown nuclide in the place of a group."""
-    spectrum = UnknownSpectrum.measured(
-        measured.area, UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, lines_kev(measured)
-    )
+    sight = Sight(UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, measured.steepness, solution.soil)
+    spectrum = UnknownSpectrum.measured(measured.area, sight, lines_kev(measured), spectra.ground)
     extended = spectra.plus([spectrum])
-    activity = float(measured.area.sum() / _seen(measured, extended, 0.0, 0.0)[-1].sum())
+    activity = float(measured.area.sum() / _seen(measured, extended, 0.0, 0.0, solution.soil)[-1].sum())
     return _with(solution, group, (len(extended.air_per_m) - 1,), (activity,)), extended
 
 
@@ -281,4 +286,5 @@ def _likely(solution: Solution, prior: Prior) -> Solution:
         scale=within(solution.scale, prior.scale),
         scatter=within(solution.scatter, prior.scatter),
         log_background=within(solution.log_background, prior.background),
+        log_soil=None if solution.log_soil is None else within(solution.log_soil, prior.soil),
     )

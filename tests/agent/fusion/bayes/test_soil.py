@@ -3,22 +3,18 @@
 import msgspec
 import numpy as np
 import pytest
-from shapely import Polygon
 
 from agent.config.estimators import FusionConfig
 from agent.config.mission import DetectionConfig
 from agent.config.section import content_of
 from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
-from agent.errors import ConfigError
 from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
 from agent.fusion.bayes.soil import IMAGE_DEPTH, SOIL
 from agent.fusion.facing import Facing
-from agent.fusion.sources.estimator import SourcesAtRest
 
 camera = pytest.importorskip("sim.radiation.camera")
 truth = pytest.importorskip("sim.radiation.truth")
-scenario = pytest.importorskip("sim.scenario")
 
 LIVE_S = 4.0
 EVENTS_PS = 3000.0
@@ -90,12 +86,6 @@ def test_every_nuclide_is_known_over_soil_and_counts_more_there():
         assert 0.85 < ratio[1] < 1.2
         assert (over.background_ps > bare.background_ps).all()
         assert bare.over_soil is None
-
-
-def test_the_estimator_of_several_sources_refuses_soil():
-    mission = scenario.load_scenario("soil-static-swarm").mission
-    with pytest.raises(ConfigError, match=r"'sources' does not know what soil scatters"):
-        SourcesAtRest(mission, Polygon(mission.area.polygon_m))
 
 
 def test_the_slope_is_the_derivative_of_what_soil_scatters():

@@ -13,12 +13,13 @@ from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
 from agent.config.mission import AreaConfig, DetectionConfig
 from agent.detector.windows import Windows
 from agent.frames.transform import Transform
+from agent.fusion.facing import MEAN_FACING
 from agent.fusion.observation import ConeObservation, observe
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Prior, Problem
-from agent.fusion.sources.spectra import MEAN_FACING, Spectra
+from agent.fusion.sources.spectra import Spectra
 from agent.terrain.ground import Ground
 from protocol.entries import Counts
 from protocol.spectrum import SpectrumBin
@@ -31,13 +32,14 @@ def mission_of(kit, drones=("a", "b"), **config):
     """A small area, and few candidates: so that a test takes less than a second."""
     config = {"moved_s": 5.0, **config}
     nuclides, source_height_m = config.pop("nuclides", NUCLIDES), config.pop("source_height_m", (0.0, 0.0))
+    ground = config.pop("ground", "none")
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     return msgspec.structs.replace(
         kit.mission_of(drones=drones),
         nuclide=nuclides,
         source_height_m=source_height_m,
         area=AreaConfig(polygon_m=square),
-        fusion=FusionConfig(estimator="sources", sources=SourcesEstimatorConfig(**config)),
+        fusion=FusionConfig(estimator="sources", ground=ground, sources=SourcesEstimatorConfig(**config)),
     )
 
 
@@ -49,18 +51,20 @@ def place_of(time_s, index, drones):
     return np.array([x, along if lane % 2 == 0 else SIDE_M - along, 3.0])
 
 
-def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None):
+def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None, soil=1.0):
     """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height, or these by the time in seconds.
 
     bias: by drone, measured minus true.
 
     passing: share of the direct photons between two places (3,).
+
+    soil: what soil scatters relative to the tables, over a mission with ``ground`` "soil".
     """
     entries = []
     drones = [drone.id for drone in mission.drones]
-    spectra = Spectra.of(NUCLIDES)
-    (near, far), by_facing = spectra.templates(0.0, 0.0), spectra.facing(0.0)
-    direct, softer = spectra.direct_templates(0.0)
+    spectra = Spectra.of(NUCLIDES, mission.fusion.ground)
+    near, far, by_facing, *of_soil = spectra.templates(0.0, 0.0).swapaxes(0, 1)
+    direct, softer, *_ = spectra.direct_templates(0.0).swapaxes(0, 1)
     for index, drone in enumerate(drones):
         for number in range(int(seconds / 0.5)):
             time_s = number * 0.5
@@ -76,6 +80,9 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passi
                 stopped = 0.0 if passing is None else 1.0 - passing(true, np.array([x, y, z]))
                 facing = abs(x - true[0]) / math.sqrt(square) - MEAN_FACING  # all drones look to the east
                 clear = near[n] + depth * far[n] + facing * by_facing[n]
+                if of_soil:
+                    steepness = (true[2] - z) / math.sqrt(square)
+                    clear += soil * (of_soil[0][n] + steepness * (of_soil[1][n] + facing * of_soil[2][n]))
                 expected += per_mm2 * (clear - stopped * (direct[n] + depth * softer[n] + facing * by_facing[n]))
                 if cones and nuclide == "Cs-137":
                     entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y, z), per_mm2, drone, 20 * number)
@@ -103,7 +110,7 @@ def problem_of(mission, entries, **prior):
     rows = Rows.none().plus([one for one in seen if not isinstance(one, ConeObservation)], drones)
     cones = Cones.none().plus([one for one in seen if isinstance(one, ConeObservation)], drones)
     assert len(cones) > 50
-    spectra, ground = Spectra.of(NUCLIDES), Ground.from_config(mission)
+    spectra, ground = Spectra.of(NUCLIDES, mission.fusion.ground), Ground.from_config(mission)
     assumed = Prior(
         bias=np.array([(0.3, 0.3, 0.05)] * 2),
         background=0.3,

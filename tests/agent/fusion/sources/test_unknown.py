@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from agent.fusion.facing import MEAN_FACING
 from agent.fusion.sources.fit import Fitted, Prior
 from agent.fusion.sources.moves import Moves
+from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import MEAN_FACING, Spectra, UnknownSpectrum
+from agent.fusion.sources.spectra import Spectra, UnknownSpectrum
 from agent.fusion.sources.unknown import Measured, _seen, explained, lines_kev, only_told
 
 CHANCE_MM2 = 0.05  # of a spectrum's areas: that of about 2,000 events of Cs-137 a few metres away
@@ -77,7 +79,7 @@ def test_an_unknown_spectrum_is_seen_as_it_was_measured():
     """At the same distance and heading, but for its strength."""
     (shape,) = shapes(("Se-75",))
     seen = measured(shape, np.random.default_rng(6))
-    spectra = Spectra.of(("Cs-137",)).plus([UnknownSpectrum.measured(seen.area, 7.0 * 0.0093, seen.facing, ())])
+    spectra = Spectra.of(("Cs-137",)).plus([UnknownSpectrum.measured(seen.area, Sight(7.0 * 0.0093, seen.facing), ())])
     again = _seen(seen, spectra, 0.0, 0.0)[1]
     assert again / again.sum() == pytest.approx(seen.area / seen.area.sum(), abs=2e-3)
     assert (spectra.name_of(0), spectra.name_of(1), spectra.lines_of(0), spectra.lines_of(1)) == ("Cs-137", None, None, ())

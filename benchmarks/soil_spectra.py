@@ -1,0 +1,119 @@
+"""Spectra of scattered photons beside a source on soil, by nuclide: ``python -m benchmarks.soil_spectra --every > TABLES.py``.
+
+TABLES.py: agent/fusion/sources/soiltables.py. The response of sensor and detection chain to photons of each energy group and
+angle to the sensor's normal is simulated once, by energy bin, and folded with each nuclide's flux of scattered photons by
+``support.soil`` (not by the simulation's transport). In each bin it is fitted, at heights, distances and headings as in flight,
+by
+
+    [near + h (steep + turned (f - ``MEAN_FACING``)) + air mu D] exp(-mu D) / (4 pi D^2),
+
+see agent.fusion.sources.spectra. background: the ground's own photons by ``sim.radiation.ground``, 3 m above soil, per second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from agent.detector.lines import CANDIDATES
+from agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
+from benchmarks.ground_response import AZIMUTHS_DEG, EDGES_KEV, PLACES, beams, natural_lines
+from benchmarks.spectral_response import SCALE, printed, spectra
+from benchmarks.support.soil import FACINGS, HEADINGS_DEG, scattered_flux
+from protocol.spectrum import BINS
+from sim.radiation.events import Events, simulate
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import Nuclide, nuclide
+from sim.radiation.timepix3 import response
+from sim.radiation.truth import CameraTruth
+
+Array = NDArray[np.float64]
+
+LEAST_SHARE = 1e-5  # of a spectrum: bins with less are empty
+
+
+class Response(NamedTuple):
+    """Effective areas (mm2) of the sensor and the chain by the cosine between path and normal and by energy group, (FACINGS,
+    GROUPS, BINS) each: all events, coincidences, and the derivative of all events by the logarithm of the energy scale.
+    """
+
+    every: Array
+    pairs: Array
+    by_scale: Array
+
+    @classmethod
+    def simulated(cls, events: int) -> Response:
+        """With so many events of each beam."""
+        areas = np.zeros((3, FACINGS, len(EDGES_KEV) - 1, BINS))
+        for f, g, found in beams(events):
+            areas[:, f, g] += np.array(counted(found)) / len(AZIMUTHS_DEG)
+        return cls(*areas)
+
+
+def counted(events: Events) -> tuple[Array, Array, Array]:
+    """Areas (BINS,) of all events and of coincidences, and the derivative of all events by the logarithm of the energy scale."""
+    per_event = float(events.area_mm2.sum()) / len(events.kind)
+    every = np.ones(len(events.kind), np.bool_)
+    singles, pairs = spectra(events, every, 1.0)
+    more, less = (sum(spectra(events, every, 1.0 + s)) for s in (SCALE, -SCALE))
+    return per_event * (singles + pairs), per_event * pairs, per_event * (more - less) / (2.0 * SCALE)
+
+
+def of_nuclide(source: Nuclide, seen: Response, photons: int) -> Iterator[tuple[str, Array]]:
+    """The rows of the table of one nuclide."""
+    height, horizontal = PLACES.T
+    distance = np.hypot(height, horizontal)
+    depth = distance * min(air_attenuation_per_m(energy) for energy, _ in source.lines)
+    flux = scattered_flux(source.lines, PLACES, EDGES_KEV, photons, 5) * np.exp(depth)[:, None, None, None]
+    steepness, ahead = height / distance, np.abs(np.cos(np.deg2rad(HEADINGS_DEG)))
+    turned = steepness[:, None] * (np.outer(horizontal / distance, ahead) - MEAN_FACING)
+    level = (np.repeat(part[:, None], len(ahead), axis=1) for part in (np.ones(len(distance)), steepness, depth))
+    design = np.stack((*level, turned), axis=-1).reshape(-1, 4)
+    every, pairs, by_scale = (np.einsum("phfg,fgb->phb", flux, area).reshape(-1, BINS) for area in seen)
+    empty = every.max(axis=0) < LEAST_SHARE * every.max()
+    weight = np.where(empty, 0.0, 1.0 / np.maximum(every, np.where(empty, 1.0, 0.01 * every.max(axis=0))))
+    near, steep, air, by_facing = fitted(design, every, weight)
+    near, air = np.maximum(near, 0.0), np.maximum(air, 0.0)
+    steep = np.maximum(steep, -near)  # so that no count is negative
+    by_facing = np.clip(by_facing, (near + steep) / (MEAN_FACING - 1.0), (near + steep) / MEAN_FACING)
+    scales, coincident = fitted(design, by_scale, weight), fitted(design, pairs, weight)
+    rows = {"near": near, "steep": steep, "air": air, "turned": by_facing}
+    rows |= {f"{name}_by_scale": part for name, part in zip(("near", "steep", "air"), scales[:3], strict=True)}
+    rows["pairs"] = np.maximum(coincident[0] + MEAN_STEEPNESS * coincident[1], 0.0)
+    yield from ((name, np.where(empty, 0.0, part)) for name, part in rows.items())
+
+
+def fitted(design: Array, values: Array, weight: Array) -> Array:
+    """(parts, BINS) least squares, bin by bin. design: (rows, parts); values, weight: (rows, BINS)."""
+    each = zip(values.T, weight.T, strict=True)
+    return np.array([np.linalg.lstsq(design * w[:, None], w * v, rcond=None)[0] for v, w in each]).T
+
+
+def of_background(events: int) -> Iterator[tuple[str, Array]]:
+    """Rates per second, of photons from all directions alike."""
+    rates = counted(simulate(natural_lines(), events, response(CameraTruth()), np.random.default_rng(12)))
+    yield from zip(("every", "pairs", "by_scale"), rates, strict=True)
+
+
+def main(
+    nuclides: Annotated[list[str] | None, typer.Argument(help="By default Cs-137.")] = None,
+    every: Annotated[bool, typer.Option("--every", help="All nuclides that can be recognised.")] = False,
+    events: Annotated[int, typer.Option(help="Of each beam.")] = 600,
+    photons: Annotated[int, typer.Option(help="That are followed through soil and air, of each nuclide.")] = 100_000,
+) -> None:
+    print('"""Written by ``benchmarks/soil_spectra.py``; see agent.fusion.sources.spectra."""\n')
+    print("# fmt: off")
+    print("SOIL: dict[str, dict[str, tuple[float, ...]]] = {")
+    printed("background", of_background(100 * events))
+    seen = Response.simulated(events)
+    for name in CANDIDATES if every else nuclides or ["Cs-137"]:
+        printed(name, of_nuclide(nuclide(name), seen, photons))
+    print("}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
