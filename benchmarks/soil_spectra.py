@@ -7,7 +7,7 @@ by
 
     [near + h (steep + turned (f - ``MEAN_FACING``)) + air mu D] exp(-mu D) / (4 pi D^2),
 
-see agent.fusion.sources.spectra. background: the ground's own photons by ``sim.radiation.ground``, 3 m above soil, per second.
+see agent.fusion.sources.spectra. background: the soil's own photons by ``support.natural``, 3 m above it, per second.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ def fitted(design: Array, values: Array, weight: Array) -> Array:
     return np.array([np.linalg.lstsq(design * w[:, None], w * v, rcond=None)[0] for v, w in each]).T
 
 
-def of_background(events: int) -> Iterator[tuple[str, Array]]:
+def of_background(events: int, photons: int) -> Iterator[tuple[str, Array]]:
     """Rates per second, of photons from all directions alike."""
-    rates = counted(simulate(natural_lines(), events, response(CameraTruth()), np.random.default_rng(12)))
+    rates = counted(simulate(natural_lines(photons), events, response(CameraTruth()), np.random.default_rng(12)))
     yield from zip(("every", "pairs", "by_scale"), rates, strict=True)
 
 
@@ -108,7 +108,7 @@ def main(
     print('"""Written by ``benchmarks/soil_spectra.py``; see agent.fusion.sources.spectra."""\n')
     print("# fmt: off")
     print("SOIL: dict[str, dict[str, tuple[float, ...]]] = {")
-    printed("background", of_background(100 * events))
+    printed("background", of_background(100 * events, photons))
     seen = Response.simulated(events)
     for name in CANDIDATES if every else nuclides or ["Cs-137"]:
         printed(name, of_nuclide(nuclide(name), seen, photons))

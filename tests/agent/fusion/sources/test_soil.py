@@ -58,7 +58,7 @@ def test_every_nuclide_is_known_over_soil_and_counts_more_there():
     assert (ratio > 1.0).all()
     assert (ratio[[KNOWN.index(name) for name in ("Cs-137", "Co-60", "Na-22", "I-131")]] > 1.8).all()
     assert (over.areas(0.0, 0.0, Sight(0.1, -MEAN_FACING, 1.0)) >= 0.0).all()
-    assert over.background_ps(0.0).sum() == pytest.approx(4.1, abs=0.3)  # 1.2 without soil, in these bins
+    assert over.background_ps(0.0).sum() == pytest.approx(4.4, abs=0.2)  # 1.2 without soil, in these bins
 
 
 def test_over_nothing_there_is_no_soil():
