@@ -7,11 +7,14 @@ from msgspec.structs import replace
 from agent.config.mission import DetectionConfig
 from agent.detector.chain import DetectorChain
 from agent.detector.files.calibration import Calibration
-from agent.fusion.facing import Facing
+from agent.detector.windows import Windows
+from agent.fusion.bayes.response import Channel
+from agent.fusion.facing import MEAN_FACING, Facing
 from agent.fusion.sources.bins import pooled
 from agent.fusion.sources.soil import Sight
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import KNOWN, MEAN_FACING, PER_MM2, REFERENCE_BQ, Spectra
+from agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
+from agent.fusion.sources.tracker import _bins, _response
 from protocol.spectrum import BINS
 
 camera = pytest.importorskip("sim.radiation.camera")
@@ -66,6 +69,15 @@ def test_over_nothing_there_is_no_soil():
     assert spectra.soil is None
     assert Solution.nothing(2).log_soil is None
     assert spectra.templates(0.0, 0.0).shape == (1, 3, BINS)
+
+
+def test_a_track_over_soil_expects_the_counts_of_the_fit():
+    spectra, bins = Spectra.of(("Cs-137",), "soil"), _bins(Windows(("Cs-137",), DetectionConfig()))
+    response = _response(spectra, 0, bins, Channel(1.0, 1.0, 0.0, 1.0, 0.0))
+    distance, steepness = 8.0, 0.4
+    expected = spectra.areas(0.0, 0.0, Sight(spectra.air_per_m[0] * distance, 0.0, steepness))[0] @ bins
+    assert response.signal(np.array(1.0), np.array(distance), steepness) == pytest.approx(expected)
+    assert response.background_ps == pytest.approx(spectra.background_ps(0.0) @ bins)
 
 
 @pytest.fixture(scope="module")
