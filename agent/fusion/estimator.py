@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -79,14 +78,14 @@ class Hypothesis(Struct, frozen=True, eq=False):
     activity_bq: float | None = None
     activity_sigma_bq: float | None = None
     evidence: float | None = None
-    sights: Mapping[str, Sight] = field(default_factory=lambda: MappingProxyType({}))
+    sights: Mapping[str, Sight] = field(default_factory=dict)
     nuclide: str | None = None
     lines_kev: tuple[int, ...] | None = None
     others: tuple[Hypothesis, ...] = ()
     watched_s: float | None = None
     look: Hypothesis | None = None
     contradicted: tuple[str, ...] = ()
-    turned_deg: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    turned_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):

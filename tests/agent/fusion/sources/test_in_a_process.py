@@ -17,8 +17,11 @@ import psutil
 import pytest
 from fusions import fusion_of
 
+from agent.fusion import deferred
+from agent.fusion.estimator import Hypothesis
 from agent.fusion.registry import deferred_named
 from agent.shell.folding import Folding
+from agent.shell.foldworker import LENGTH, packed
 
 DEADLINE_S = 120.0  # the machine is shared
 MOST_HELD_S = 0.01  # processor time of the loop between two waits
@@ -95,6 +98,14 @@ def flown(mission, flight):
             return runner.run(run()), selector.most_s
     finally:
         gc.unfreeze()
+
+
+def test_an_estimate_can_be_sent_whatever_of_it_has_its_default():
+    """A default that cannot be pickled ended the process with its first estimate, again and again."""
+    three = np.zeros(3)
+    estimate = Hypothesis(stamp_ns=1, position=three, covariance=np.eye(3), velocity=three.copy(), cones=0, x0_stamp_ns=1)
+    sent = packed((frozenset(), deferred.Told(estimate)))
+    assert len(sent) > LENGTH.size
 
 
 @pytest.mark.slow
