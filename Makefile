@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint words clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -73,6 +73,9 @@ lint: $(DEV)  ## style, types and import contracts
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+words: $(DEV)  ## how plain the prose of code and documents is, by path
+	$(BIN)/python tests/support/words.py
 
 clean:  ## removes the environment, the results and all caches
 	rm -rf .venv build dist results *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
