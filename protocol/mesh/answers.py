@@ -1,5 +1,6 @@
-"""Answers to the log queries of peers: a bounded share of the event loop's time, a budget of bytes for each drone and one for all
-operators together, and sent in threads of their own.
+"""Answers to the log queries of peers, sent in separate threads.
+
+Limits: a share of the event loop's time, a budget of bytes for each drone, and a budget for all operators together.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from protocol.bucket import Bucket
 from protocol.mesh.link import in_thread
 from protocol.units import STATION
 
-SHARE = 0.1  # of the loop's time goes into answers at most, however often somebody asks
+SHARE = 0.1  # of the loop's time goes into answers at most, at any rate of queries
 MOST = 8  # queries answered at the same time
 MAX_DRONE_BPS, MAX_DRONE_BURST = 2e6, 4e6  # bytes; a drone whose log is empty takes in 1.2 MB/s (``inbox.ANSWERED_PER_S``)
-MAX_OPERATORS_BPS, MAX_OPERATORS_BURST = 0.5e6, 4e6  # of all stations; what is published reaches them anyway
-MAX_REFUSED_PS, MAX_REFUSED_BURST = 1.0, 5.0  # before a problem is told: a member that gets no answer waits two seconds
+MAX_OPERATORS_BPS, MAX_OPERATORS_BURST = 0.5e6, 4e6  # of all stations; published entries reach them anyway
+MAX_REFUSED_PS, MAX_REFUSED_BURST = 1.0, 5.0  # before a problem is reported: a member without an answer waits two seconds
 TOLD_S = 10.0  # after the last refusal
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
@@ -27,23 +28,23 @@ Answer = Callable[[bytes], list[tuple[str, bytes]]]
 
 @dataclass(frozen=True, slots=True)
 class _Quota:
-    """Of one asker: the bytes of its answers, and how many of its queries may be refused before that is told."""
+    """Quota of one asker: bytes of its answers, and refused queries before a problem is reported."""
 
     answered: Bucket
     refused: Bucket
 
     @classmethod
     def of(cls, asker: str, now_s: float) -> _Quota:
-        """A full one, of a drone or of all operators."""
+        """Return a full quota, of a drone or of all operators together."""
         bounds = (MAX_OPERATORS_BPS, MAX_OPERATORS_BURST) if asker == STATION else (MAX_DRONE_BPS, MAX_DRONE_BURST)
         return cls(Bucket(*bounds, now_s), Bucket(MAX_REFUSED_PS, MAX_REFUSED_BURST, now_s))
 
 
 class Answers:
-    """Counts ``log_answered``, ``log_answer_failed``, ``log_answer_refused``."""
+    """Answers within the limits; counts ``log_answered``, ``log_answer_failed``, ``log_answer_refused``."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, answer: Answer, counters: Counter[str]) -> None:
-        """``answer``: from the payload of a query to (key, payload) of each reply."""
+        """``answer``: maps the payload of a query to (key, payload) of each reply."""
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
         self._credit_s = Bucket(SHARE, SHARE, loop.time())
@@ -51,13 +52,13 @@ class Answers:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The askers whose budget is spent and that go on asking, one line each."""
+        """Askers that continue to query with their budget spent, one line each."""
         now_s = self._loop.time()
         crowding = [asker for asker, quota in self._quotas.items() if quota.refused.left(now_s) < 0.0]
         return tuple(f"{'an operator' if asker == STATION else asker} asks for too much of the log" for asker in crowding)
 
     def reply(self, query: zenoh.Query, asker: str) -> None:
-        """Answer a query, in the loop's thread; failures are counted. ``asker``: a drone's id, or ``STATION``."""
+        """Answer a query, in the loop's thread, and count failures. ``asker``: a drone's id, or ``STATION``."""
         replies: list[tuple[str, bytes]] = []
         begun_s = self._loop.time()
         if asker not in self._quotas:
@@ -79,7 +80,7 @@ class Answers:
             self._credit_s.charge(self._loop.time() - begun_s)
 
         def send() -> None:
-            with query:  # leaving the block ends it for the peer
+            with query:  # leaving the block ends the query for the peer
                 for key, payload in replies:
                     query.reply(key, payload)
 

@@ -1,6 +1,6 @@
-"""Why no link comes about, as far as it is for certificates: Zenoh dials again and again, and tells nobody.
+"""Diagnosis of links that certificates prevent: Zenoh dials again and again without a report.
 
-A handshake like its own shows who refuses whom, and for what.
+A TLS handshake like Zenoh's shows the refusing side, the refused certificate and the reason.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ WITHIN_S = 1.5
 _REFUSAL_S = 0.5  # with TLS 1.3 the other side's refusal follows our end of the handshake
 _TIMES = (9, 10)  # of OpenSSL's verification: X509_V_ERR_CERT_NOT_YET_VALID, X509_V_ERR_CERT_HAS_EXPIRED
 _OF_ANOTHER = "it is of another authority than its own"
-_ALERTS = {  # of the other side (RFC 8446, 6.2), as rustls gives them for certificates
-    "CERTIFICATE_EXPIRED": "it is not valid now by its clock",  # or not yet
+_ALERTS = {  # of the other side (RFC 8446, 6.2), as rustls sends them for certificates
+    "CERTIFICATE_EXPIRED": "it is not valid now by its clock",  # or not valid yet
     "UNKNOWN_CA": _OF_ANOTHER,
-    "DECRYPT_ERROR": _OF_ANOTHER,  # of the same name
+    "DECRYPT_ERROR": _OF_ANOTHER,  # another authority of the same name
     "UNSUPPORTED_CERTIFICATE": "it is not for links",
 }
 _PLAIN = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 
 
 async def refusals(identity: Identity | None, endpoints: Iterable[str], now_ns: int) -> dict[str, str]:
-    """By endpoint (``tls/HOST:PORT``) with which certificates prevent a link: why, and what mends it, in one line.
+    """Return, by endpoint (``tls/HOST:PORT``), why certificates prevent a link and how to fix it, in one line.
 
-    Empty where nobody listens, where links are made, and without an ``identity``: it is not for certificates then. ``now_ns``:
-    this computer's clock, to be told.
+    No line for an endpoint without a listener or with a working link; empty without an ``identity``, as plain links have no
+    certificates. ``now_ns``: this computer's clock, for the text.
     """
     if identity is None:
         return {}
@@ -46,7 +46,7 @@ def _refusal(identity: Identity, endpoint: str, now_ns: int) -> str:
     renew = f"`radron-deploy pki issue {identity.own.name} --role {identity.own.role}`"
     try:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.check_hostname = False  # a member is known by the name in its certificate, at whatever address
+        context.check_hostname = False  # the name in its certificate identifies a member, at any address
         context.load_verify_locations(identity.folder / AUTHORITY_FILE)
         context.load_cert_chain(own, identity.folder / KEY_FILE)
         with socket.create_connection((host.strip("[]"), int(port)), WITHIN_S) as plain, context.wrap_socket(plain) as link:
@@ -69,5 +69,5 @@ def _refusal(identity: Identity, endpoint: str, now_ns: int) -> str:
         mend = f"set the clocks (this computer's shows {now}), or run {renew}" if "EXPIRED" in alert else f"run {renew}"
         return f"{endpoint} refuses {own}: {what}: {mend} where the authority of all is"
     except (OSError, ValueError):
-        return ""  # nobody listens there, or it says nothing: so it waits for Zenoh's first message
+        return ""  # no listener, or no refusal: an accepted link is silent until Zenoh's first message
     return ""

@@ -1,9 +1,9 @@
 """Messages from Zenoh's threads to the event loop: entries and commands lossless and in order, of other kinds only the newest.
 
-A burst costs the loop one call from another thread. It is delivered in slices, commands first and log entries last, so that a
-backlog of recovered entries neither delays the control step nor makes poses stale. Every publisher has queues of its own, which
-take turns: one that floods loses its own messages, nobody else's. What a drone publishes and what it answers are apart, too: the
-former has the pace of its camera, the latter that of whoever asks.
+A burst costs the loop one call from another thread. Delivery is in slices, commands first and log entries last, so that a
+backlog of recovered entries neither delays the control step nor makes poses stale. Every publisher has separate queues, which
+take turns: a flooding publisher loses only its own messages. Published and answered messages of a drone have separate queues,
+too: its camera sets the rate of the former, the asker the rate of the latter.
 """
 
 from __future__ import annotations
@@ -27,43 +27,43 @@ ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
 SLICE_MESSAGES = 100
 SLICE_S, PAUSE_S = 0.005, 0.005
-ENTRIES_PAUSE_S = 0.015  # after a slice of entries: what arrives, and what follows from it, takes a quarter of the loop's time
+ENTRIES_PAUSE_S = 0.015  # after a slice of entries: the entries and their consequences take a quarter of the loop's time
 MOST_ENTRIES = 5_000  # answered by a drone, waiting for delivery; more are dropped, and recovered by the log query
-MAX_PUBLISHED = 2_000  # published by a drone, likewise: with those that are delivered at once, what it has in its caches
+MAX_PUBLISHED = 2_000  # published by a drone, likewise: with the entries delivered at once, the size of its caches
 PUBLISHED_PER_S, PUBLISHED_BURST = 200.0, 1_500.0  # entries of a drone, which publishes 30 to 100 a second
 ANSWERED_PER_S = 1_000.0  # an hour's log in less than a minute
 MOST_COMMANDS = 100  # of a publisher
 FLOOD_COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
-MAX_NEWS = 64  # of a publisher, waiting for delivery: a kind of a session each
+MAX_NEWS = 64  # of a publisher, waiting for delivery: one for each kind and session
 MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
-NEWS_IN_TURN = 20  # delivered before an entry that waits: a flood of news must not keep all entries back
-NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
+NEWS_IN_TURN = 20  # delivered before a waiting entry: a flood of news must not block all entries
+NEWS_PER_S = 200  # of a publisher; only the newest counts; honest publishers send 15
 TOLD_S = 10.0  # a flood is reported for this long
-DELIVERED_S = 1.0  # for the replies to one question to be delivered; a peer that floods must not hold up the next one
+DELIVERED_S = 1.0  # longest wait for the delivery of the replies to one query; a flooding peer must not delay the next query
 
-_Name = tuple[str, bool]  # of a publisher, and whether it has been asked
-Receive = Callable[[Key, bytes], object]  # what it returns does not matter
+_Name = tuple[str, bool]  # of a publisher; True: for its answers to queries
+Receive = Callable[[Key, bytes], object]  # its result is ignored
 
 
 @dataclass(slots=True)
 class _Share:
-    """What waits of one publisher. ``credit``: of entries to be delivered; ``flood_s``: when it last lost messages."""
+    """Waiting messages of one publisher. ``credit``: for entries to deliver; ``flood_s``: time of its last lost message."""
 
     credit: Bucket
     commands: deque[tuple[Key, bytes]] = field(default_factory=deque)
-    news: dict[tuple[Key, str], bytes] = field(default_factory=dict)  # of each session, so that none replaces another one's
+    news: dict[tuple[Key, str], bytes] = field(default_factory=dict)  # by session: no session replaces another session's news
     entries: deque[tuple[Key, bytes]] = field(default_factory=deque)
     second: int = 0
-    heard: int = 0  # of news or commands, in this second
+    heard: int = 0  # news or commands in this second
     lost: int = 0
     flood_s: float = float("-inf")
 
 
 class Inbox:
-    """Takes messages in any thread, delivers them in the loop's, with their keys as read here once.
+    """Takes messages in any thread, reads their keys once, and delivers both in the event loop's thread.
 
-    Counts ``received`` (delivered), ``superseded`` (replaced by a newer one before delivery); and of what it drops ``overflow``
-    (beyond the bounds above), ``oversized``, ``other_swarm``, ``unknown_key``, ``unknown_drone``.
+    Counts ``received`` (delivered) and ``superseded`` (replaced by a newer message before delivery); dropped messages as
+    ``overflow`` (beyond the bounds above), ``oversized``, ``other_swarm``, ``unknown_key``, ``unknown_drone``.
     """
 
     def __init__(
@@ -75,15 +75,15 @@ class Inbox:
         counters: Counter[str],
         members: Collection[str] | None = None,
     ) -> None:
-        """``members``: the drones whose messages are taken; None: all."""
+        """``members``: drones with accepted messages; None: all."""
         self._loop = loop
         self._swarm = swarm
         self._receive = receive
         self._drained = drained
         self._counters = counters
         self._members = members
-        self._lock = threading.Lock()  # of everything that follows, which all threads change
-        self._shares: dict[_Name, _Share] = {}  # the first waits longest
+        self._lock = threading.Lock()  # of all following fields, which all threads change
+        self._shares: dict[_Name, _Share] = {}  # the first has waited longest for its turn
         self._publishers = Publishers()
         self._dropped: Counter[str] = Counter()
         self._news_run = 0  # news delivered since the last entry
@@ -91,8 +91,10 @@ class Inbox:
         self._closed = False
 
     def put(self, key: str, payload: bytes | None, by: str | None = None, session: str = "") -> None:
-        """Take a message, in any thread; None stands for a payload that was too large. ``by``: the drone that has answered with
-        it: it takes up the share of that one, whoever's it is. ``session``: that has published it, as it says.
+        """Take a message, in any thread; None stands for a payload beyond the size limit.
+
+        ``by``: the drone that has answered with the message, whose share it uses, for any author of the entry. ``session``:
+        the publishing session's id, as the message states it.
         """
         try:
             address = parse_key(key)
@@ -106,7 +108,7 @@ class Inbox:
                 self._loop.call_soon_threadsafe(self._deliver)
 
     async def delivered(self, replies: int) -> None:
-        """After so many replies to a question, wait until no log entry waits for its delivery, but no longer than a second."""
+        """Wait, after this number of ``replies`` to a query, until all log entries are delivered; at most ``DELIVERED_S``."""
         end_s = self._loop.time() + DELIVERED_S
         while replies and self._holds_entries() and self._loop.time() < end_s and not self._closed:
             await asyncio.sleep(SLICE_S)
@@ -121,7 +123,7 @@ class Inbox:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line for each publisher that sends more than is taken of it, or that is two."""
+        """One line for each publisher beyond its limits, and for each name with two publishing sessions."""
         now_s = self._loop.time()
         with self._lock:
             copied = self._publishers.problems(now_s)
@@ -157,7 +159,7 @@ class Inbox:
             self._renew(share, key, payload, session)
 
     def _share_of(self, name: _Name) -> _Share | None:
-        """The share of a publisher, in the place of an idle one where there are too many; None where none is idle."""
+        """Return a publisher's share; beyond ``MOST_PUBLISHERS`` it replaces an idle share. None if no share is idle."""
         share = self._shares.get(name)
         if share is not None:
             return share
@@ -171,7 +173,7 @@ class Inbox:
         return share
 
     def drop(self, reason: str) -> None:
-        """Count something that is not taken, in any thread."""
+        """Count a dropped message by its reason, in any thread."""
         with self._lock:
             self._dropped[reason] += 1
 
@@ -202,7 +204,7 @@ class Inbox:
         share.lost, share.flood_s = share.lost + 1, self._loop.time()
 
     def _deliver(self) -> None:
-        """One slice; the next follows after a pause, in which the loop processes everything else that is due."""
+        """Deliver one slice; the next slice follows after a pause, in which the loop processes all other due work."""
         until_s = self._loop.time() + SLICE_S
         delivered = entries = 0
         try:
@@ -231,7 +233,7 @@ class Inbox:
             self._loop.call_later(pause_s, self._deliver)
 
     def _next(self) -> tuple[Key, bytes] | None:
-        """The next message: of the publisher that has waited longest for its turn, commands first and entries last."""
+        """Return the next message, of the publisher with the longest wait for its turn; commands first, entries last."""
         now_s = self._loop.time()
         later = (_news, _entry) if self._news_run < NEWS_IN_TURN else (_entry, _news)
         with self._lock:

@@ -1,4 +1,4 @@
-"""The Zenoh session of a member, with the rights that each of its peers has."""
+"""The Zenoh session of a member, with the rights of each of its peers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from protocol.mesh.rights import access_control, limits
 
 
 async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh.Session:
-    """Open a session in which every member has its rights, and who is revoked no link. Raises MeshError, IdentityError."""
+    """Open a session with every member's rights and without links to revoked members. Raises MeshError, IdentityError."""
     identity, access, revoked = config.identity, None, config.revoked
     if identity is not None:
         _check_owner(identity, drone)

@@ -1,4 +1,4 @@
-"""Settings, opening and closing of a Zenoh session, with errors that say what to do."""
+"""Settings, opening and closing of a Zenoh session, with errors that name the remedy."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ T = TypeVar("T")
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
 MAX_PORT = 65535
-CLOSE_S = 2.0  # it takes 0.8 s while a stopped peer is dialled; twice that on a busy machine
+CLOSE_S = 2.0  # closing takes 0.8 s while a stopped peer is dialled; twice as long on a busy machine
 _ENDPOINT = re.compile(r"(?P<protocol>tcp|tls)/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
-_RUNTIME = "(rx: (worker_threads: 16))"  # by default there are two: vanished peers then stall the reception from others for 10 s
+_RUNTIME = "(rx: (worker_threads: 16))"  # the default is two: vanished peers then stall the reception from others for 10 s
 
 # Each value was chosen by partition tests. One-way dialling and "greater-zid" keep two peers from opening two half sessions.
-# "open/return_conditions/connect_scouted" stays on: without it a session opens 0.5 s sooner, but of 80 peers that had stood still
-# for one or two seconds 15 came back with a link and without their declarations: deaf and unheard for good.
+# "open/return_conditions/connect_scouted" stays on: without it a session opens 0.5 s sooner, but 15 of 80 peers that had stopped
+# for one or two seconds came back with a link and without declarations: they neither receive nor reach others any more.
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
@@ -43,27 +43,27 @@ _SETTINGS: dict[str, object] = {
     "transport/link/tx/queue/size/data_high": 16,  # batches of 64 KiB for each peer, at the priority of log entries
     "transport/unicast/open_timeout": 750,  # ms, two round trips; closing waits for it while a stopped peer is dialled
     "transport/unicast/accept_timeout": 750,
-    "transport/link/rx/max_message_size": 1 << 20,  # bytes; none of ours is larger, and a peer chooses how much memory it takes
+    "transport/link/rx/max_message_size": 1 << 20,  # bytes; ours are smaller, and a peer chooses the memory for its message
     "transport/shared_memory/enabled": False,  # drones share no memory, and a killed process leaves its segments behind
     "queries_default_timeout": 1000,
 }
 
 
 class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where a session listens and which peers it dials, as Zenoh endpoints: ``tls/10.7.1.11:7447``.
+    """Endpoints of a session, to listen at and to dial, in Zenoh's notation: ``tls/10.7.1.11:7447``.
 
-    Of two drones only one may dial the other (by convention the one with the higher index). ``drones``: those of the swarm; with
-    an identity, each of them can publish under its own name only. ``others``: who else may join.
+    Of two drones only one may dial the other (by convention the drone with the higher index). ``drones``: drones of the swarm;
+    with an identity, each of them can publish under its own name only. ``others``: names of further members that may join.
     """
 
     listen: str | None = None  # None: dial only (operators)
     connect: tuple[str, ...] = ()
     multicast: bool = False  # also find peers by multicast
-    gossip: bool = True  # also dial peers that another one announces; False: only those above
+    gossip: bool = True  # also dial peers that another peer announces; False: only the endpoints above
     identity: Identity | None = None  # None: plain TCP, open to everybody (endpoints ``tcp/...``)
     drones: tuple[str, ...] | None = None  # None: not known
-    others: tuple[str, ...] | None = None  # None: everybody with a certificate of the swarm
-    revoked: frozenset[str] = frozenset()  # members revoked in flight, besides those of the identity's own list
+    others: tuple[str, ...] | None = None  # None: every holder of a certificate of the swarm
+    revoked: frozenset[str] = frozenset()  # members revoked in flight, besides the identity's own list
 
 
 async def open_session(
@@ -73,17 +73,17 @@ async def open_session(
     limits: list[dict[str, object]] | None = None,
     refused: frozenset[str] = frozenset(),
 ) -> zenoh.Session:
-    """Open a Zenoh session. An unreachable peer is no error: it is dialled until it answers.
+    """Open a Zenoh session. An unreachable peer is no error: Zenoh dials it until it answers.
 
     Args:
         config: endpoints; host names are resolved here, once (Zenoh would resolve them at each attempt, and block meanwhile).
-        dial_all: also dial every peer announced by another one: for a session that does not listen.
-        access: what peers may send, by the name in their certificate; None: everything.
-        limits: how often they may send it; None: as often as they like.
-        refused: names in certificates whose links are ended as soon as they are made. (Zenoh knows no revocation lists.)
+        dial_all: also dial every peer announced by another peer: for a session that does not listen.
+        access: Zenoh's access control, by the name in a peer's certificate; None: peers may send everything.
+        limits: Zenoh's limits of the peers' message rates; None: no limits.
+        refused: names in certificates; a link to such a member is closed at once. (Zenoh knows no revocation lists.)
 
     Raises:
-        MeshError: a malformed endpoint, an unknown name, a port in use.
+        MeshError: a malformed endpoint, an unknown name, a port in use, no session within ``OPEN_S``.
     """
     settings = zenoh.Config()
     plain: dict[str, object] = {"transport/link/protocols": ["tcp"]}
@@ -101,7 +101,7 @@ async def open_session(
             return await asyncio.shield(opening)
     except asyncio.CancelledError:
         with contextlib.suppress(zenoh.ZError):
-            await close_session(await opening)  # a thread of Zenoh that outlives the interpreter aborts the process
+            await close_session(await opening)  # a Zenoh thread that outlives the interpreter aborts the process
         raise
     except TimeoutError:
         raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; check that the network is up") from None
@@ -110,10 +110,10 @@ async def open_session(
 
 
 def _secured(identity: Identity) -> dict[str, object]:
-    """Settings for TLS in both directions.
+    """Return the settings for TLS in both directions.
 
-    A peer's rights follow from the name in its certificate, so its address needs no place there, and is not compared. A link
-    outlives its certificates: nothing is cut in flight.
+    A peer's rights follow from the name in its certificate, so the certificate names no address, and none is compared. A link
+    outlives its certificates: an expiry closes no link in flight.
     """
     certificate, key = str(identity.folder / CERTIFICATE_FILE), str(identity.folder / KEY_FILE)
     tls = {
@@ -133,7 +133,7 @@ def _open(settings: zenoh.Config, refused: frozenset[str]) -> zenoh.Session:
     def take(event: zenoh.LinkEvent) -> None:
         for link in _sockets((event.link,)):
             if event.link.auth_identifier in refused:
-                with contextlib.suppress(OSError):  # ended by the peer meanwhile
+                with contextlib.suppress(OSError):  # closed by the peer meanwhile
                     link.shutdown(socket.SHUT_RDWR)
             _do_not_linger(link)
 
@@ -143,7 +143,7 @@ def _open(settings: zenoh.Config, refused: frozenset[str]) -> zenoh.Session:
 
 
 def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
-    """The result of a blocking call, made in a separate daemon thread."""
+    """Make a blocking call in a separate daemon thread and return its future result."""
     outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
     outcome.set_running_or_notify_cancel()
 
@@ -158,9 +158,9 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def close_session(session: zenoh.Session) -> None:
-    """Close a Zenoh session, within ``CLOSE_S`` whatever its peers do.
+    """Close a Zenoh session within ``CLOSE_S``, for any behaviour of its peers.
 
-    If it takes longer, a thread finishes it; a process that ends before that thread may abort.
+    A slower closing continues in its thread; a process that ends before this thread may abort.
     """
     with contextlib.suppress(TimeoutError, zenoh.ZError):
         for link in _sockets(session.info.links()):  # also links newer than the listener's last event
@@ -172,15 +172,15 @@ async def close_session(session: zenoh.Session) -> None:
 def _do_not_linger(link: socket.socket) -> None:
     """Let the kernel send remaining data in the background when a link is closed.
 
-    Zenoh gives its sockets a linger time of 10 s: for that long a link to a peer that has stopped reading would block close(),
-    and, when such a peer is given up, a receive thread with everything queued there.
+    Zenoh gives its sockets a linger time of 10 s: for this time a link to a peer that has stopped reading would block close(),
+    and, when Zenoh gives such a peer up, a receive thread with all its queued messages.
     """
     with contextlib.suppress(OSError):  # closed meanwhile
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
 
 
 def _sockets(links: Iterable[zenoh.Link]) -> Iterator[socket.socket]:
-    """The sockets of this process's links, which remain Zenoh's."""
+    """Yield the sockets of this process's links; Zenoh remains their owner."""
     ends = {(link.src.partition("/")[2], link.dst.partition("/")[2]) for link in links}
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):  # not a socket, not connected, or closed meanwhile
@@ -217,7 +217,7 @@ async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
 
 
 async def _numeric(where: str, endpoint: str, protocol: str) -> str:
-    """The endpoint with a numeric host."""
+    """Return the endpoint with a numeric host. Raises MeshError."""
     match = _ENDPOINT.match(endpoint)
     if match is None or not 0 < int(match["port"]) <= MAX_PORT:
         expected = f"expected {protocol}/HOST:PORT, such as {protocol}/10.7.1.11:7447"
@@ -237,7 +237,7 @@ async def _numeric(where: str, endpoint: str, protocol: str) -> str:
 
 
 async def _address(where: str, host: str, port: int) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """Only names are looked up: a numeric host needs no thread, which a busy machine may start late."""
+    """Resolve a host. A numeric host needs no look-up, and so no thread, which a busy machine may start late."""
     try:
         return ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
@@ -253,7 +253,7 @@ async def _address(where: str, host: str, port: int) -> ipaddress.IPv4Address | 
 
 
 def _explain(text: str, config: MeshConfig) -> str:
-    """Zenoh's error in one line."""
+    """Return Zenoh's error in one line."""
     reason = re.search(r"([A-Z][a-z ]+) \(os error (\d+)\)", text)
     if reason is not None and config.listen is not None and int(reason[2]) == errno.EADDRNOTAVAIL:
         return (

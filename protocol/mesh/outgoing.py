@@ -1,7 +1,7 @@
-"""Publication of log entries in a thread of its own.
+"""Publication of log entries in a separate thread.
 
-While an advanced publisher's cache answers a peer, a put to it waits; over a congested link that lasts until Zenoh gives the
-link up after 5 s. The event loop must not wait for that: an agent whose steps stop for a second is killed by its watchdog.
+While an advanced publisher's cache answers a peer, a put to it waits; over a congested link this lasts until Zenoh gives the
+link up after 5 s. The event loop must not wait so long: the watchdog kills an agent without a step for a second.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import zenoh
 from zenoh import ext
 
 CLOSE_S = 0.2
-MOST_WAITING = 10_000  # entries, some megabytes; more are not published, and come by the log query
+MOST_WAITING = 10_000  # entries, some megabytes; further entries are not published, and reach peers by the log query
 
 
 class Outgoing:
-    """Publishes in order, from one thread's point of view."""
+    """Publishes the entries of each calling thread in order."""
 
     def __init__(self, failed: Callable[[], None]) -> None:
-        """``failed``: called for each entry that is not published, in either thread."""
+        """``failed``: called for each unpublished entry, in the caller's thread or the publishing thread."""
         self._failed = failed
         self._waiting: queue.SimpleQueue[tuple[ext.AdvancedPublisher, bytes] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._closed = False
 
     def put(self, publisher: ext.AdvancedPublisher, payload: bytes) -> None:
-        """Publish an entry soon; never blocks."""
+        """Queue an entry for publication; never blocks."""
         if self._closed or self._waiting.qsize() >= MOST_WAITING:
             self._failed()
             return
@@ -38,7 +38,7 @@ class Outgoing:
         self._waiting.put((publisher, payload))
 
     def close(self) -> None:
-        """Publish what waits, for ``CLOSE_S`` at most, and nothing more. Blocks."""
+        """Publish the waiting entries, for ``CLOSE_S`` at most, and accept no others. Blocks."""
         self._closed = True
         self._waiting.put(None)
         if self._thread is not None:

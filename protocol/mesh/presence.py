@@ -1,4 +1,4 @@
-"""Who is there, by the liveliness tokens of the mesh, and who speaks another version of the protocol."""
+"""Presence of the drones by the mesh's liveliness tokens, and drones with another version of the protocol."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from collections import Counter
 
 from protocol.keys import VERSION, read_token
 
-MOST_ALIVE = 256  # names with a liveliness token that are kept
+MOST_ALIVE = 256  # kept names with a liveliness token
 
 
 class Presence:
-    """``alive``: the drones with a token of this version."""
+    """The drones' liveliness tokens. ``alive``: drones with a token of this version."""
 
     def __init__(self, counters: Counter[str]) -> None:
-        """``counters``: ``overflow`` counts the tokens that were too many."""
+        """``counters``: ``overflow`` counts the tokens beyond ``MOST_ALIVE``."""
         self._counters = counters
         self.alive: set[str] = set()
-        self._differing: dict[str, str] = {}  # versions of those that speak another one
+        self._differing: dict[str, str] = {}  # by drone: a protocol version other than this one
 
     def take(self, key: str, appears: bool) -> None:
-        """Take a token that appears or vanishes."""
+        """Take the appearance or the end of a token."""
         drone, version = read_token(key)
         if version != str(VERSION):
             self._differ(drone, version, appears)
@@ -32,14 +32,14 @@ class Presence:
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """The drones of another version, one line each."""
+        """Drones with another protocol version, one line each."""
         return tuple(
             f"{drone} speaks version {version or 'unknown'} of the protocol, here {VERSION}: give all the same version of radron"
             for drone, version in sorted(self._differing.items())
         )
 
     def clear(self) -> None:
-        """Forget all: the session has ended."""
+        """Forget all drones: the session has ended."""
         self.alive.clear()
         self._differing.clear()
 

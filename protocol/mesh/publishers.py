@@ -1,7 +1,7 @@
-"""The Zenoh sessions that publish under each name: two that both go on for longer than the lease hold the same key.
+"""The Zenoh sessions that publish under each name: two sessions that continue for longer than the lease hold the same key.
 
-A restart is none: the session of before ends with its process, and what it has sent arrives within the lease. A session is known
-by the id that its messages carry; whoever has the key may write another one's there, but not keep that one from writing its own.
+A restart is no copied key: the earlier session ends with its process, and its messages arrive within the lease. The session id
+in a message identifies its session; a holder of the key may forge another session's id, but cannot stop that session's messages.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
-LEASE_S = 1.5  # for which a session that has ended may still be heard: Zenoh's lease, and half of it
-SHOWN_S = 10.0  # a copied key is told for this long
-MAX_SESSIONS = 8  # of a name that are remembered
+LEASE_S = 1.5  # in which messages of an ended session may still arrive: one and a half times Zenoh's lease
+SHOWN_S = 10.0  # a copied key is reported for this time
+MAX_SESSIONS = 8  # remembered for a name
 MAX_NAMES = 128
 MAX_OF_RESTART = 2  # sessions within the lease
 
@@ -23,14 +23,14 @@ class _Span:
 
 
 class Publishers:
-    """When which sessions have published under which names. Not locked: its owner is."""
+    """Times of publication by name and session. No lock here: the owner's lock covers it."""
 
     def __init__(self) -> None:
         self._spans: dict[str, dict[str, _Span]] = {}  # by name and session
         self._shown_s: dict[str, float] = {}
 
     def note(self, name: str, session: str, now_s: float) -> None:
-        """Note that a session has published under a name."""
+        """Record a publication of a session under a name."""
         spans = self._spans.get(name)
         if spans is None:
             if len(self._spans) >= MAX_NAMES:
@@ -55,6 +55,6 @@ class Publishers:
             self._shown_s[name] = now_s
 
     def problems(self, now_s: float) -> tuple[str, ...]:
-        """One line for each name under which two sessions publish."""
+        """Return one line for each name with two publishing sessions."""
         shown = sorted(name for name, shown_s in self._shown_s.items() if now_s - shown_s < SHOWN_S)
         return tuple(f"{name}: two sessions publish under its name (a copied key, or an agent started twice)" for name in shown)

@@ -1,4 +1,4 @@
-"""Queries to peers, and what drones query from an operator's station part by part: the content of a mission."""
+"""Queries to peers, and the content of a mission, which drones query part by part from an operator's station."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from protocol.messages import MOST_PARTS, PART_BYTES
 
 PART_S = 5.0  # for one part, over a slow radio
 ATTEMPTS = 3
-MOST_ANSWERS = 8  # parts that are being sent at the same time
-ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone's log: it drops what comes sooner
+MOST_ANSWERS = 8  # parts sent at the same time
+ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone's log: it drops earlier queries
 
 
 class Pace:
-    """Queries of each drone's log one after the other, as often as the drone answers them."""
+    """Pace of the queries of each drone's log: one after the other, at a rate that the drone answers."""
 
     def __init__(self) -> None:
         self._next_s: dict[str, float] = {}
 
     async def turn(self, drone: str) -> None:
-        """Wait until the drone may be asked."""
+        """Wait until a query to this drone is due."""
         now_s = asyncio.get_running_loop().time()
         at_s = max(now_s, self._next_s.get(drone, now_s))
         self._next_s[drone] = at_s + ASKED_S
@@ -44,18 +44,18 @@ async def query(
     take: Callable[[zenoh.Sample], object],
     failed: Callable[[], object],
 ) -> None:
-    """Ask everybody who answers for a key, and wait for the end of the answers.
+    """Query all peers that answer for a key, and wait for the end of the answers.
 
     Args:
         session: of the mesh.
-        key: what the answers are declared for.
-        payload: the question.
-        within_s: bound of Zenoh's own wait; ours is a fifth longer.
+        key: the key of the peers' declared answers.
+        payload: payload of the query.
+        within_s: bound of Zenoh's wait, in seconds; ours is a fifth longer.
         take: called with each answer, in Zenoh's threads.
-        failed: called for an answer that is an error, there too.
+        failed: called for each error in place of an answer, in Zenoh's threads, too.
 
     Raises:
-        TimeoutError, zenoh.ZError: nobody answers, or not in time.
+        TimeoutError, zenoh.ZError: no answer, or not in time.
     """
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[None] = loop.create_future()
@@ -88,10 +88,10 @@ async def query(
 
 
 def split(content: bytes) -> tuple[bytes, ...]:
-    """The parts in which a mission is uploaded.
+    """Split the content of a mission into the parts of its upload.
 
     Raises:
-        ProtocolError: it is too large.
+        ProtocolError: the content has more than ``MOST_PARTS`` parts.
     """
     parts = tuple(content[start : start + PART_BYTES] for start in range(0, len(content), PART_BYTES))
     if len(parts) > MOST_PARTS:
@@ -101,12 +101,12 @@ def split(content: bytes) -> tuple[bytes, ...]:
 
 
 def hash_of(part: bytes) -> bytes:
-    """BLAKE2b-256."""
+    """Return the BLAKE2b-256 hash of a part."""
     return blake2b(part, digest_size=32).digest()
 
 
 async def fetch(session: zenoh.Session, key: str, hashes: Sequence[bytes]) -> bytes | None:
-    """The content whose parts have these hashes, from whoever answers for the key; None where a part does not come."""
+    """Fetch the content with these hashes of its parts, from any peer that answers for the key; None if a part is missing."""
     parts = []
     for place, expected in enumerate(hashes):
         part = await _fetched(session, key, place, expected)
@@ -132,7 +132,7 @@ async def _fetched(session: zenoh.Session, key: str, place: int, expected: bytes
 
 
 class Serving:
-    """Answers the queries for the parts of one content, until it is closed. Made and called in the loop's thread."""
+    """Answers the queries for the parts of one content, until closed. Made and called in the loop's thread."""
 
     def __init__(self, session: zenoh.Session, key: str, parts: Sequence[bytes]) -> None:
         self._loop = asyncio.get_running_loop()
@@ -141,13 +141,13 @@ class Serving:
         self._queryable: zenoh.Queryable[None] | None = None
 
     async def open(self) -> None:
-        """Answer from now on. Raises zenoh.ZError."""
+        """Start to answer. Raises zenoh.ZError."""
         self._queryable = await in_thread(
             lambda: self._session.declare_queryable(self._key, Callback(self._take, indirect=False))
         )
 
     async def close(self) -> None:
-        """Answer no more. Raises zenoh.ZError."""
+        """Stop to answer. Raises zenoh.ZError."""
         if self._queryable is not None:
             await in_thread(self._queryable.undeclare)
 
@@ -161,7 +161,7 @@ class Serving:
         part = self._parts[wanted] if wanted < len(self._parts) and self._answers < MOST_ANSWERS else None
 
         def send() -> None:
-            with asked:  # leaving the block ends it for the peer
+            with asked:  # leaving the block ends the query for the peer
                 if part is not None:
                     asked.reply(self._key, part)
 
@@ -171,7 +171,7 @@ class Serving:
     def _replied(self, sending: asyncio.Future[None]) -> None:
         self._answers -= 1
         if not sending.cancelled():
-            sending.exception()  # the peer has gone, and asks again
+            sending.exception()  # the link to the peer was lost; the peer repeats its query
 
 
 def _settle(future: asyncio.Future[None]) -> None:

@@ -1,4 +1,4 @@
-"""Recovery of missing log entries: the agent asks one peer after another for what it lacks, and who appears at once."""
+"""Recovery of missing log entries: the agent queries one peer after another, and an appearing peer at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Collection
 
 PERIOD_S = 2.0
 MAX_PUT_OFF = 0.5  # share of an answer
-HURRY_S = 0.2  # while entries arrive: after a restart the whole log is missing, and each answer brings a bounded part
+HURRY_S = 0.2  # while entries arrive: after a restart the whole log is missing, and each answer has a bounded part of it
 
 
 async def recover(
@@ -17,17 +17,17 @@ async def recover(
     phase: float,
     put_off: Callable[[], int] = lambda: 0,
 ) -> None:
-    """Ask one peer after another, until cancelled; those that have appeared first, in turn, until they have nothing new.
+    """Query one peer after another, until cancelled; appeared peers first, in turn, until their answers are empty.
 
-    Whoever always has an answer, of what is known already, must not keep the others out: while some have appeared, one of all
-    peers is asked for every second period.
+    A peer with endless answers of known entries must not exclude the other peers: while appeared peers are queried, every
+    second period goes to one of all peers.
 
     Args:
         alive: ids of the reachable peers.
         summary: summary of the own log.
-        ask: sends it to a peer; returns the number of entries received.
-        phase: 0 .. 1 of the period and of the peers, so that agents do not all ask at the same time, or the same peer first.
-        put_off: the number of entries put off so far: where most of an answer is, there is no hurry to ask again.
+        ask: sends the summary to a peer; returns the number of received entries.
+        phase: 0 .. 1 of the period and of the peers, so that agents query neither all at the same time nor the same peer first.
+        put_off: the number of postponed entries so far: with most of an answer postponed, the next query waits a period.
     """
     now_s = asyncio.get_running_loop().time
     due_s, turn = now_s() + PERIOD_S * phase, 0

@@ -1,7 +1,7 @@
-"""Who may publish what: the rules by which a session judges what its peers send, by the names in their certificates.
+"""Rights of publication: the rules of a session for messages of its peers, by the names in their certificates.
 
-Whatever is not allowed is dropped where it arrives. Zenoh knows names, not roles, and no author of what a peer passes on: that
-commands come from operators only, and that an entry in an answer is its author's, is checked by the agents, by signatures.
+A message without a right is dropped by its receiver. Zenoh knows neither the roles of names nor the authors of relayed messages:
+agents check by signatures that a command is an operator's, and that an entry in an answer is its author's.
 """
 
 from __future__ import annotations
@@ -13,30 +13,32 @@ from protocol.mesh.inbox import ENTRY_KINDS
 from protocol.messages import STATION_KINDS
 from protocol.units import STATION
 
-_PREFIX = "radron/*"  # of every version of the protocol: others must be seen to be named
-_VERSIONS = range(1, 10)  # whose liveliness tokens are taken: with a wildcard, a member could have its peers keep any number
+_PREFIX = "radron/*"  # of every version of the protocol: only a visible drone of another version can be reported
+_VERSIONS = range(1, 10)  # of accepted liveliness tokens: with a wildcard, a member could make its peers keep any number of them
 _READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
-LOG_QUERIES_PER_S = 20.0  # of a peer, 50 ms apart; an honest one asks every 0.2 s at most
-MAX_CACHE_QUERIES_PER_S = 5.0  # of a peer and a kind of entries; a query that is dropped leaves its entries to the log query
-COMMANDS_PER_S = 50.0  # of a peer and kind, under whatever names; an operator repeats one every second
+LOG_QUERIES_PER_S = 20.0  # of a peer, 50 ms apart; an honest peer queries every 0.2 s at most
+MAX_CACHE_QUERIES_PER_S = 5.0  # of a peer and a kind of entries; a dropped query leaves its entries to the log query
+COMMANDS_PER_S = 50.0  # of a peer and kind, under all names together; an operator repeats a command every second
 _PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
 
 
 def access_control(
     swarm: str, drones: Collection[str] | None, revoked: Collection[str], others: Collection[str] | None = None
 ) -> dict[str, object]:
-    """Zenoh's ``access_control`` settings of one session.
+    """Return Zenoh's ``access_control`` settings of one session.
 
-    Everybody in the swarm may subscribe, query logs as an operator, send what looks like a command or an upload, and query and
-    answer the mission of a station, whose parts are known by their hashes. A drone besides publishes and queries logs under its
-    own name, queries the caches of entries, and answers queries with entries of all. (A rule that denies would not help: of
-    several subjects that fit a peer, Zenoh takes the one that allows. So nobody gets more than is listed here.)
+    - Every member may subscribe, query logs as an operator, send messages under the keys of commands and uploads, and query and
+      answer the mission of a station (hashes identify its parts).
+    - A drone besides publishes and queries logs under its own name, queries the caches of entries, and answers queries with
+      entries of all drones.
+
+    Rules only allow. A denying rule would not help: of several subjects that fit a peer, Zenoh takes an allowing subject.
 
     Args:
-        swarm: its name.
-        drones: names of its drones; None: unknown, and any member's news are taken (an operator's session).
-        revoked: names that get no rights of a drone, and none at all where ``others`` are named (``link`` ends their links).
-        others: names of everybody else; None: everybody with a certificate of the swarm.
+        swarm: name of the swarm.
+        drones: names of its drones; None: unknown, and news of any member are accepted (an operator's session).
+        revoked: names without a drone's rights, and without any rights if ``others`` are named (``link`` closes their links).
+        others: names of all further members; None: every holder of a certificate of the swarm.
     """
     own = f"{_PREFIX}/{swarm}"
     rules = [
@@ -71,11 +73,11 @@ def access_control(
 
 
 def limits(swarm: str) -> list[dict[str, object]]:
-    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can command, and query logs and caches.
+    """Return Zenoh's ``downsampling`` settings of one session: limits of each peer's rate of commands, log and cache queries.
 
-    What comes sooner is dropped in Zenoh's own threads: whatever gets further takes time of the agent's event loop, commands
-    first, and a flood would keep it from its steps and from the news of the others. News and entries are the inbox's to bound:
-    after a stall several come at once, and the newest counts.
+    Zenoh's own threads drop messages beyond the limit: further on, they would take time of the agent's event loop, commands
+    first, and a flood would delay its steps and the news of the other peers. The inbox limits news and entries: after a stall
+    several messages arrive at once, and the newest counts.
     """
     commands = [{"key_expr": f"{_PREFIX}/{swarm}/{STATION}/*/{kind}", "freq": COMMANDS_PER_S} for kind in STATION_KINDS]
     queries = [{"key_expr": f"{_PREFIX}/{swarm}/*/log/*", "freq": LOG_QUERIES_PER_S}]
@@ -87,10 +89,10 @@ def limits(swarm: str) -> list[dict[str, object]]:
 
 
 def _exactly(name: str, messages: Collection[str], *keys: str, flow: str = "ingress") -> dict[str, object]:
-    """A rule that allows these messages under exactly these keys."""
+    """Return a rule that allows these messages under exactly these keys."""
     return {"id": name, "permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
 
 
 def _rule(name: str, flow: str, messages: Collection[str], *keys: str) -> dict[str, object]:
-    """What is allowed; the keys include those of the advanced publishers' channel, which ``**`` does not."""
+    """Return a rule for the keys and for their advanced publishers' channel, which ``**`` does not match."""
     return _exactly(name, messages, *keys, *(f"{key.removesuffix('/**')}/**/@adv/**" for key in keys), flow=flow)

@@ -1,7 +1,7 @@
 """The mesh: the Zenoh session of a drone or an operator, and its bridge to asyncio.
 
-Publications never block: everything is sent with congestion control DROP, at a priority that Zenoh's own blocking traffic
-(queries and recovery of the advanced publishers, priority DATA) does not use. Log entries that are dropped are recovered.
+Publications never block: all messages have congestion control DROP and a priority that Zenoh's own blocking traffic
+(queries and recovery of the advanced publishers, priority DATA) does not use. Dropped log entries are recovered.
 Zenoh calls that can block are made in separate threads. A process with a session must not fork: spawn.
 """
 
@@ -31,18 +31,18 @@ from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
 
-CACHE_ENTRIES = 500  # of each kind, for peers that join late or were cut off, 1.2 kB each; older ones come by the log query
+CACHE_ENTRIES = 500  # of each kind, 1.2 kB each, for peers after a late start or a lost link; older entries: by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
-RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew
-MOST_HELD_BACK = 1_000  # entries, while the session is opened anew
+RELINKED_S = 1.0  # until the peers are linked again with a reopened session
+MOST_HELD_BACK = 1_000  # entries, while the session is reopened
 
 
 class Mesh:
-    """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
+    """An open session. All calls and callbacks are made in the thread of the event loop that opened it.
 
-    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (beyond Zenoh's recovery: left to the log query);
-    of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
+    ``counters``: the counts of ``Inbox``; ``publish_failed``; ``entries_missed`` (beyond Zenoh's recovery: left to the log
+    query); of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
     ``log_answer_refused``.
     """
 
@@ -57,18 +57,18 @@ class Mesh:
     ) -> None:
         """Use :meth:`open`."""
         self.counters: Counter[str] = Counter()
-        self._session: zenoh.Session | None = None  # also while it is opened anew
+        self._session: zenoh.Session | None = None  # None also while the session is reopened
         self._swarm = swarm
         self._drone = drone
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters, members)
         self._outgoing = Outgoing(lambda: self._to_loop(self._count, "publish_failed"))
         self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
-        self._declared: list[object] = []  # Zenoh undeclares what is not referenced
+        self._declared: list[object] = []  # Zenoh undeclares unreferenced objects
         self._presence = Presence(self.counters)
         self._members = members
-        self._failure: str | None = None  # why there is no session
-        self._holds_back = False  # entries
+        self._failure: str | None = None  # error of the last attempt to reopen the session
+        self._holds_back = False  # True: entries wait for the reopened session
         self._held_back: deque[tuple[str, bytes]] = deque(maxlen=MOST_HELD_BACK)
         self._pace = Pace()
         self._answers = Answers(self._loop, answer, self.counters) if answer is not None else None
@@ -89,14 +89,14 @@ class Mesh:
 
         Args:
             config: endpoints.
-            swarm: its name.
-            drone: own id; None for an operator, who gets no history, is not listed in ``alive`` and is not asked for a log.
-            receive: called with key and payload of every message of the swarm except the own ones, of which an operator's session
-                gets the orders. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one key, in
-                order; of other kinds only the newest.
+            swarm: name of the swarm.
+            drone: own id; None: an operator, without history, without a token in ``alive``, without a log to query.
+            receive: called with key and payload of every message of the swarm except the own messages; an operator's session
+                gets its own orders, too. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one
+                key, in order; of other kinds only the newest message.
             drained: called after each burst of ``receive``.
-            answer: from a peer's summary to the (key, payload) of the entries missing there.
-            members: the drones of the swarm: what comes under another name is counted and ignored; None: all names are taken.
+            answer: maps a peer's summary to the (key, payload) of the entries missing there.
+            members: the drones of the swarm: messages under other names are counted and ignored; None: all names are accepted.
 
         Raises:
             MeshError: the session cannot be opened as configured.
@@ -111,13 +111,14 @@ class Mesh:
         return mesh
 
     async def reopen(self, config: MeshConfig) -> None:
-        """Close the session and open another one: the rights of members are fixed when it opens.
+        """Close the session and open a new session: Zenoh fixes the members' rights at the opening.
 
-        Log entries that are published meanwhile are kept until the peers are linked again, for a second at most; of the rest only
-        what is newer matters.
+        Log entries published meanwhile wait until the peers are linked again, for a second at most; other messages are dropped,
+        as their successors replace them.
 
         Raises:
-            MeshError: it cannot be opened as configured. Nothing is received or published until another call succeeds.
+            MeshError: the session cannot be opened as configured. Until another call succeeds, no message is received or
+                published.
         """
         session, self._session = self._session, None
         before, self._holds_back = self._presence.alive - config.revoked, True
@@ -154,23 +155,23 @@ class Mesh:
 
     @property
     def alive(self) -> frozenset[str]:
-        """The other drones with a liveliness token: a killed process loses it at once, a stopped one or a cut-off one in 1 s."""
+        """The other drones with a liveliness token. A killed process loses it at once; a stopped or cut-off process in 1 s."""
         return frozenset(self._presence.alive)
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """The drones that speak another version of the protocol, one line each: none of them can fly together with this one."""
+        """Drones with another version of the protocol, one line each: none of them can fly together with this drone."""
         return self._presence.differing
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Publishers that flood the mesh or are two, askers that crowd it, one line each; and that there is no session."""
+        """Problems, one line each: no session; flooding publishers; names with two sessions; askers beyond their budget."""
         shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
         asked = () if self._answers is None else self._answers.problems
         return shut + self._inbox.problems + asked
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send a message, or drop it on congestion; never blocks, never fails because of the network.
+        """Send a message, or drop it on congestion; neither blocks nor fails because of the network.
 
         Raises:
             ProtocolError: not a key of this swarm.
@@ -188,17 +189,17 @@ class Mesh:
             if isinstance(publisher, ext.AdvancedPublisher):
                 self._outgoing.put(publisher, payload)
             else:
-                publisher.put(payload, source_info=zenoh.SourceInfo(publisher.id, 0))  # else it tells no session
+                publisher.put(payload, source_info=zenoh.SourceInfo(publisher.id, 0))  # without it, the message states no session
         except zenoh.ZError:
             self.counters["publish_failed"] += 1
 
     async def ask(self, drone: str, summary: bytes) -> int:
-        """Ask a drone for the log entries missing in this summary, and wait until they have come through ``receive``.
+        """Query a drone for the log entries missing in this summary, and wait for their delivery through ``receive``.
 
-        Whoever asks again for what is still on its way gets it twice, and needs longer for both.
+        An earlier repetition would fetch entries still in transit twice, and delay both answers.
 
         Returns:
-            The number of replies; of many some may not be delivered yet. 0 also for a drone that cannot be reached.
+            The number of replies; of many replies some may not be delivered yet. 0 also for an unreachable drone.
         """
         replies = await self._query(drone, summary, lambda sample: self._take(sample, by=drone))
         self.counters["log_replies"] += replies
@@ -206,14 +207,14 @@ class Mesh:
         return replies
 
     async def summary_of(self, drone: str) -> bytes | None:
-        """The summary of a drone's log; None where it does not answer."""
+        """Return the summary of a drone's log; None without an answer."""
         found: list[zenoh.Sample] = []
         await self._query(drone, b"", found.append)
         payloads = [sample.payload for sample in found]
         return next((payload.to_bytes() for payload in payloads if len(payload) <= MAX_PAYLOAD_BYTES), None)
 
     async def _query(self, drone: str, payload: bytes, take_sample: Callable[[zenoh.Sample], object]) -> int:
-        """Query the log of a drone; the number of replies, which are taken in Zenoh's threads."""
+        """Query the log of a drone and return the number of replies. ``take_sample`` is called in Zenoh's threads."""
         replies = 0
         session = self._session
         if session is None:
@@ -236,10 +237,10 @@ class Mesh:
         return replies
 
     async def serve_mission(self, station: str, parts: Sequence[bytes]) -> None:
-        """Answer the drones that fetch a mission from this station, until the session ends or another one is served.
+        """Answer the drones that fetch a mission from this station, until the session ends or another mission replaces it.
 
         Raises:
-            MeshError: there is no session, or it refuses.
+            MeshError: no session, or the session refuses.
         """
         if self._session is None:
             raise MeshError("mesh: there is no session from which a mission could be served")
@@ -254,13 +255,13 @@ class Mesh:
         self._declared.append(serving)
 
     async def fetch_mission(self, station: str, hashes: Sequence[bytes]) -> bytes | None:
-        """The content of a mission with these hashes of its parts from a station; None where it does not come."""
+        """Fetch the content of a mission with these hashes of its parts from a station; None if a part is missing."""
         if self._session is None:
             return None
         return await fetch(self._session, station_key(self._swarm, station, "mission"), hashes)
 
     async def close(self) -> None:
-        """Leave the swarm, within a second whatever the peers do. Afterwards nothing is received, and publications fail."""
+        """Leave the swarm, normally within a second. Afterwards no message is received, and publications fail."""
         self._inbox.close()
         await in_thread(self._outgoing.close)
         if self._session is not None:
@@ -268,9 +269,9 @@ class Mesh:
         self._presence.clear()
 
     def _declare(self, session: zenoh.Session) -> None:
-        """Declare everything; the token last, so that a drone that is seen alive already listens."""
+        """Declare subscribers, publishers and answers; the token last, so that a drone with a token already listens."""
         on_sample = Callback(self._take, indirect=False)
-        orders_of = Locality.REMOTE if self._drone is not None else Locality.ANY  # a page tells its own operator's orders too
+        orders_of = Locality.REMOTE if self._drone is not None else Locality.ANY  # a page shows its own operator's orders, too
         origins = {f"*/{kind}": Locality.REMOTE for kind in NEWS_KINDS}
         origins |= {f"{STATION}/*/{kind}": orders_of for kind in STATION_KINDS}
         for place, origin in origins.items():
