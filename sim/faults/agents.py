@@ -1,4 +1,4 @@
-"""Faults of the agents: their processes, the links between them, members that say what is not so, and their disks."""
+"""Faults of the agents: their processes, the links between them, false messages, and their disks."""
 
 from __future__ import annotations
 
@@ -10,46 +10,46 @@ from sim.faults.base import Delay, Drones, Family, Fault, Metres, Probability
 
 
 class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
-    """The agent dies at once (kill -9). With ``for_s`` its service manager starts it again after that time."""
+    """The agent dies at once (kill -9). With ``for_s`` its service manager restarts it after that time."""
 
     family: ClassVar[Family] = "process"
 
 
 class Freeze(Fault, frozen=True, kw_only=True, tag="freeze"):
-    """The agent stands still (SIGSTOP). After a second its watchdog kills it; it is started again when the fault is over."""
+    """The agent stands still (SIGSTOP). Its watchdog kills it after a second; the agent is restarted at the end of the fault."""
 
     family: ClassVar[Family] = "process"
 
 
 class Late(Fault, frozen=True, kw_only=True, tag="late"):
-    """The agent is started only at ``at_s``, when the others fly, and the operator starts its drone then."""
+    """The agent is started only at ``at_s``, with the others in flight; the operator then starts its drone."""
 
     family: ClassVar[Family] = "process"
 
     def check(self) -> str | None:
-        """``for_s`` has no meaning here."""
+        """Reject ``for_s``, which has no meaning here."""
         return "for_s: an agent that is late stays; remove it" if self.for_s is not None else None
 
 
 class SlowCpu(Fault, frozen=True, kw_only=True, tag="slow-cpu"):
-    """Each step of the agent comes up to ``late_s`` late, uniformly."""
+    """Each step of the agent is late by up to ``late_s``, uniformly distributed."""
 
     family: ClassVar[Family] = "process"
     late_s: Annotated[float, Meta(gt=0.0, le=2.0)]
 
 
 class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
-    """The groups do not hear each other. Drones in no group are alone. ``target`` is not used."""
+    """Network partition: no messages between the groups. Drones in no group are alone. ``target`` is not used."""
 
     family: ClassVar[Family] = "network"
     groups: Annotated[tuple[tuple[str, ...], ...], Meta(min_length=1, max_length=64)]
 
     def names(self) -> tuple[str, ...]:
-        """All drones in the groups."""
+        """Return all drones in the groups."""
         return tuple(name for group in self.groups for name in group)
 
     def check(self) -> str | None:
-        """Each drone is in one group."""
+        """Check that each drone is in one group."""
         names = self.names()
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -58,28 +58,28 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
 
 
 class LinkFault(Fault, frozen=True, kw_only=True):
-    """Links of the targets with ``peers`` (all others if not given), in both directions, or what they send or receive only."""
+    """Fault of the links between targets and ``peers`` (default: all others), in both directions or in one."""
 
     family: ClassVar[Family] = "network"
     peers: Drones | None = None
     direction: Literal["both", "send", "receive"] = "both"
 
     def names(self) -> tuple[str, ...]:
-        """All drones named in it."""
+        """Return all drones named in the fault."""
         return (*Fault.names(self), *self.names_of_peers())
 
     def names_of_peers(self) -> tuple[str, ...]:
-        """The drones named as peers; none where they are all others."""
+        """Return the drones named as peers; empty for the default, all others."""
         return () if self.peers is None else (self.peers,) if isinstance(self.peers, str) else self.peers
 
 
 class Cut(LinkFault, frozen=True, kw_only=True, tag="cut"):
-    """Nothing gets through, and nobody is told; one way with ``direction``."""
+    """Messages are dropped without a notice to either end; one way with ``direction``."""
 
 
 class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
-    """Messages are lost. ``resent``: log entries are repeated by their publisher until they arrive, unless its cache has
-    overflowed. ``news``: only messages of this kind are lost; all kinds if it is not given.
+    """Messages are lost. ``resent``: publishers repeat log entries until they arrive, unless the cache has overflowed.
+    ``news``: the kind of message that is lost; default: all kinds.
     """
 
     probability: Probability
@@ -88,18 +88,18 @@ class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
 
 
 class Lag(LinkFault, frozen=True, kw_only=True, tag="delay"):
-    """Messages take ``delay_s`` longer, and up to ``jitter_s`` more, uniformly; with jitter they overtake each other."""
+    """Messages take ``delay_s`` longer, plus up to ``jitter_s``, uniform; with jitter they overtake each other."""
 
     delay_s: Delay = 0.0
     jitter_s: Delay = 0.0
 
     def check(self) -> str | None:
-        """One of the two is needed."""
+        """Check that ``delay_s`` or ``jitter_s`` is given."""
         return "delay_s, jitter_s: give at least one above 0" if self.delay_s + self.jitter_s == 0.0 else None
 
 
 class Stall(LinkFault, frozen=True, kw_only=True, tag="stall"):
-    """Links stand still: what is sent arrives when it is over, all at once, as where TCP repeats it; live flights only."""
+    """Links stall: all messages sent meanwhile arrive at once at the end, as with TCP retransmission; live flights only."""
 
 
 class Throttle(LinkFault, frozen=True, kw_only=True, tag="throttle"):
@@ -109,14 +109,14 @@ class Throttle(LinkFault, frozen=True, kw_only=True, tag="throttle"):
 
 
 class Reorder(LinkFault, frozen=True, kw_only=True, tag="reorder"):
-    """Messages are held back for ``held_s`` and so overtaken by later ones."""
+    """Messages are held back for ``held_s``, and later messages overtake them."""
 
     probability: Probability
     held_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.3
 
 
 class Duplicate(LinkFault, frozen=True, kw_only=True, tag="duplicate"):
-    """Messages arrive twice, the second one up to ``within_s`` later."""
+    """Messages arrive twice, the copy up to ``within_s`` later."""
 
     probability: Probability
     within_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
@@ -129,7 +129,7 @@ class Corrupt(LinkFault, frozen=True, kw_only=True, tag="corrupt"):
 
 
 class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
-    """Drones that are further apart than ``range_m`` do not hear each other."""
+    """No link between drones that are further apart than ``range_m``."""
 
     family: ClassVar[Family] = "network"
     range_m: Annotated[float, Meta(gt=0.0, le=1e5)]
@@ -138,7 +138,7 @@ class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
 class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
     """The targets send many messages: ``rate_mbps`` (megabytes a second) of poses padded to ``message_bytes``.
 
-    They are valid up to 4 kB; larger ones are refused by their size.
+    Messages up to 4 kB are valid; the decoder refuses larger ones by their size.
     """
 
     family: ClassVar[Family] = "network"
@@ -147,8 +147,8 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
 
 
 class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
-    """Valid log entries of ``ago_s`` before, ``per_s`` a second, beside those of the targets and with their keys: after each one
-    much has to be computed again.
+    """Valid log entries of ``ago_s`` before, ``per_s`` a second, beside those of the targets and with their keys. Each entry
+    makes the agents compute much again.
     """
 
     family: ClassVar[Family] = "network"
@@ -159,7 +159,7 @@ class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
 class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
     """More valid log entries than cameras measure, ``per_s`` a second, beside those of the targets and with their keys.
 
-    ``what``: exposures without counts, cones that say nothing, or searched paths, the smallest of all entries.
+    ``what``: exposures without counts, cones without information, or searched paths, the smallest of all entries.
     """
 
     family: ClassVar[Family] = "network"
@@ -168,12 +168,12 @@ class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
 
 
 class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
-    """The targets also send messages that every agent must refuse: nothing may follow from them.
+    """The targets also send messages that every agent must refuse, without any consequence.
 
-    ``impossible``: numbers that contradict each other, such as a live time longer than its exposure. ``impersonated``:
-    under their own keys, as if they were another drone, 15 m beside it. ``other-mission``: log entries of another mission,
-    in which the source lay elsewhere. ``two-versions``: each log entry a second time under the same number with another
-    content; neither of the two counts then, nor what follows.
+    ``impossible``: contradictory numbers, such as a live time longer than its exposure. ``impersonated``: messages in the
+    name of another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the
+    source elsewhere. ``two-versions``: each log entry a second time under the same number with another content; neither
+    version counts then, nor its consequences.
     """
 
     family: ClassVar[Family] = "network"
@@ -183,9 +183,10 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
 class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
     """A thief with copies of the targets' keys publishes under their ids too: poses, plans and statuses.
 
-    ``place``: where it has them: ``beside_m`` to the east of where they are, or of where they were when it began (``frozen``), or
-    on the ground below that (``ground``). ``epochs``: added to theirs. ``boot``: of its statuses. ``stage``: likewise; None:
-    theirs. ``lead_s``: of its stamps before the time, ``period_s``: of its publications.
+    ``place``: the published place: ``beside_m`` to the east of the target's present place, or of its place at the beginning
+    (``frozen``), or on the ground below that (``ground``). ``epochs``: added to the target's epochs. ``boot``: boot id in the
+    statuses. ``stage``: stage in the statuses; None: the target's own. ``lead_s``: stamps are ahead of the time by this much.
+    ``period_s``: interval between publications.
     """
 
     family: ClassVar[Family] = "liar"
@@ -199,12 +200,12 @@ class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
 
 
 class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):
-    """The operator commands the targets to hold, and to resume 3 s later; 5 s after that a slow link delivers the hold again."""
+    """The operator commands a hold, and a resume 3 s later; 5 s after that a slow link delivers the hold again."""
 
     family: ClassVar[Family] = "network"
 
     def check(self) -> str | None:
-        """It takes its time."""
+        """Reject ``for_s``: the times of the commands are fixed."""
         return "for_s: the commands come when they come; remove it" if self.for_s is not None else None
 
 
@@ -212,10 +213,11 @@ Said = Literal["pose", "plan", "cone", "counts", "sighting"]
 
 
 class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
-    """The targets publish what is not so.
+    """The targets publish false messages.
 
-    ``what``: the messages. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by ``factor``);
-    ``replayed``: what was true ``ago_s`` before, under new stamps; ``mistimed``: what is true, with stamps wrong by ``ago_s``.
+    ``what``: the kind of message. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by
+    ``factor``); ``replayed``: true messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps
+    wrong by ``ago_s``.
     """
 
     family: ClassVar[Family] = "liar"
@@ -227,10 +229,12 @@ class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
 
 
 class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
-    """The targets publish exposures that mislead the estimator, signed, at a place on the ground that they know for certain.
+    """The targets publish signed exposures that mislead the estimator, at a place on the ground with zero position
+    uncertainty.
 
-    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: with each of their own
-    exposures, ``burst`` more of ``lasts_s``, which overlap it and each other; else in the place of their own.
+    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: in addition to each
+    true exposure, ``burst`` exposures of ``lasts_s``, which overlap it and each other; otherwise instead of the true
+    exposure.
     """
 
     family: ClassVar[Family] = "liar"
@@ -243,28 +247,28 @@ class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
 
 class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
     """The targets give ``peers`` other log entries than the rest under the same numbers: cones turned, counts multiplied,
-    sightings of other places. ``peers``: if not given, every second of the other drones.
+    sightings of other places. ``peers``: default: every second of the other drones.
 
-    All must find out, leave the same of it out, and agree on one log.
+    All drones must detect this, leave out the same entries, and agree on one log.
     """
 
     family: ClassVar[Family] = "liar"
     peers: Drones | None = None
 
     def names(self) -> tuple[str, ...]:
-        """All drones named in it."""
+        """Return all drones named in the fault."""
         return (*Fault.names(self), *((self.peers,) if isinstance(self.peers, str) else self.peers or ()))
 
 
 class Revoked(Fault, frozen=True, kw_only=True, tag="revoked"):
-    """The operator revokes the targets: what they have measured counts up to then, and they are not heard any more, nor hear
-    the others.
+    """The operator revokes the targets. Their earlier measurements count; their links to the other drones end in both
+    directions.
     """
 
     family: ClassVar[Family] = "process"
 
     def check(self) -> str | None:
-        """There is no way back."""
+        """Reject ``for_s``: a revocation is permanent."""
         return "for_s: who is revoked stays so; remove it" if self.for_s is not None else None
 
 

@@ -1,6 +1,7 @@
-"""Base of all ``[[fault]]`` entries of a scenario: a kind, the drones it strikes, when, and for how long.
+"""Base of all ``[[fault]]`` entries of a scenario: kind, targets, begin, and duration.
 
-Times are seconds since the start of the simulation (live: since the operator's start command). Without ``for_s`` a fault stays.
+Times are seconds since the start of the simulation (live: since the operator's start command). Without ``for_s`` a fault is
+permanent.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Drones = (
 
 
 class Fault(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Base of all kinds. ``target``: one drone or several; all if it is not given. ``for_s``: not given, it stays for good."""
+    """Base of all kinds. ``target``: one drone or several; default: all. ``for_s``: duration; default: permanent."""
 
     family: ClassVar[Family]
     at_s: Second
@@ -32,22 +33,22 @@ class Fault(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
 
     @property
     def end_s(self) -> float:
-        """When it is over; infinite for one that stays."""
+        """Return the end of the fault, s; infinite for a permanent fault."""
         return float("inf") if self.for_s is None else self.at_s + self.for_s
 
     def strikes(self, drones: Sequence[str]) -> list[str]:
-        """The drones that it strikes, of those of the mission."""
+        """Return the struck drones among those of the mission."""
         if self.target is None:
             return list(drones)
         named = (self.target,) if isinstance(self.target, str) else self.target
         return [drone for drone in drones if drone in named]
 
     def names(self) -> tuple[str, ...]:
-        """All drones named in it."""
+        """Return all drones named in the fault."""
         if self.target is None:
             return ()
         return (self.target,) if isinstance(self.target, str) else self.target
 
     def check(self) -> str | None:
-        """What contradicts itself in it, and what to give instead; None where nothing does."""
+        """Return the contradiction in the entry and its remedy; None for a consistent entry."""
         return None

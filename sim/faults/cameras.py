@@ -1,4 +1,4 @@
-"""Faulty cameras: dead, stuck, noisy, or with a wrong calibration. What is faulty is the readout, as the camera delivers it."""
+"""Faulty cameras: dead, stuck, noisy, or with a wrong calibration. The fault is in the readout, as the camera delivers it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
 from sim.radiation.truth import CameraTruth
 
 _HALF = SENSOR_PIXELS // 2
-_MARGIN = 1.5  # noise is drawn for this multiple of what the readout can take
+_MARGIN = 1.5  # noise is drawn for this multiple of the readout's capacity
 
 
 class CameraFaults:
     """The faults of the cameras of a flight."""
 
     def __init__(self, schedule: Schedule, truth: CameraTruth, calibrations: Sequence[PixelCalibration]) -> None:
-        """``calibrations``: the true one of each drone's camera."""
+        """``calibrations``: the true calibration of each drone's camera."""
         self._schedule, self._truth, self._calibrations = schedule, truth, calibrations
         self._first: dict[tuple[Active, int], Readout] = {}  # of stuck cameras
-        self._pixels: dict[tuple[Active, int], NDArray[np.int64]] = {}  # of noisy ones
+        self._pixels: dict[tuple[Active, int], NDArray[np.int64]] = {}  # of noisy cameras
 
     def spoil(self, drone: int, readout: Readout) -> Readout | None:
-        """A readout as the faulty camera delivers it; None where it delivers nothing."""
+        """Return a readout as the faulty camera delivers it; None without delivery."""
         schedule = self._schedule
         for dead, _ in schedule.active(CameraDead, drone):
             return replace(readout, hits=PixelHits.none()) if dead.blind else None
@@ -38,7 +38,7 @@ class CameraFaults:
             if (one, drone) not in self._pixels:
                 self._pixels[one, drone] = noisy_pixels(noisy, one.rng)
             readout = self._with_noise(readout, noisy, self._pixels[one, drone], self._calibrations[drone], one.rng)
-        for _, one in schedule.active(CameraStuck, drone):  # the noise that it has read out, too
+        for _, one in schedule.active(CameraStuck, drone):  # includes the noise in the repeated readout
             readout = repeated(self._first.setdefault((one, drone), readout), readout)
         return readout
 
@@ -50,8 +50,8 @@ class CameraFaults:
         calibration: PixelCalibration,
         rng: np.random.Generator,
     ) -> Readout:
-        """The readout with the hits of noisy pixels; what the readout's bandwidth does not take is lost, and the live time ends
-        with the last hit that was read out.
+        """Add the hits of noisy pixels. Hits beyond the readout's bandwidth are lost, and the live time ends with the last
+        hit that was read out.
         """
         span_s = (readout.end_ns - readout.start_ns) * 1e-9
         capacity = int(self._truth.max_hits_per_s * span_s)
@@ -76,7 +76,7 @@ class CameraFaults:
 
 
 def noisy_pixels(noisy: CameraNoisy, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Matrix indices (K,) of the noisy pixels: at random places, or the lower or upper half of one column."""
+    """Return matrix indices (K,) of the noisy pixels: at random places, or the lower or upper half of one column."""
     if not noisy.column:
         return rng.choice(SENSOR_PIXELS**2, size=noisy.pixels, replace=False)
     column, lowest = int(rng.integers(SENSOR_PIXELS)), _HALF * int(rng.integers(2))
@@ -87,15 +87,15 @@ def noisy_pixels(noisy: CameraNoisy, rng: np.random.Generator) -> NDArray[np.int
 def time_over_threshold(
     energy_kev: NDArray[np.float64], index: NDArray[np.int64], calibration: PixelCalibration
 ) -> NDArray[np.int64]:
-    """Counts (N,) of these pixels for these energies, as the electronics convert them; 0 below the threshold."""
+    """Convert energies (keV) to the counts (N,) of these pixels, as the electronics do; 0 below the threshold."""
     a, b, c, t = (values[index] for values in (calibration.true_a, calibration.b, calibration.c, calibration.t))
     counts = a * energy_kev + b - c / np.maximum(energy_kev - t, 1e-3) + 0.5
     return np.clip(counts, 0.0, LARGEST_TOT).astype(np.int64)
 
 
 def amplified(hits: PixelHits, factor: float, calibration: PixelCalibration) -> PixelHits:
-    """The hits of a camera that collects ``factor`` times the charge in each pixel. Those below the threshold are gone; a longer
-    pulse is delivered later.
+    """Return the hits of a camera that collects ``factor`` times the charge in each pixel. Hits below the threshold are
+    dropped; longer pulses are delivered later.
     """
     index = hits.index.astype(np.int64)
     a, b, c, t = (values[index] for values in (calibration.true_a, calibration.b, calibration.c, calibration.t))
@@ -107,22 +107,22 @@ def amplified(hits: PixelHits, factor: float, calibration: PixelCalibration) -> 
 
 
 def repeated(first: Readout, present: Readout) -> Readout:
-    """The first readout again, with the times of the present one."""
+    """Return the first readout again, with the times of the present one."""
     later = (present.start_ns - present.clock_ns) - (first.start_ns - first.clock_ns)
     hits = replace(first.hits, tick=first.hits.tick + later * 16 // 25)
     return replace(present, hits=hits, live_time_s=first.live_time_s, lost_hits=first.lost_hits)
 
 
 def delivered(hits: PixelHits) -> PixelHits:
-    """In the order of delivery: a pixel is read out when its pulse is over."""
+    """Sort hits in the order of delivery: a pixel is read out at the end of its pulse."""
     return hits.take(np.argsort(hits.tick + 16 * hits.tot.astype(np.int64), kind="stable"))
 
 
 def _pulses(
     span_s: float, rate_hz: float, busy_s: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Starts of pulses (M,) within the span, s, and which of the pixels (K,) each belongs to. A pixel fires at this rate while it
-    is not busy.
+    """Draw the starts of pulses (M,) within the span, s, and the index of each pulse's pixel (of K). A pixel fires at this
+    rate while it is not busy.
     """
     mean = span_s * rate_hz
     most = int(mean + 6.0 * mean**0.5) + 10

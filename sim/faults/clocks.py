@@ -1,4 +1,4 @@
-"""Faulty clocks of the drones' computers. Such a clock says what time it is on board, and stamps all that is measured there."""
+"""Faulty clocks of the drones' computers. Such a clock gives the time on board, and the stamps of all measurements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ClockFaults:
         self._schedule, self._start_ns = schedule, start_ns
 
     def own_ns(self, drone: int, utc_ns: int) -> int:
-        """What a drone's clock shows at a time; of a past time, what it showed then, a jump since aside."""
+        """Return the reading of a drone's clock at a UTC time. The jump of an active fault also applies to times before it."""
         off_ns = 0
         for fault, _ in self._schedule.active(Clock, drone):
             since_ns = max(0, utc_ns - self._start_ns - round(fault.at_s * 1e9))
@@ -28,13 +28,13 @@ class ClockFaults:
         return utc_ns + off_ns
 
     def restamped_sightings(self, drone: int, seen: Sequence[SeenDrone]) -> Sequence[SeenDrone]:
-        """Relative observations with this drone's stamps."""
+        """Return relative observations with this drone's stamps."""
         if not self._schedule.active(Clock, drone):
             return seen
         return [replace(one, stamp_ns=self.own_ns(drone, one.stamp_ns)) for one in seen]
 
     def restamped(self, drone: int, readout: Readout) -> Readout:
-        """A readout with this drone's stamps. The camera counts its own ticks; the computer says when the first one was."""
+        """Return a readout with this drone's stamps. The camera counts its own ticks; the computer stamps the first tick."""
         if not self._schedule.active(Clock, drone):
             return readout
         start_ns = self.own_ns(drone, readout.start_ns)

@@ -1,4 +1,4 @@
-"""Valid log entries that a member, or somebody with a copy of its key, publishes beside its own, to keep its peers computing."""
+"""Valid log entries that a member, or a thief of its key, publishes beside its own, to keep its peers computing."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from protocol.signing import Trust, sign_entries
 from sim.faults.agents import DenseEntries, OldEntries
 from sim.faults.schedule import Active, Schedule
 
-LIVE_NS = 1_000_000  # of an exposure: one of them says nothing of a source, and many can follow each other within a second
+LIVE_NS = 1_000_000  # of an exposure: without information about a source, and short, so that many fit into a second
 MAX_AT_ONCE = 256  # entries
-_FAINT = 1e-6  # probability of a cone's orders: it says nothing of a source
+_FAINT = 1e-6  # probability of a cone's orders: no information about a source
 
 Crowding = OldEntries | DenseEntries
 
 
 class Crowd:
-    """The entries of one fault and drone, under a boot of their own."""
+    """The entries of one fault and drone, under a separate boot id."""
 
     def __init__(self, fault: Crowding, swarm: str, trust: Trust, boot: str) -> None:
         self._fault, self._swarm, self._trust, self._boot = fault, swarm, trust, boot
@@ -31,12 +31,12 @@ class Crowd:
         self._sequence = 0  # of the last entry; 0 is the credential's
 
     def follow(self, message: Message) -> None:
-        """Hear what the drone itself publishes."""
+        """Note a message of the drone itself."""
         if isinstance(message, Exposure) and message.boot != self._boot:
             self._template = message
 
     def due(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """Keys and payloads of the entries that are to be published by now; none before the drone has published an exposure."""
+        """Return keys and payloads of the entries due by now; empty before the drone's first exposure."""
         template = self._template
         if template is None:
             return []
@@ -84,7 +84,7 @@ class Crowd:
         )
 
     def _exposure(self, template: Exposure, sequence: int) -> Exposure:
-        """An exposure without counts; they follow each other."""
+        """Return an exposure without counts, number ``sequence`` of a regular series."""
         assert self._began_ns is not None
         begun_ns = self._began_ns + max(LIVE_NS, round(1e9 / self._fault.per_s)) * sequence
         pose = replace(template.poses[-1], offset_ns=0)
@@ -111,15 +111,15 @@ class Crowd:
 
 
 class Crowds:
-    """What is published beside the messages of a flight's drones."""
+    """Entries published beside the messages of a flight's drones."""
 
     def __init__(self, schedule: Schedule, swarm: str, trusts: Sequence[Trust]) -> None:
-        """``trusts``: what signs as each drone, whose key somebody holds."""
+        """``trusts``: each drone's signing identity, a copy of which the attacker holds."""
         self._schedule, self._swarm, self._trusts = schedule, swarm, trusts
         self._crowds: dict[tuple[Active, int], Crowd] = {}
 
     def beside(self, drone: int, key: str, payload: bytes, now_ns: int) -> list[tuple[str, bytes]]:
-        """Keys and payloads of the entries that follow a drone's message: with its poses, which come all the time."""
+        """Return keys and payloads of the entries after a drone's message. The poses set the pace, as they arrive steadily."""
         if not key.endswith(("/pose", "/exposure")):
             return []
         told: list[tuple[str, bytes]] = []

@@ -1,4 +1,4 @@
-"""A drone's disk: what it keeps of its agent's state, and what an agent that is started again finds of it.
+"""A drone's disk: the saved state of its agent, and its content at the agent's restart.
 
 Flight records are not written in lockstep; their faults are played live only.
 """
@@ -25,20 +25,20 @@ Struck = Sequence[tuple[Disk, Active]]
 
 
 class StateDisk:
-    """The files of one agent. ``problem``: why its state could not be written or read; empty where it could. ``revoked``: what it
-    knew to be revoked, in a file of its own, which is written at the shell's next look
-    (``process.LOOK_NS``), also on a slow disk.
+    """The files of one agent. ``problem``: why its state could not be written or read; empty without a problem. ``revoked``:
+    the known revocations, in a file of their own, written at the shell's next look (``process.LOOK_NS``), also on a slow
+    disk.
     """
 
     def __init__(self) -> None:
         self.problem = ""
         self.revoked: tuple[Revocation, ...] = ()
         self._content = b""
-        self._writing: tuple[int, bytes] | None = None  # when it is done
+        self._writing: tuple[int, bytes] | None = None  # time of completion, content
         self._readable = True
 
     def keep(self, memory: Memory | None, struck: Struck, now_ns: int) -> None:
-        """Write a changed state, as the agent's shell does; while one is being written, a newer one waits."""
+        """Write a changed state, as the agent's shell does; a newer state waits until the present write is done."""
         hows = {fault.how for fault, _ in struck}
         if self._writing is not None and now_ns >= self._writing[0]:
             self._content, self._writing = self._writing[1], None
@@ -55,12 +55,12 @@ class StateDisk:
             self._content = content
 
     def keep_revoked(self, held: tuple[Revocation, ...], struck: Struck) -> None:
-        """Write who has been revoked; a full disk takes no more."""
+        """Write the known revocations; a full disk takes no more."""
         if all(fault.how != "full" for fault, _ in struck):
             self.revoked = held
 
     def load(self, struck: Struck) -> Memory | None:
-        """What an agent that is started now finds; a file that is not readable is left as it is."""
+        """Return the state that a restarted agent finds; an unreadable file is left as it is."""
         self._writing, self.problem, self._readable = None, "", True
         content = self._content
         for fault, active in struck:

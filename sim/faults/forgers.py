@@ -18,25 +18,25 @@ from sim.faults.schedule import Schedule
 from sim.geometry import Vector3
 
 BESIDE_M = 15.0
-HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
-BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
+HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to the copy of the hold
+BESIDE = 2**30  # added to the number of an invalid entry, so that it hides no valid one
 _SAID = ("pose", "plan", "cone", "exposure")
 _TOO_LONG = 50.0  # live time, of a duration
 _OTHER = "0123456789abcdef"  # id of another mission
 
-Give = Callable[[Sequence[int], Action], bytes | None]  # to which drones, and what; what was sent
+Give = Callable[[Sequence[int], Action], bytes | None]  # drones and action -> payload sent
 Again = Callable[[int, int, bytes], None]
 
 
 class Forgers:
-    """What the drones of a flight send beside their messages."""
+    """Forged messages that the drones of a flight send beside their own."""
 
     def __init__(self, schedule: Schedule, drones: Sequence[str], trusts: Sequence[Trust], poisoners: Poisoners) -> None:
-        """``drones``: of the mission; ``trusts``: what signs as each of them, whose key a forger holds."""
+        """``drones``: of the mission; ``trusts``: each drone's signing identity, whose key a forger holds."""
         self._schedule, self._drones, self._trusts, self._poisoners = schedule, drones, trusts, poisoners
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
-        """What a drone sends beside this message, under the same key."""
+        """Return the forgeries that a drone sends beside this message, under the same key."""
         if key.rsplit("/", 1)[-1] not in _SAID:
             return []
         active = self._schedule.active(Forged, drone)
@@ -62,15 +62,15 @@ class Forgers:
 
 
 class OldCommands:
-    """The operator's commands of ``old-command``; the copy of the first has the same bytes."""
+    """The operator's commands of ``old-command``; the copy of the hold has the same bytes."""
 
     def __init__(self, schedule: Schedule) -> None:
         self._schedule = schedule
-        self._resumes: deque[tuple[int, int]] = deque()  # when, and whom
-        self._copies: deque[tuple[int, int, bytes]] = deque()  # when, to whom, and what arrives again
+        self._resumes: deque[tuple[int, int]] = deque()  # time, drone
+        self._copies: deque[tuple[int, int, bytes]] = deque()  # time, drone, payload of the copy
 
     def advance(self, now_ns: int, command: Give, again: Again) -> None:
-        """Give the commands that are due; ``again``: delivers one that was given before."""
+        """Give the commands that are due; ``again``: delivers an earlier command once more."""
         for one in self._schedule.begun:
             for drone in sorted(one.drones) if isinstance(one.fault, OldCommand) else ():
                 payload = command([drone], Action.HOLD)
@@ -85,7 +85,7 @@ class OldCommands:
 
 
 def _impossible(message: AnyMessage) -> AnyMessage:
-    """Each number is within its bounds, but they contradict each other."""
+    """Return the message with contradictory numbers, each within its bounds."""
     match message:
         case Pose():
             return replace(message, quaternion=(0.0, 0.0, 0.0, 0.1))
@@ -102,7 +102,7 @@ def _impossible(message: AnyMessage) -> AnyMessage:
 
 
 def _beside(message: AnyMessage) -> AnyMessage:
-    """The same, as if it had been somewhere else."""
+    """Return the message with another place."""
     match message:
         case Pose():
             return replace(message, position_m=_moved(message.position_m, BESIDE_M))

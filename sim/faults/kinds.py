@@ -75,13 +75,13 @@ DEALT_ONLY = (
     OldEntries,
     DenseEntries,
     Poisoned,
-)  # those that random missions leave out: their seeds would draw others
+)  # left out of random missions, so that their seeds draw the same faults as before
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 
 
 def read_faults(document: object, where: str) -> tuple[Fault, ...]:
-    """The entries of a parsed scenario file.
+    """Read the entries of a parsed scenario file.
 
     Raises:
         ConfigError: no list of tables, an unknown kind or key, a value out of range; names the entry and what is allowed.
@@ -100,12 +100,12 @@ def _read(entry: dict[str, object], where: str) -> Fault:
 
 
 def kind_of(fault: Fault) -> str:
-    """The name of its kind, as in the scenario file."""
+    """Return the name of a fault's kind, as in the scenario file."""
     return str(fault.__struct_config__.tag)
 
 
 def check_faults(faults: Sequence[Fault], drones: Sequence[str], where: str) -> None:
-    """Raise ConfigError where an entry names a drone that is not in the mission, or contradicts itself."""
+    """Raise ConfigError for an entry with a drone outside the mission, or with a contradiction."""
     for number, fault in enumerate(faults):
         entry = f"{where}: fault[{number}] ({kind_of(fault)})"
         if fault.target == ():

@@ -1,6 +1,6 @@
-"""Members that publish what is not so: their messages are changed on the way out, under valid stamps, numbers and signatures.
+"""Members that publish false messages: changed on the way out, under valid stamps, numbers and signatures.
 
-The liar's own log keeps what it measured; every request for its entries is answered with what it has told once.
+The liar's own log keeps the true measurements; requests for its entries are answered with the published, false version.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure",
 
 
 class Liars:
-    """What the drones of a flight tell instead of what they know."""
+    """Replacement of the drones' messages by false ones."""
 
     def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign], poisoners: Poisoners) -> None:
-        """``faults``: of the scenario. ``signs``: signs as each drone, whose key a liar holds."""
+        """``faults``: of the scenario. ``signs``: signatures of each drone, whose key a liar holds."""
         self._schedule, self._signs, self._poisoners = schedule, signs, poisoners
         lies = [fault for fault in faults if isinstance(fault, Lie)]
         self._kinds = {KIND_OF[lie.what] for lie in lies}
         self._replayed = {KIND_OF[lie.what] for lie in lies if lie.how == "replayed"}
         self._said: defaultdict[tuple[int, str], list[AnyMessage]] = defaultdict(list)
         self._told: dict[tuple[int, bytes], bytes] = {}
-        self._angles: dict[Active, float] = {}  # where to, of each lie
+        self._angles: dict[Active, float] = {}  # direction of each lie, rad
 
     def tell(self, drone: int, key: str, payload: bytes) -> bytes:
-        """What a drone publishes instead of this payload."""
+        """Return the payload that a drone publishes instead of this one."""
         kind, poisoned = key.rsplit("/", 1)[-1], self._poisoners.replaced(drone, key, payload)
         if poisoned is not None:
             return self._instead(drone, payload, poisoned)
@@ -60,14 +60,14 @@ class Liars:
         return self._instead(drone, payload, changed)
 
     def told(self, drone: int, key: str, payload: bytes) -> bytes:
-        """What a drone answers instead of this log entry, when a peer asks for it."""
+        """Return the log entry that a drone sends to an asking peer instead of this one."""
         return self._told.get((drone, payload), payload)
 
     def _instead(self, drone: int, payload: bytes, message: AnyMessage) -> bytes:
-        """What a drone publishes and answers from now on instead of a payload."""
+        """Return the false payload, and keep it for later answers."""
         try:
             told = encode(next(sign_entries([message], self._signs[drone])) if isinstance(message, Entry) else message)
-        except ProtocolError:  # beyond what can be said
+        except ProtocolError:  # not representable
             return payload
         if isinstance(message, Entry):
             self._told[drone, payload] = told
@@ -87,13 +87,13 @@ class Liars:
 
 
 def _moved(message: AnyMessage, by_ns: int) -> AnyMessage:
-    """The same under another time."""
+    """Return the message under another time."""
     moved = replace(message, stamp_ns=message.stamp_ns + by_ns)
     return replace(moved, end_ns=moved.end_ns + by_ns) if isinstance(moved, Exposure) else moved
 
 
 def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
-    """An old message under stamp and number of the present one."""
+    """Return an old message under stamp and number of the present one."""
     renewed = _moved(old, present.stamp_ns - old.stamp_ns)
     if isinstance(renewed, Entry) and isinstance(present, Entry):
         return replace(renewed, boot=present.boot, sequence=present.sequence)
@@ -101,7 +101,9 @@ def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
 
 
 def falsified(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
-    """The message with positions shifted into one direction, cones and sightings turned about the vertical, counts multiplied."""
+    """Return the message with positions shifted into one direction, cones and sightings turned about the vertical, counts
+    multiplied.
+    """
     shift = lie.shift_m * cos(angle), lie.shift_m * sin(angle), 0.0
     match message:
         case Pose():

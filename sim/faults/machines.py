@@ -19,8 +19,8 @@ class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
 
 
 class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
-    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev`` a second; ``column``: instead of them the 128
-    pixels of half a column.
+    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev`` a second; ``column``: instead, the 128 pixels
+    of half a column.
     """
 
     family: ClassVar[Family] = "camera"
@@ -31,14 +31,14 @@ class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
 
 
 class CameraStuck(Fault, frozen=True, kw_only=True, tag="camera-stuck"):
-    """The same readout comes again and again, under new times."""
+    """The same readout is repeated, under new times."""
 
     family: ClassVar[Family] = "camera"
 
 
 class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
-    """A wrong calibration: each pixel collects ``factor`` times the charge, and its files do not say so. With ``over_s`` the
-    gain drifts there linearly in that time, as with temperature.
+    """A wrong calibration: each pixel collects ``factor`` times the charge, unknown to its calibration files. With ``over_s``
+    the gain drifts there linearly in that time, as with temperature.
     """
 
     family: ClassVar[Family] = "camera"
@@ -46,14 +46,14 @@ class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
     over_s: Annotated[float, Meta(ge=0.0, le=36_000.0)] = 0.0
 
     def factor_at(self, time_s: float) -> float:
-        """The factor at a time (s) of the schedule."""
+        """Return the factor at a time (s) of the schedule."""
         share = 1.0 if self.over_s == 0.0 else min(1.0, max(0.0, (time_s - self.at_s) / self.over_s))
         return 1.0 + share * (self.factor - 1.0)
 
 
 class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
-    """The clock of the drone's computer is ahead by ``jump_s`` at once, and by ``drift_ppm`` more and more; when it is over, it
-    steps back to the right time. Everything that is stamped on board has this time, and nothing else changes.
+    """The clock of the drone's computer is ahead by ``jump_s`` at once, and drifts by ``drift_ppm``; at the end it steps back
+    to the right time. All stamps made on board have this time; nothing else changes.
     """
 
     family: ClassVar[Family] = "clock"
@@ -61,15 +61,15 @@ class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
     drift_ppm: Annotated[float, Meta(ge=-100_000.0, le=100_000.0)] = 0.0
 
     def check(self) -> str | None:
-        """One of the two is needed."""
+        """Check that ``jump_s`` or ``drift_ppm`` is given."""
         return "jump_s, drift_ppm: give at least one that is not 0" if self.jump_s == 0.0 and self.drift_ppm == 0.0 else None
 
 
 class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
-    """A vehicle that flies by satellites has none. Its filter goes on by inertia: its velocity's error begins with 0.1 to 0.8 m/s
-    and grows by ``drift_mps2`` (a real PX4's: 0.08 to 0.35, and so that of live flights, whatever is given); 2.2 s later it does
-    not know its position any more, and the autopilot lands. When they are back the position is right after some seconds, and the
-    mode is flown that was chosen last.
+    """A vehicle that flies by satellites has none, and its filter continues by inertia. The error of its velocity begins with
+    0.1 to 0.8 m/s and grows by ``drift_mps2`` (a real PX4 and live flights: 0.08 to 0.35, whatever is given). After 2.2 s the
+    position is unknown, and the autopilot lands. When satellites return, the position is right after some seconds, and the
+    vehicle flies the last chosen mode.
     """
 
     family: ClassVar[Family] = "pose"
@@ -80,8 +80,8 @@ class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
     """The vehicle's own position jumps by ``jump_m`` in a direction drawn from the seed (and its heading by ``turn_deg`` to
     either side).
 
-    ``announced``: as by a reset of PX4's filter, with a new epoch; else as by spoofed satellites, its fixes alike, and nothing is
-    reported (a filter that follows its receiver slides there within seconds). When it is over, it jumps back.
+    ``announced``: as by a reset of PX4's filter, with a new epoch; else as by spoofed satellites, with equally wrong fixes
+    and without a report (a filter that follows its receiver slides there within seconds). At the end it jumps back.
     """
 
     family: ClassVar[Family] = "pose"
@@ -91,21 +91,21 @@ class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
 
 
 class HeadingReset(Fault, frozen=True, kw_only=True, tag="heading-reset"):
-    """The filter of a vehicle that flies by satellites resets its heading by ``turn_deg`` to either side, and nothing else, as
-    PX4 v1.16.1 does in every takeoff; position and local frame stay as they are. Within seconds the heading is right again.
+    """The filter of a vehicle that flies by satellites resets its heading by ``turn_deg`` to either side, as PX4 v1.16.1 does
+    in every takeoff. Position and local frame stay as they are. Within seconds the heading is right again.
     """
 
-    family: ClassVar[Family] = "vehicle"  # its position is right all along: nothing is excused by it
+    family: ClassVar[Family] = "vehicle"  # its position stays right: no violation is excused
     turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 6.0
 
     def check(self) -> str | None:
-        """It happens once."""
+        """Reject ``for_s``: a reset is instantaneous."""
         return "for_s: a reset happens once; remove it" if self.for_s is not None else None
 
 
 class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
-    """Spoofed satellites drag the vehicle's own position, and its fixes, away at ``speed_mps``, up to ``most_m``, in a direction
-    drawn from the seed. Its velocity stays as the inertial sensors measure it. When it is over, the position jumps back.
+    """Spoofed satellites drag the vehicle's own position, and its fixes, away at ``speed_mps``, up to ``most_m``, in a
+    direction drawn from the seed. Its velocity stays as the inertial sensors measure it. At the end the position jumps back.
     """
 
     family: ClassVar[Family] = "pose"
@@ -121,21 +121,22 @@ class Gust(Fault, frozen=True, kw_only=True, tag="gust"):
 
 
 class MotorFailure(Fault, frozen=True, kw_only=True, tag="motor"):
-    """A motor fails: the vehicle comes down at ``descent_mps``, spinning, and lies where it lands, disarmed. It stays."""
+    """A motor fails: the vehicle descends at ``descent_mps``, spinning, and lies where it lands, disarmed. Permanent."""
 
     family: ClassVar[Family] = "thrust"
     descent_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 3.0
 
     def check(self) -> str | None:
-        """It cannot end."""
+        """Reject ``for_s``: the failure is permanent."""
         return "for_s: a failed motor stays; remove it" if self.for_s is not None else None
 
 
 class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
-    """The battery's level is ``level`` (of 1), and in flight falls by ``drain_ps`` a second faster than else; when it is over, no
-    faster. At 0 the vehicle comes down. ``lies``: that is reported only, and the battery is well.
+    """The battery's level is ``level`` (of 1), and falls by ``drain_ps`` a second faster in flight, until the end of the
+    fault. At 0 the vehicle descends. ``lies``: only the reported level is wrong.
 
-    ``acts``: the autopilot returns at 7 % and lands at 5 %, after 5 s in hold (PX4's COM_LOW_BAT_ACT = 3); else it only warns.
+    ``acts``: the autopilot returns at 7 % and lands at 5 %, after 5 s in hold (PX4's COM_LOW_BAT_ACT = 3); else it only
+    warns.
     """
 
     family: ClassVar[Family] = "vehicle"
@@ -146,17 +147,17 @@ class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
 
 
 class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
-    """Messages between the agent and its autopilot are lost, each independently: telemetry, setpoints, requests of a mode."""
+    """Messages between the agent and its autopilot are lost, each independently: telemetry, setpoints, mode requests."""
 
     family: ClassVar[Family] = "vehicle"
     probability: Probability
 
 
 class MavlinkImpaired(Fault, frozen=True, kw_only=True, tag="mavlink-impaired"):
-    """The link between agent and autopilot is bad, by packets; live flights only.
+    """The link between agent and autopilot is impaired, by packets; live flights only.
 
-    ``cut``: nothing gets through. Packets take ``delay_s`` longer, and up to ``jitter_s`` more; ``reorder``, ``duplicate``,
-    ``corrupt``: probabilities to be held back for ``held_s``, to arrive twice within ``within_s``, to have wrong bytes.
+    ``cut``: no packets. Packets take ``delay_s`` longer, plus up to ``jitter_s``; ``reorder``, ``duplicate``, ``corrupt``:
+    probabilities to be held back for ``held_s``, to arrive twice within ``within_s``, to have wrong bytes.
     """
 
     family: ClassVar[Family] = "vehicle"
@@ -171,13 +172,13 @@ class MavlinkImpaired(Fault, frozen=True, kw_only=True, tag="mavlink-impaired"):
     corrupt: Share = 0.0
 
     def check(self) -> str | None:
-        """Something must be wrong with it."""
+        """Check that one impairment or more is given."""
         wrong = self.cut or self.delay_s + self.jitter_s + self.reorder + self.duplicate + self.corrupt > 0.0
         return None if wrong else "cut, delay_s, jitter_s, reorder, duplicate, corrupt: give at least one"
 
 
 class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
-    """The autopilot does not send one of its MAVLink messages any more; live flights only."""
+    """The autopilot stops sending one of its MAVLink messages; live flights only."""
 
     family: ClassVar[Family] = "vehicle"
     message: Literal[
@@ -195,9 +196,9 @@ class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
 
 
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
-    """A pilot chooses a mode by remote control, and leaves the vehicle in hold when it is over (in lockstep not while it comes
-    down, or a failsafe flies it). In ``manual`` the pilot hovers, and the autopilot obeys the agent in nothing, and acts on an
-    empty battery only afterwards; after another mode it obeys new requests.
+    """A pilot chooses a mode by remote control, and leaves the vehicle in hold at the end (in lockstep not during a descent
+    or a failsafe). In ``manual`` the pilot hovers; the autopilot ignores the agent, and acts on an empty battery only
+    afterwards. After another mode it obeys new requests.
     """
 
     family: ClassVar[Family] = "vehicle"
@@ -205,14 +206,12 @@ class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
 
 
 class Disarm(Fault, frozen=True, kw_only=True, tag="disarm"):
-    """Somebody on site disarms the vehicle by remote control as soon as it shows that it is armed, before it takes off.
-    Live flights only.
-    """
+    """A person on site disarms the vehicle by remote control as soon as it is armed, before takeoff. Live flights only."""
 
     family: ClassVar[Family] = "vehicle"
 
 
 class Refusal(Fault, frozen=True, kw_only=True, tag="refusal"):
-    """The autopilot refuses the agent's changes of mode, and arming; in offboard it still follows the setpoints."""
+    """The autopilot refuses the agent's mode changes and arming; in offboard it still follows the setpoints."""
 
     family: ClassVar[Family] = "vehicle"

@@ -1,8 +1,8 @@
 """Faults of the links between the agents, played by the radio.
 
-What happens to a message is drawn from the random numbers of each fault: without an active one the radio does bit for bit what
-it does otherwise. Log entries that get lost wait in their publisher's cache, as those of Zenoh's advanced publishers do, and are
-sent again until they arrive; the logs' own exchange of missing entries is in ``recovery``.
+The fate of a message is drawn from the random numbers of each fault: without an active fault the radio is unchanged, bit for
+bit. Lost log entries wait in their publisher's cache, as in Zenoh's advanced publishers, and are sent again until they
+arrive. The logs' own exchange of missing entries is in ``recovery``.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
 from sim.world.radio import Radio, RadioTruth, is_entry
 
-CACHE_ENTRIES = 500  # of each kind, that a publisher keeps for a link that is down (protocol.mesh.session)
-MOST_FLOODING = 300  # messages on a link in one tick: what is beyond that is dropped for want of room, as by Zenoh
+CACHE_ENTRIES = 500  # of each kind, kept by a publisher for a link that is down (protocol.mesh.session)
+MOST_FLOODING = 300  # messages on a link in one tick: the excess is dropped, as by Zenoh
 _PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
 
 Link = tuple[int, int]  # sender, receiver
-Arrival = tuple[float, bytes]  # after this many seconds
+Arrival = tuple[float, bytes]  # delay (s), payload
 
 
 class FaultyRadio(Radio):
-    """A radio whose links break as the scenario says."""
+    """A radio with the links' faults of the scenario."""
 
     def __init__(
         self, truth: RadioTruth, names: Sequence[str], rng: np.random.Generator, faults: Schedule, tick_s: float
@@ -48,7 +48,7 @@ class FaultyRadio(Radio):
         self._poses: dict[int, tuple[str, bytes]] = {}  # the newest of each drone, while somebody floods
 
     def advance(self, now_ns: int, position: Array) -> None:
-        """Go on to a time: links break or heal, waiting entries are sent again. position: (N, 3), true."""
+        """Advance to a time: links break or heal, waiting entries are sent again. position: (N, 3), true."""
         if self._faults.begun or self._faults.ended:
             self._look()
         self._calm = not self._broken and not self._waiting
@@ -61,16 +61,16 @@ class FaultyRadio(Radio):
                 self._flood(sender, flood, now_ns)
 
     def hears(self, sender: int, receiver: int) -> bool:
-        """Whether anything can get from one drone to another at present."""
+        """Return whether the link from one drone to another is up at present."""
         return (sender, receiver) not in self._cut and (sender, receiver) not in self._far
 
     def exclude(self, drone: int) -> None:
-        """The other drones have opened their sessions anew without it."""
+        """End a drone's links: the other drones have opened their sessions anew without it."""
         self._excluded.add(drone)
         self._look()
 
     def silence(self, drone: int) -> None:
-        """The drone's agent is gone: what it has not read, and what it kept for others, is lost."""
+        """Drop the inbox and the cache of a drone without an agent."""
         self._inboxes[drone].clear()
         self._poses.pop(drone, None)
         for sender, receiver, key in list(self._waiting):
@@ -78,7 +78,7 @@ class FaultyRadio(Radio):
                 del self._waiting[sender, receiver, key]
 
     def _look(self) -> None:
-        """Note what is active on which link."""
+        """Note the active faults of each link."""
         everyone = range(len(self._names))
         active = self._faults.active
         self._cut, self._struck = set(), {}
@@ -156,7 +156,7 @@ class FaultyRadio(Radio):
 
 
 def played(fault: Fault, rng: np.random.Generator, arrival: Arrival) -> list[Arrival]:
-    """What becomes of a message under one fault of its link: when it arrives, how often, and with which bytes."""
+    """Return the arrivals of a message under one fault of its link: time, number, and bytes."""
     late_s, payload = arrival
     match fault:
         case Loss():
@@ -175,7 +175,7 @@ def played(fault: Fault, rng: np.random.Generator, arrival: Arrival) -> list[Arr
 
 
 def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one changed, with the last ones missing, or with some more."""
+    """Return the bytes with one changed, with the last ones missing, or with some more."""
     place, what = int(rng.integers(len(payload))), rng.integers(3)
     if what == 0:
         return payload[:place] + bytes([payload[place] ^ int(rng.integers(1, 256))]) + payload[place + 1 :]
@@ -183,7 +183,7 @@ def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
 
 
 def padded(payload: bytes, size: int) -> bytes:
-    """A message with a field that no receiver knows, so that it has about ``size`` bytes, and never fewer than before."""
+    """Pad a message to about ``size`` bytes, never fewer than before, by a field unknown to receivers."""
     if size < len(payload) + 12:
         return payload
     whole, rest = divmod(size - len(payload) - 12, _PAD + 3)  # each piece has a header of 3 bytes

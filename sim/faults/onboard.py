@@ -20,7 +20,7 @@ from sim.world.movingframes import MovingFrames
 
 
 class OnboardFaults:
-    """The families, each of which says for itself what it does."""
+    """The faults of each family, in one place."""
 
     def __init__(
         self,
@@ -41,6 +41,6 @@ class OnboardFaults:
         self._cameras = CameraFaults(schedule, truth, [] if read is None else read.calibrations)
 
     def readout(self, drone: int, readout: Readout) -> Readout | None:
-        """A readout as the agent gets it; None where the camera delivers nothing."""
+        """Return a readout as the agent gets it; None without delivery by the camera."""
         spoilt = self._cameras.spoil(drone, readout)
         return None if spoilt is None else self.clocks.restamped(drone, spoilt)

@@ -1,4 +1,4 @@
-"""Members that poison the log: signed exposures at a place of their choice, with counts of their choice."""
+"""Members that poison the log: signed exposures with chosen places and counts."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _APART_NS = 1_000_000  # between the ends of the exposures of a burst
 
 
 class Poisoners:
-    """What the drones of a flight know of the source estimate, and the exposures that they poison."""
+    """The source estimates known to the poisoning drones, and the exposures that they forge."""
 
     def __init__(self, schedule: Schedule, layout: Sequence[tuple[Vector3, float]]) -> None:
-        """``layout``: launch place (mission frame, m) and heading (degrees) of each drone, whose frame is known exactly."""
+        """``layout``: launch place (mission frame, m) and heading (degrees) of each drone with an exactly known frame."""
         self._schedule, self._layout = schedule, layout
-        self._estimates: dict[int, Vector3] = {}  # by drone, the newest that it has published, mission frame
+        self._estimates: dict[int, Vector3] = {}  # by drone, its newest published estimate, mission frame
         self._frames: dict[tuple[int, int], tuple[Vector3, float]] = {}  # by drone and epoch: translation, heading in radians
         self._angles: dict[Active, float] = {}
         self._numbers = count(BESIDE)
 
     def replaced(self, drone: int, key: str, payload: bytes) -> Exposure | None:
-        """The exposure that a drone publishes in the place of its own; None where it publishes its own."""
+        """Return the exposure that replaces a drone's own; None without a replacement."""
         self._listen(drone, key, payload)
         faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if not fault.beside]
         if not faults or not key.endswith("/exposure"):
@@ -43,7 +43,7 @@ class Poisoners:
         return self._poisoned(own, drone, fault, one, own.end_ns - own.stamp_ns, 0)
 
     def beside(self, drone: int, key: str, payload: bytes) -> list[Exposure]:
-        """The exposures that a drone publishes beside its own."""
+        """Return the exposures that a drone publishes beside its own."""
         faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if fault.beside]
         if not faults or not key.endswith("/exposure"):
             return []
@@ -81,7 +81,9 @@ class Poisoners:
         )
 
     def _place(self, own: Exposure, drone: int, fault: Poisoned, one: Active) -> Vector3:
-        """On the ground at the estimate, or beside it; without an estimate, below the drone. Its local frame, m."""
+        """Return the place of a poisoned exposure, local frame, m: on the ground at the estimate, or beside it; without an
+        estimate, below the drone.
+        """
         x, y, _ = own.poses[0].position_m
         told, (origin_m, yaw_deg) = self._estimates.get(drone), self._layout[drone]
         if told is not None:

@@ -1,8 +1,8 @@
-"""Faults of the vehicles' own poses: satellites lost, jumps, headings that are reset, and spoofed satellites. The vehicles fly by
-what they estimate.
+"""Faults of the vehicles' own poses: satellites lost, jumps, heading resets, and spoofed satellites. The vehicles fly by
+their estimates.
 
-A spoofed position and a jump move the vehicle's local frame (``sim.world.movingframes``); without satellites the errors of its
-filter grow, as those of a real PX4 (``sim.vehicle.px4.filter.deadreckoning``).
+A spoofed position and a jump move the vehicle's local frame (``sim.world.movingframes``); without satellites the errors of
+its filter grow, as those of a real PX4 (``sim.vehicle.px4.filter.deadreckoning``).
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from sim.world.localization import Localization
 from sim.world.movingframes import Jump, MovingFrames, Reset
 
 NOTICED_S = 0.2  # five messages of the receiver a second
-CONFIRM_S = 3.0  # all must have been well for this long until the driver trusts a position again
+CONFIRM_S = 3.0  # of healthy status until the driver trusts a position again
 _DRIFT_MPS, _DRIFT_MPS2 = 0.6, 0.25  # the driver's bound of the drift
-PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # what preflight asks for
+PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # as preflight requires
 
 
 def with_filter_errors(faults: Sequence[Fault], small: Localization, step_s: float) -> Localization | FilterErrors:
-    """Errors of the vehicles' filters: the small ones alone, where no vehicle loses its satellites or resets its heading."""
+    """Return the errors of the vehicles' filters: the small ones alone for flights without lost satellites and heading resets."""
     grow = any(isinstance(fault, SatellitesLost | HeadingReset) for fault in faults)
     return FilterErrors(small, step_s) if grow else small
 
 
 class _Doubt:
-    """How far the driver trusts one vehicle's position, as seen from its receiver and its filter's status."""
+    """The driver's trust in one vehicle's position, from its receiver and its filter's status."""
 
     def __init__(self) -> None:
         self.blind_s = 0.0  # since satellites were lost, until the position is confirmed
@@ -45,17 +45,17 @@ class _Doubt:
 
     @property
     def aided(self) -> bool:
-        """Whether satellites are received, or have not been missing for long enough to be missed."""
+        """Return whether satellites are received, or were lost too recently to be noticed."""
         return self._missing_s < NOTICED_S
 
     def jumped(self) -> None:
-        """The position has jumped, and has to be confirmed; where satellites are received, it does not drift any more."""
+        """Note a jump of the position, which needs confirmation; with satellites received, the drift ends."""
         self._well_s, self.trusted = 0.0, False
         if self.aided:
             self.blind_s = 0.0
 
     def step(self, aided: bool, known: bool, step_s: float) -> None:
-        """``aided``: by satellites; ``known``: the filter holds its position to be known."""
+        """Advance one step. ``aided``: by satellites; ``known``: the filter reports a known position."""
         self._missing_s = 0.0 if aided else self._missing_s + step_s
         well = known and self.aided
         self._well_s = self._well_s + step_s if well else 0.0
@@ -87,21 +87,21 @@ class PoseFaults:
         self._dragged_m: dict[tuple[Active, int], float] = {}
 
     def trusted(self, drone: int) -> bool:
-        """Whether the driver of a vehicle trusts its position."""
+        """Return whether the driver of a vehicle trusts its position."""
         doubt = self._doubts.get(drone)
         return doubt is None or doubt.trusted
 
     def aided(self, drone: int) -> bool:
-        """Whether a vehicle's driver hears its satellites, as far as it flies by them."""
+        """Return whether a vehicle's driver receives satellites; True for a vehicle that flies without them."""
         doubt = self._doubts.get(drone)
         return doubt is None or doubt.aided
 
     def axes_fixed(self, drone: int) -> bool:
-        """Whether a vehicle's frame cannot turn: it flies by satellites, and no fault of this flight turns it nevertheless."""
+        """Return whether a vehicle's frame cannot turn: it flies by satellites, and no fault of this flight turns it."""
         return self._frames.flies_by_satellites(drone) and not self._turns
 
     def sigma_m(self, drone: int, usual_m: float) -> float:
-        """1 sigma of a vehicle's horizontal position as its driver states it."""
+        """Return 1 sigma of a vehicle's horizontal position as reported by its driver, m."""
         doubt, reckoning = self._doubts.get(drone), self._reckonings.get(drone)
         if doubt is None:
             return usual_m
@@ -181,6 +181,6 @@ class PoseFaults:
 
 
 def _direction(rng: np.random.Generator) -> Array:
-    """(3,), horizontal."""
+    """Draw a horizontal unit vector (3,)."""
     angle = float(rng.uniform(-pi, pi))
     return np.array([cos(angle), sin(angle), 0.0])

@@ -1,7 +1,7 @@
-"""The processes of the agents: they are killed, stand still, come late, are slow, and are started again.
+"""The processes of the agents: killed, frozen, late, slow, and restarted.
 
-While an agent is gone its vehicle flies the autopilot's failsafe, and what its camera measures is lost. An agent that is started
-again is a new pilot with a new boot id, which knows only what the disk has kept of the state and gets the log from its peers.
+Without its agent a vehicle flies the autopilot's failsafe, and the measurements of its camera are lost. A restarted agent is
+a new pilot with a new boot id; it has the state saved on the disk, and gets the log from its peers.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from sim.faults.schedule import Schedule
 from sim.vehicle.autopilot import Autopilot
 
 SILENCE_NS = 1_000_000_000  # after a longer gap between its steps an agent is ended (agent.shell.heartbeat)
-RESTART_NS = 2_000_000_000  # until the service manager has started one again that was ended for being slow
-LOOK_NS = 500_000_000  # between two looks of an agent's shell at what has to be saved
-CALL_NS = 1_000_000_000  # between two start commands to a drone that is late
+RESTART_NS = 2_000_000_000  # until the service manager restarts an agent that was ended for slowness
+LOOK_NS = 500_000_000  # between two saves of an agent's shell
+CALL_NS = 1_000_000_000  # between two start commands to a late drone
 MOST_CALLS = 60  # then the operator gives up
 _ENDING = (Kill, Freeze)
 _STRIKING = (*_ENDING, Late, SlowCpu, Disk)
 
-Start = Callable[[int, int, Memory | None], Pilot]  # of a drone, for the n-th time, with the state that was kept
+Start = Callable[[int, int, Memory | None], Pilot]  # drone, number of earlier starts, saved state
 Gone = Callable[[int], None]
-Remind = Callable[[int, Pilot, tuple[Revocation, ...], int], None]  # of what the disk has kept of revocations; with the time
+Remind = Callable[[int, Pilot, tuple[Revocation, ...], int], None]  # drone, pilot, saved revocations, time
 
 
 class Life(Enum):
@@ -42,7 +42,7 @@ class Life(Enum):
 
 
 class Agent:
-    """The agent of one drone: its process, and the pilot in it (of a dead one: the last)."""
+    """The agent of one drone: its process and pilot (after death: the last pilot)."""
 
     def __init__(self, pilot: Pilot, autopilot: Autopilot, absent: bool) -> None:
         self.pilot = pilot
@@ -50,24 +50,24 @@ class Agent:
         self.absent = absent  # never started so far
         self.starts = 0 if absent else 1
         self.readings: list[tuple[str, bytes]] = []  # log entries made since the last step
-        self.command: VehicleCommand | None = None  # of the last step; None where there was none in this tick
+        self.command: VehicleCommand | None = None  # of the last step; None without a step in this tick
         self.sent = 0  # messages published in this tick
         self.disk = StateDisk()
-        self.kept: Memory | None = None  # what was last given to the disk
-        self.since_ns = 0  # since when it has been frozen
+        self.kept: Memory | None = None  # last given to the disk
+        self.since_ns = 0  # begin of the present freeze
         self.due_ns = 0  # no step before this
         self.restart_ns: int | None = None
         self._autopilot = autopilot
 
     @property
     def alive(self) -> bool:
-        """Whether there is a process."""
+        """Return whether there is a process."""
         return self.life is not Life.DEAD
 
     @property
     def stage(self) -> Stage:
-        """Its stage; that of its vehicle after its death: it returns, then it has landed. An agent that was started again after
-        that waits for the operator, and counts as landed.
+        """Return the agent's stage; after its death, the vehicle's: return, then landed. An agent restarted after that waits
+        for the operator, and counts as landed.
         """
         if self.absent or (self.alive and (self.starts == 1 or self.pilot.stage is not Stage.PREFLIGHT)):
             return self.pilot.stage
@@ -75,7 +75,7 @@ class Agent:
 
 
 class Crew:
-    """The agents of a flight. Without a fault of a process or disk nothing happens here."""
+    """The agents of a flight. Inactive without a fault of a process or disk."""
 
     def __init__(
         self,
@@ -88,26 +88,26 @@ class Crew:
     ) -> None:
         """Args:
         faults: of the scenario.
-        schedule: what is active of them.
+        schedule: their times.
         agents: by drone.
-        start: makes the pilot of an agent that is started again.
-        gone: called when an agent has died.
-        remind: tells an agent that is started again of the revocations that it knew before.
+        start: makes the pilot of a restarted agent.
+        gone: called at an agent's death.
+        remind: gives a restarted agent its saved revocations.
         """
         self.agents = list(agents)
         self._schedule = schedule
         self._start, self._gone, self._remind = start, gone, remind
         self._calm = not any(isinstance(fault, _STRIKING) for fault in faults)
-        self._calls: dict[int, tuple[int, int]] = {}  # drone: when the operator starts it next, and how often he has
+        self._calls: dict[int, tuple[int, int]] = {}  # drone: time of the operator's next start command, number so far
         self._look_ns = 0
 
     @property
     def pilots(self) -> list[Pilot]:
-        """The pilots of all drones; of a dead agent the last one."""
+        """Return the pilots of all drones; of a dead agent the last one."""
         return [agent.pilot for agent in self.agents]
 
     def advance(self, now_ns: int) -> None:
-        """Go on to a time: agents die, stand still, and are started."""
+        """Advance to a time: agents die, freeze, and start."""
         if self._calm:
             return
         for active in self._schedule.begun:
@@ -129,7 +129,9 @@ class Crew:
                 self._keep(drone, now_ns)
 
     def steps(self, drone: int, now_ns: int) -> bool:
-        """Whether the agent makes a step now. A slow one is late with its next step, and ended where that is too late."""
+        """Return whether the agent makes a step now. A slow agent is late with its next step, and is ended if that is too
+        late.
+        """
         agent = self.agents[drone]
         if self._calm:
             return True
@@ -142,8 +144,8 @@ class Crew:
         return True
 
     def called(self, now_ns: int) -> list[int]:
-        """The late drones that the operator starts now; again and again until they fly. Not those that he has revoked: nobody
-        would hear them, nor they that they are, as they have no links any more.
+        """Return the late drones that the operator starts now; the command is repeated until they fly. Revoked drones are
+        left out: without links, their status never arrives.
         """
         due = [drone for drone, (when_ns, _) in self._calls.items() if now_ns >= when_ns]
         for drone in due:
@@ -159,7 +161,7 @@ class Crew:
         agent = self.agents[drone]
         if isinstance(fault, Late):
             self._boot(drone, now_ns)
-            self._calls[drone] = now_ns + 2 * CALL_NS, 0  # by then it has heard the status of those that fly
+            self._calls[drone] = now_ns + 2 * CALL_NS, 0  # by then it has received the status of the flying drones
         elif isinstance(fault, Kill) and agent.alive:
             self._die(drone)
         elif isinstance(fault, Freeze) and agent.life is Life.RUNNING:
@@ -192,7 +194,7 @@ class Crew:
         agent.due_ns = 0
 
     def _look(self, now_ns: int) -> None:
-        """What the agents' shells do twice a second: save what the steps have left, and tell the pilot where that fails."""
+        """Save the state left by the steps, twice a second as the agents' shells do, and report failures to the pilot."""
         for drone, agent in enumerate(self.agents):
             if agent.life is Life.RUNNING:
                 self._keep(drone, now_ns)

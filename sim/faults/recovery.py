@@ -1,7 +1,7 @@
 """The exchange of missing log entries between the agents, as ``protocol.mesh.recovery`` plays it over Zenoh.
 
-Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and answers
-go over the same radio as everything else.
+Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and
+answers use the same radio as all messages.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Recovery:
         self._heard_ns: dict[tuple[int, int], int] = {}  # by receiver and sender
 
     def hear(self, drone: int, key: str, payload: bytes, pilot: Pilot, now_ns: int) -> bool:
-        """Note a message that a drone has received; a request for entries is answered. True where it was one."""
+        """Note a received message, and answer a request for entries. Return True for such a request."""
         sender = self._places.get(key.split("/")[3])
         if sender is None:
             return False
-        if is_entry(key):  # of whoever has measured it: in an answer that is not who sends it
+        if is_entry(key):  # the key names the measuring drone, not the sender of an answer
             return False
         self._heard_ns[drone, sender] = now_ns
         if not key.endswith("/log"):
@@ -49,7 +49,7 @@ class Recovery:
         return True
 
     def ask(self, drone: int, pilot: Pilot, now_ns: int) -> None:
-        """Ask one of the peers that are heard, if it is time to. The key says who asks."""
+        """Ask one of the reachable peers, if a request is due. The key names the asking drone."""
         phase_ns = PERIOD_NS * drone // len(self._keys)  # not all at the same time
         if now_ns < self._due_ns.setdefault(drone, now_ns + phase_ns):
             return
@@ -63,7 +63,7 @@ class Recovery:
             self._radio.send(drone, self._keys[drone], summary, now_ns, to=peer)
 
     def begin_anew(self, drone: int) -> None:
-        """The drone's agent has been started again: it has heard nobody, and asks as soon as it does."""
+        """Reset the exchange of a restarted agent: no peer heard so far, and a request at the first contact."""
         self._due_ns[drone] = 0
         for receiver, sender in list(self._heard_ns):
             if drone in (receiver, sender):

@@ -1,4 +1,4 @@
-"""Which faults are active at a time, and which begin and end then."""
+"""Active faults at a time, and those that begin and end then."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _STREAM = 1_000_004  # key of the faults' random streams, beside those of ``sim.
 
 
 class Active:
-    """A fault that has begun, the drones that it strikes (indices), and its own random numbers."""
+    """A fault that has begun, the struck drones (indices), and its own random numbers."""
 
     __slots__ = ("drones", "fault", "rng")
 
     def __init__(self, fault: Fault, drones: Sequence[str], seed: int) -> None:
-        """``drones``: of the mission. A fault draws the same numbers whatever other faults there are."""
+        """``drones``: of the mission. The random numbers of a fault are independent of the other faults."""
         self.fault = fault
         self.drones = frozenset(drones.index(name) for name in fault.strikes(drones))
         self.rng = np.random.default_rng(
@@ -42,7 +42,7 @@ class Schedule:
         self.ended: list[Active] = []
 
     def advance(self, time_s: float) -> None:
-        """Go on to a time (s): begin and end what is due."""
+        """Advance to a time (s): begin and end the due faults."""
         self.time_s = time_s
         if not self._active and not self._waiting:
             self.begun, self.ended = [], []
@@ -56,14 +56,14 @@ class Schedule:
             self._active = [one for one in self._active if one not in self.ended]
 
     def dispatch(self, begin: Callable[[Active, int], None], end: Callable[[Active, int], None]) -> None:
-        """Call one for each fault that has begun and each drone that it strikes, then the other for those that have ended."""
+        """Call ``begin`` for each struck drone of each fault that has begun, then ``end`` for the faults that have ended."""
         for change, faults in ((begin, self.begun), (end, self.ended)):
             for one in faults:
                 for drone in sorted(one.drones):
                     change(one, drone)
 
     def active(self, kind: type[T], drone: int | None = None) -> list[tuple[T, Active]]:
-        """The active faults of a kind, of one drone or of any, in the order in which they began."""
+        """Return the active faults of a kind, of one drone or of any, in order of their begin."""
         return [
             (one.fault, one) for one in self._active if isinstance(one.fault, kind) and (drone is None or drone in one.drones)
         ]

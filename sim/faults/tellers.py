@@ -1,4 +1,4 @@
-"""Who is told what: what the drones know, but by liars; the same for all, but by equivocators."""
+"""Messages as the drones send them: true, false (liars), or different by receiver (equivocators)."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from sim.faults.poisoners import Poisoners
 from sim.faults.schedule import Active, Schedule
 from sim.world.radio import LOG_KINDS, is_entry
 
-_OTHERWISE = Lie(at_s=0.0, what="cone")  # for its numbers
+_OTHERWISE = Lie(at_s=0.0, what="cone")  # for the numbers of the changed version
 
 
 class Tellers:
-    """What the drones of a flight tell each other."""
+    """Outgoing messages of the drones of a flight."""
 
     def __init__(
         self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign], poisoners: Poisoners
     ) -> None:
-        """``faults``: of the scenario. ``drones``: of the mission. ``signs``: signs as each of them."""
+        """``faults``: of the scenario. ``drones``: of the mission. ``signs``: signatures of each drone."""
         self._liars = Liars(faults, schedule, signs, poisoners)
         self._schedule, self._drones, self._signs = schedule, list(drones), signs
         self._sly = {drones.index(name) for fault in faults if _lies_to_logs(fault) for name in fault.strikes(drones)}
-        self._otherwise: dict[tuple[int, bytes], tuple[frozenset[int], bytes]] = {}  # to whom it has told what instead
-        self._angles: dict[Active, float] = {}  # by which it turns what it measures
+        self._otherwise: dict[tuple[int, bytes], tuple[frozenset[int], bytes]] = {}  # receivers, changed version
+        self._angles: dict[Active, float] = {}  # turn of the measured directions, rad
 
     def tell(self, drone: int, key: str, payload: bytes) -> list[tuple[int | None, bytes]]:
-        """What a drone publishes instead of this payload, and to whom; None: to all."""
+        """Return the payloads that a drone publishes instead of this one, each with its receiver; None: all."""
         told = self._liars.tell(drone, key, payload)
         active = self._schedule.active(Equivocating, drone) if is_entry(key) else []
         if not active:
@@ -52,12 +52,12 @@ class Tellers:
         return [(receiver, version if receiver in peers else told) for receiver in others]
 
     def answer(self, drone: int, to: int, key: str, payload: bytes) -> bytes:
-        """What a drone answers instead of this log entry, when a peer asks for it: what it has told that peer before."""
+        """Return the log entry that a drone sends to an asking peer: the version already sent to that peer."""
         peers, version = self._otherwise.get((drone, payload), (frozenset(), b""))
         return version if to in peers else self._liars.told(drone, key, payload)
 
     def discreet(self, drone: int, summary: bytes) -> bytes:
-        """A summary, of the drone's own log or another one's, as who lies uses it: without hashes that give it away."""
+        """Return a log summary as a liar uses it: without the hashes of its own log, which would reveal the lie."""
         if drone not in self._sly:
             return summary
         try:
@@ -73,5 +73,5 @@ class Tellers:
 
 
 def _lies_to_logs(fault: Fault) -> bool:
-    """Whether the log of who does this holds other entries than those of the others."""
+    """Return whether the fault puts different entries into the drone's own log and the others'."""
     return isinstance(fault, Equivocating | Poisoned) or (isinstance(fault, Lie) and KIND_OF[fault.what] in LOG_KINDS)

@@ -22,17 +22,17 @@ News = Pose | Plan | Status
 
 
 class Thieves:
-    """The thieves of a flight: each overhears the drone whose key it holds, and publishes its own version of that."""
+    """The thieves of a flight: each overhears the drone of its key, and publishes a changed version."""
 
     def __init__(self, schedule: Schedule, trusts: Sequence[Trust]) -> None:
-        """``trusts``: what signs as each drone."""
+        """``trusts``: signing identity of each drone."""
         self._schedule, self._trusts = schedule, trusts
-        self._heard: dict[int, dict[str, tuple[str, News]]] = {}  # the newest of each drone and kind, with its key
-        self._frozen: dict[tuple[Active, str], News] = {}  # as it was when the thief began
+        self._heard: dict[int, dict[str, tuple[str, News]]] = {}  # the newest message of each drone and kind, with its key
+        self._frozen: dict[tuple[Active, str], News] = {}  # at the begin of the theft
         self._due_ns: dict[Active, int] = {}
 
     def overhear(self, drone: int, key: str, payload: bytes) -> None:
-        """Note what a drone publishes."""
+        """Note a message of a drone."""
         kind = key.rsplit("/", 1)[-1]
         if kind in _KINDS:
             message = decode_from(key, payload)

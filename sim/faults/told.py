@@ -1,4 +1,4 @@
-"""The faults of a flight as they are drawn and told."""
+"""The faults of a flight for figures and reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.result import FaultTrace
 
 
 def told_faults(faults: Sequence[Fault], drones: Sequence[str], until_s: float) -> tuple[FaultTrace, ...]:
-    """Those that begin before the end of a flight, in the order in which they begin. ``drones``: of the mission."""
+    """Return the faults that begin before the end of a flight, in order of their begin. ``drones``: of the mission."""
     begun = sorted((fault for fault in faults if fault.at_s <= until_s), key=lambda fault: fault.at_s)
     return tuple(
         FaultTrace(
@@ -25,7 +25,7 @@ def told_faults(faults: Sequence[Fault], drones: Sequence[str], until_s: float) 
 
 
 def _label(fault: Fault, drones: Sequence[str]) -> str:
-    """Its kind, and whom it strikes, such as ``kill d2`` or ``partition d1 d2 | d3``."""
+    """Return the kind and the struck drones, such as ``kill d2`` or ``partition d1 d2 | d3``."""
     if isinstance(fault, Partition):
         alone = [(name,) for name in drones if name not in fault.names()]
         return f"partition {' | '.join(' '.join(group) for group in (*fault.groups, *alone))}"

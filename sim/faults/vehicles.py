@@ -1,4 +1,4 @@
-"""Faults of the vehicles and of what flies them: gusts, a failed motor, batteries, the MAVLink link, human pilots, refusals."""
+"""Faults of the vehicles and their control: gusts, a failed motor, batteries, the MAVLink link, safety pilots, refusals."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ class VehicleFaults:
     def __init__(self, schedule: Schedule, autopilots: Sequence[Autopilot], motion: Multirotors, step_s: float) -> None:
         self._schedule, self._autopilots, self._motion, self._step_s = schedule, autopilots, motion, step_s
         self._true = [Cells(Parameters(drone + 1, {}), step_s) for drone in range(len(autopilots))]
-        self._told = list(self._true)  # another one where the battery lies
+        self._told = list(self._true)  # reported: differs for a battery with a false level
         self._warned = [Warning.NONE] * len(autopilots)
-        self._due: list[FlightMode | None] = [None] * len(autopilots)  # what autopilots do once no human pilot flies
+        self._due: list[FlightMode | None] = [None] * len(autopilots)  # modes that autopilots choose after a manual override
         self._pushes: dict[tuple[Active, int], Array] = {}
         self._heard = [True] * len(autopilots)
 
     @property
     def levels(self) -> list[float]:
-        """The true levels of all batteries, 0 .. 1."""
+        """Return the true levels of all batteries, 0 .. 1."""
         return [cells.remaining for cells in self._true]
 
     def battery(self, drone: int) -> float:
-        """The level that a vehicle reports, in whole percent: 0 .. 1."""
+        """Return the level that a vehicle reports, in whole percent: 0 .. 1."""
         return int(100.0 * self._told[drone].remaining) / 100.0
 
     def hears(self, drone: int) -> bool:
-        """Whether the telemetry of this step arrives at the agent."""
+        """Return whether the telemetry of this step arrives at the agent."""
         return self._heard[drone]
 
     def step(self) -> None:
@@ -92,7 +92,7 @@ class VehicleFaults:
         self._autopilots[drone].fail()
 
     def _power(self, drone: int, autopilot: Autopilot) -> None:
-        """Draw from the battery. A vehicle without any fault of it always has enough."""
+        """Draw from the battery. A vehicle without a battery fault always has enough."""
         true, told = self._true[drone], self._told[drone]
         faults = self._schedule.active(Battery, drone)
         flying = not autopilot.grounded
