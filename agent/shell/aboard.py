@@ -26,7 +26,7 @@ NONCE_KEY_BYTES = 16
 
 
 class Aboard(Struct, frozen=True):
-    """The pilot, what computes its estimator, its recorder, and why there is none although records are wanted."""
+    """The pilot, the process of its estimator, its recorder. ``unrecorded``: why a wanted recorder is missing, else None."""
 
     pilot: Pilot | RecordedPilot
     folding: Folding
@@ -35,7 +35,7 @@ class Aboard(Struct, frozen=True):
 
 
 def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None, log: Logger) -> Aboard:
-    """The pilot for the mission in force. Records that cannot be written prevent a start, but not the rejoining of a flight."""
+    """Return the pilot for the mission in force. An unwritable record prevents a start, but not the rejoining of a flight."""
     trust, nonce_key = trust_of(identity), secrets.token_bytes(NONCE_KEY_BYTES)
     computing = Computing(estimators=deferred_named)
     flown = Pilot(force.mission, drone, boot, memory=saved.memory, trust=trust, nonce_key=nonce_key, computing=computing)

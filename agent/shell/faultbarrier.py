@@ -22,7 +22,7 @@ class FaultBarrier:
         self._log = log
 
     def call(self, kind: str, call: Callable[P, T], otherwise: T) -> Callable[P, T]:
-        """The same call, which returns ``otherwise`` where it fails."""
+        """Return the same call, with ``otherwise`` as its result after an exception."""
 
         def contained(*args: P.args, **kwargs: P.kwargs) -> T:
             try:
@@ -34,7 +34,7 @@ class FaultBarrier:
         return contained
 
     async def work(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
-        """Run work to its end; after a failure, run it again after a pause."""
+        """Run a background task to its end; after a failure, run it again after a pause."""
         while True:
             try:
                 await work()
@@ -50,7 +50,7 @@ class FaultBarrier:
         return tuple(f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
 
     def _failed(self, kind: str) -> None:
-        """Log the present exception with its traceback, only the first of its kind."""
+        """Log the present exception with its traceback, only the first of each kind."""
         self.failures[kind] += 1
         if self.failures[kind] == 1:
             self._log.exception("internal error; the flight continues", kind=kind)

@@ -1,8 +1,8 @@
-"""A slow estimator, computed in a process of its own: started, asked, and started again where it ends.
+"""A slow estimator, computed in a process of its own: start of the process, tasks and answers, new start after its end.
 
-The agent's loop only hands over tasks and takes answers, in a few milliseconds each. What it waits for is the pilot's matter: an
-older hypothesis serves. Written by hand over asyncio's pipes: the pools of the standard library wait in threads, and do not end
-their processes when the agent is killed.
+The agent's loop only hands over tasks and takes answers, in a few milliseconds each. Until an answer comes, the pilot flies by an
+older hypothesis. Written by hand over asyncio's pipes: the pools of the standard library wait in threads, and do not end their
+processes when the agent is killed.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from agent.shell.foldworker import LENGTH, Answer, Order, packed
 from agent.shell.logs import Logger
 from agent.shell.supervisor import NUMERICS
 
-LOOK_S = 0.05  # between two looks for a question
-START_S = 300.0  # for its imports: on an emulated computer these take minutes
-ANSWER_S = 120.0  # for a task, of a few seconds; else it hangs
-PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0  # before it is started again: the first time, and at most
+LOOK_S = 0.05  # between two checks for a question
+START_S = 300.0  # for the process's imports: on an emulated computer these take minutes
+ANSWER_S = 120.0  # for a task, of a few seconds; after that the process counts as hung
+PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0  # before a new start of the process: the first, and the longest
 _NOT_READY = "the process that computes the source estimate is not ready yet"
 _ENDED = "the process that computes the source estimate has ended, and starts again: until then the estimate stays as it was"
 
 
 class Folding:
-    """Computes what a ``Deferred`` asks for; nothing where the estimator is another one, which computes itself.
+    """Computes the tasks of a ``Deferred`` estimator; idle for any other estimator, computed in the agent's own process.
 
-    ``problem``: why no new answers come, or None.
+    ``problem``: why new answers are missing, or None.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Folding:
         log: Logger,
         pause_s: float = PAUSE_S,
     ) -> None:
-        """``answered``: takes the answers, see ``Fusion``. ``pause_s``: before the process is started again the first time."""
+        """``answered``: takes the answers, see ``Fusion``. ``pause_s``: before the first new start of the process."""
         self._deferred = estimator if isinstance(estimator, Deferred) else None
         self._answered = answered
         self._order: Order = estimator.name, mission
@@ -65,10 +65,10 @@ class Folding:
             self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
 
     async def _compute(self, deferred: Deferred) -> None:
-        """From a start of the process to its end.
+        """Start the process and exchange tasks and answers until its end.
 
         Raises:
-            OSError, EOFError: it has ended, or hangs.
+            OSError, EOFError: the process has ended, or hangs.
         """
         command = [sys.executable, "-m", "agent.shell.foldworker", str(os.getpid())]
         process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, env=NUMERICS | os.environ)
@@ -95,7 +95,7 @@ class Folding:
 
 
 async def _exchanged(process: Process, content: Order | Task, within_s: float) -> Answer:
-    """The answer to what is sent."""
+    """Send an order or a task and return the answer; raises TimeoutError after ``within_s``."""
     assert process.stdin is not None
     assert process.stdout is not None
     async with asyncio.timeout(within_s):

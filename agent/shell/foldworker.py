@@ -1,7 +1,7 @@
 """``python -m agent.shell.foldworker PARENT``: the process that computes a slow estimator for an agent.
 
-It gets pickles of the order, then of one task after the other, through its standard input, and answers each through its standard
-output, all preceded by their lengths. It ends with the agent.
+The process reads pickles of the order, then of one task after the other, from its standard input, and answers each through its
+standard output, all preceded by their lengths. The agent's end is also the end of this process.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 LENGTH = struct.Struct("<I")  # of the pickle that follows
 MOST_BYTES = 1_500_000_000  # of memory
 _NICENESS = 5  # the flight goes first
-_OUT_OF_MEMORY = "900"  # and if memory runs out, the kernel ends this process first
+_OUT_OF_MEMORY = "900"  # the kernel ends this process first if memory runs out
 
 
-Order = tuple[str, "MissionConfig"]  # what is to be computed: the estimator's name, and its mission
-Answer = tuple[frozenset[int], "Told | None"]  # numbers of the states to go on from; after a question's last task, what is told
+Order = tuple[str, "MissionConfig"]  # the estimator's name and mission
+Answer = tuple[frozenset[int], "Told | None"]  # numbers of the states held for later tasks; result of a question's last task
 
 
 def packed(content: Order | Task | Answer) -> bytes:
-    """As it is sent to the other process."""
+    """Return the bytes of a message between the two processes: length and pickle."""
     data = pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL)
     return LENGTH.pack(len(data)) + data
 
 
 def serve(received: BinaryIO, sent: BinaryIO) -> None:
-    """Compute until there is nothing more to come; errors of the estimator end it."""
+    """Answer tasks until the input ends; errors of the estimator are raised."""
     from agent.fusion.deferred import Folder  # noqa: PLC0415  the agent needs the types of this module alone
     from agent.fusion.registry import estimator_named  # noqa: PLC0415
 
@@ -59,7 +59,7 @@ def serve(received: BinaryIO, sent: BinaryIO) -> None:
 
 
 def _read(received: BinaryIO):  # type: ignore[no-untyped-def]  # what the agent has packed
-    """The next thing; None at the end."""
+    """Return the next order or task; None at the end of the input."""
     head = received.read(LENGTH.size)
     if len(head) < LENGTH.size:
         return None
@@ -67,7 +67,7 @@ def _read(received: BinaryIO):  # type: ignore[no-untyped-def]  # what the agent
 
 
 def _behind_the_flight() -> None:
-    """Leave processor and memory to the flight, as far as that is allowed here."""
+    """Leave processor and memory to the flight, as far as the system's rights allow."""
     with suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES))
     with suppress(OSError):
@@ -80,6 +80,6 @@ if __name__ == "__main__":
     die_with(int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C also reaches the supervisor, which ends the agent
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library may print is no answer
+    os.dup2(2, 1)  # prints of libraries must not mix with the answers
     _behind_the_flight()
     serve(sys.stdin.buffer, answers)

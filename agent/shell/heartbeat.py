@@ -14,18 +14,18 @@ from contextlib import suppress
 
 HEARTBEAT_FD = 3  # the supervisor's pipe, in the agent
 SILENCE_S = 1.0  # after a longer gap between steps the agent ends: the autopilot has taken over, or is about to
-SILENT_START_S = 300.0  # without a line before its first step: it hangs; on an emulated computer its imports take minutes
+SILENT_START_S = 300.0  # without a line before the first step the agent hangs; imports take minutes on an emulated computer
 HUNG = 70  # exit code (EX_SOFTWARE): the agent hung, stalled or broke
 ANEW = 75  # exit code (EX_TEMPFAIL): to be started again, with another mission
-RELOADING = "RELOADING=1"  # to the supervisor and the service manager: it closes everything, to be started again
+RELOADING = "RELOADING=1"  # to the supervisor and the service manager: the agent closes everything, to be started again
 _PR_SET_PDEATHSIG = 1
 
 
 class Heartbeat:
     """Tells the supervisor that the agent is alive, and passes lines on to the service manager.
 
-    Lines go through a pipe: an empty one is a heartbeat, any other is for the service manager. Without its supervisor the process
-    ends, because nobody would end it if it hung.
+    Lines go through a pipe: an empty line is a heartbeat, any other is for the service manager. Without its supervisor the
+    process ends, because a hung process would stay.
     """
 
     def __init__(self, fd: int | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -50,21 +50,21 @@ class Heartbeat:
     def check(self) -> None:
         """End the process at once if the last heartbeat is too long ago.
 
-        A process that was stopped, or whose loop was blocked, must not send what it computed before: by now the autopilot is in
-        its failsafe. To be called before anything is sent.
+        After a stop of the process or a blocked loop, results computed before must not be sent: the autopilot is in its failsafe
+        by now. To be called before anything is sent.
         """
         if self._last_s is not None and self._now_s() - self._last_s > SILENCE_S:
             os.write(2, b"radron-agent: stalled for more than 1 s; exiting, so that nothing stale is sent\n")
             os._exit(HUNG)
 
     def rest(self) -> None:
-        """No more steps follow: a long gap is not a stall any more."""
+        """Disarm the check for stalls: no more steps follow."""
         self._last_s = None
 
     def _write(self, line: bytes) -> None:
         if self._fd is None:
             return
-        with suppress(BlockingIOError):  # a supervisor that was stopped itself has a full pipe
+        with suppress(BlockingIOError):  # the pipe of a stopped supervisor is full
             try:
                 os.write(self._fd, line)
             except BrokenPipeError:
@@ -72,14 +72,14 @@ class Heartbeat:
 
 
 class StallCheckingSelector(selectors.DefaultSelector):
-    """The event loop's selector; it checks for a stall each time it wakes, before any callback of the loop runs."""
+    """The event loop's selector, with a check for a stall at each wake-up, before any callback of the loop runs."""
 
     def __init__(self, heartbeat: Heartbeat) -> None:
         super().__init__()
         self._heartbeat = heartbeat
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """As the base class."""
+        """Extend the base class by the check."""
         events = super().select(timeout)
         self._heartbeat.check()
         return events
@@ -91,5 +91,5 @@ def die_with(parent: int) -> None:
 
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before the call
+    if os.getppid() != parent:  # the parent ended before the call
         os._exit(HUNG)

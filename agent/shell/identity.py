@@ -1,4 +1,4 @@
-"""This drone's certificate: which one, whether it is valid, and what to tell the operator about it."""
+"""This drone's certificate: its files, its validity, and the notices to the operator."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from agent.errors import ConfigError
 from protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
 
 INSECURE = "links are not encrypted (mesh.insecure = true): whoever reaches this drone can command the swarm"
-FLIGHT_S = 2 * 3600.0  # a certificate must be valid for so long at a start: links that break after its end do not come back
+FLIGHT_S = 2 * 3600.0  # shortest validity of a certificate at a start: links that break after its end do not come back
 _HOUR_S, _DAY_S = 3600.0, 86400.0
 _NOTICE_DAYS = 30.0
 _SET_IT = "set it, such as by `chronyc makestep`"
 
 
 class DeadClockError(ConfigError):
-    """This computer's clock shows a time at which nothing of it was there yet. ``valid``: when it may be right."""
+    """This computer's clock is before its certificate or its software. ``valid``: bounds of a plausible time."""
 
     def __init__(self, text: str, valid: Valid) -> None:
         super().__init__(text)
@@ -26,7 +26,7 @@ class DeadClockError(ConfigError):
 
 
 class Validity(NamedTuple):
-    """``fault``: why this certificate must not start a flight. ``text``: whose it is, and until when."""
+    """``fault``: why this certificate must not start a flight. ``text``: name and end of the certificate."""
 
     fault: str | None
     text: str
@@ -34,12 +34,12 @@ class Validity(NamedTuple):
 
     @property
     def notice(self) -> str | None:
-        """A reminder from a month before the end."""
+        """Return a reminder, from a month before the certificate's end."""
         return f"certificate: {self.text}" if self.fault is None and self.left_days <= _NOTICE_DAYS else None
 
 
 def own_identity(drone: DroneConfig) -> Identity | None:
-    """The drone's certificate and key; None where its file says that links are not encrypted.
+    """Return the drone's certificate and key; None for unencrypted links (``insecure`` in the drone file).
 
     Raises:
         ConfigError: neither is given, or both.
@@ -57,12 +57,12 @@ def own_identity(drone: DroneConfig) -> Identity | None:
 
 
 def check_clock(drone: DroneConfig, now_ns: int, made_ns: int | None = None) -> None:
-    """See that this computer's clock is not before the drone's certificate: no link would come up.
+    """Check that this computer's clock is not before the drone's certificate: no link would come up.
 
-    ``made_ns``: when the software was made, UTC; None: that is not known.
+    ``made_ns``: build time of the software, UTC; None: unknown.
 
     Raises:
-        DeadClockError: it is, or before the software; a computer without a battery for its clock begins years ago.
+        DeadClockError: the clock is before the certificate or the software, as on a computer without a clock battery.
         IdentityError: a certificate that cannot be used.
     """
     identity = own_identity(drone)
@@ -77,7 +77,7 @@ def check_clock(drone: DroneConfig, now_ns: int, made_ns: int | None = None) -> 
 
 
 def validity(identity: Identity, now_ns: int) -> Validity:
-    """Whether a certificate is good for a flight that starts now, by this computer's clock."""
+    """Return whether a certificate is valid for a flight that starts now, by this computer's clock."""
     own, file = identity.own, identity.folder / CERTIFICATE_FILE
     left_s = (own.not_after_ns - now_ns) * 1e-9
     left_days = left_s / _DAY_S

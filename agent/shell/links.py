@@ -1,4 +1,4 @@
-"""The links of one drone: where it listens, whom it dials, and with which certificate."""
+"""The links of one drone: its own endpoint, the endpoints that it dials, and its certificate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from protocol.mesh.link import MeshConfig
 
 
 def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
-    """Listen at the drone's own endpoint, and dial those of the drones before it in the mission: never in both directions.
+    """Listen at the drone's own endpoint, and dial the drones before this drone in the mission: never in both directions.
 
     Raises:
         ConfigError: the drone has no endpoint, or no certificate.
@@ -31,6 +31,6 @@ def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
 
 
 def without(revoked: frozenset[str], links: MeshConfig, drone: DroneConfig) -> MeshConfig:
-    """The same links, but none of revoked members: these are not dialled either."""
+    """Return the same links without the revoked members: these are not dialled either."""
     left_out = {drone.mesh.endpoints.get(name) for name in revoked}
     return replace(links, revoked=revoked, connect=tuple(peer for peer in links.connect if peer not in left_out))

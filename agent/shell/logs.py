@@ -14,13 +14,13 @@ from structlog.typing import FilteringBoundLogger as Logger
 
 __all__ = ["Logger", "set_up_logs"]
 
-_PIECE_BYTES = 4096  # this much can be written to a writable pipe without blocking (PIPE_BUF)
+_PIECE_BYTES = 4096  # maximum of a write to a writable pipe that does not block (PIPE_BUF)
 
 
 class UnblockingStream(io.TextIOBase):
-    """Writes to a file descriptor without blocking; what cannot be written at once is dropped.
+    """Writes to a file descriptor without blocking; text that would block is dropped.
 
-    A reader of the log that stops reading must not stop the flight.
+    A log reader that stops reading must not stop the flight.
     """
 
     def __init__(self, fd: int) -> None:
@@ -42,7 +42,7 @@ class UnblockingStream(io.TextIOBase):
 
 
 def set_up_logs(drone: str, verbose: bool = False) -> Logger:
-    """The agent's logger: each line has time, level, event and the drone's id. ``verbose``: also debug lines."""
+    """Return the agent's logger: each line has time, level, event and the drone's id. ``verbose``: also debug lines."""
     terminal = sys.stderr.isatty()
     last: list[structlog.typing.Processor] = (
         [structlog.dev.ConsoleRenderer()]

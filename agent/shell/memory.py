@@ -9,9 +9,9 @@ from pathlib import Path
 
 from msgspec import Struct
 
-LEAST_MB = 300.0  # available memory: three hours of the log's growth, and what the autopilot's link and the camera need
+LEAST_MB = 300.0  # available memory: three hours of the log's growth, and the need of the autopilot's link and the camera
 LEAST_SHARE = 0.15  # of the total
-_OVER = 1.1  # the warning ends above this multiple of its threshold, so that it does not come and go
+_OVER = 1.1  # hysteresis: the warning ends above this multiple of its threshold
 
 
 class Memory(Struct, frozen=True):
@@ -22,7 +22,7 @@ class Memory(Struct, frozen=True):
 
 
 def read_memory(source: Path = Path("/proc/meminfo")) -> Memory | None:
-    """The computer's memory by the kernel's MemTotal and MemAvailable; None where it does not say (not Linux)."""
+    """Return the computer's memory by the kernel's MemTotal and MemAvailable; None without them (not Linux)."""
     found: dict[str, float] = {}
     with suppress(OSError, UnicodeDecodeError):
         for name, kilobytes in re.findall(r"^(MemTotal|MemAvailable):\s*(\d+) kB", source.read_text("ascii"), re.MULTILINE):
@@ -33,7 +33,7 @@ def read_memory(source: Path = Path("/proc/meminfo")) -> Memory | None:
 
 
 class MemoryWatch:
-    """Warns while less than ``LEAST_MB`` or ``LEAST_SHARE`` of the total is available, whichever is more."""
+    """Warns while the available memory is below the larger of ``LEAST_MB`` and ``LEAST_SHARE`` of the total."""
 
     def __init__(self, read: Callable[[], Memory | None] = read_memory) -> None:
         self._read = read
@@ -41,7 +41,7 @@ class MemoryWatch:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line or none; reads the memory anew. The text stays the same while the warning lasts."""
+        """Read the memory anew and return one line or none. The text stays the same while the warning lasts."""
         memory = self._read()
         if memory is None:
             return ()

@@ -1,6 +1,6 @@
-"""The mission in force: that of the mission file, or one that an operator has uploaded since, kept in the state folder.
+"""The mission in force: from the mission file, or uploaded by an operator since and kept in the state folder.
 
-An uploaded mission replaces the one in the mission file, and no other: as soon as that file is changed by hand, it counts again.
+An uploaded mission replaces only the mission file of its time: after a change of that file by hand, the file counts again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from protocol.identity import utc
 
 
 class _Kept(Struct, frozen=True, kw_only=True):
-    """Content of the file. ``mission_id``: as it was uploaded: a flipped bit would send a drone somewhere else."""
+    """Content of the file. ``mission_id``: the uploaded mission's id, a check against flipped bits."""
 
     mission: MissionConfig
     mission_id: str
@@ -30,9 +30,9 @@ class _Kept(Struct, frozen=True, kw_only=True):
 
 
 class InForce(Struct, frozen=True):
-    """The mission that a drone flies. ``origin``: of an uploaded one; None: it is that of the mission file.
+    """The mission that a drone flies. ``origin``: of an uploaded mission; None: from the mission file.
 
-    ``fault``: why an uploaded one cannot be used; prevents a start. ``notice``: what the operator should know about it.
+    ``fault``: why an uploaded mission cannot be used; prevents a start. ``notice``: for the operator.
     """
 
     mission: MissionConfig
@@ -42,15 +42,15 @@ class InForce(Struct, frozen=True):
 
 
 def mission_path(drone: DroneConfig) -> Path | None:
-    """Where an uploaded mission is kept; None where the drone has no folder for it."""
+    """Return the file for an uploaded mission; None without a state folder."""
     return None if drone.state is None else Path(drone.state) / f"{drone.id}.mission.json"
 
 
 def mission_in_force(drone: DroneConfig, filed: MissionConfig) -> InForce:
-    """The uploaded mission if there is one that replaces ``filed``, the mission in the mission file; else that.
+    """Return the uploaded mission if it replaces ``filed``, the mission in the mission file; else ``filed``.
 
-    One that cannot be read or flown any more is told, and the mission file's counts: its drone is the odd one out then, so that
-    nothing starts by mistake, and takes the next upload.
+    An uploaded mission that cannot be read or flown any more is reported as a fault, and the mission file counts: the drone then
+    differs from the swarm, so that nothing starts by mistake, and still takes the next upload.
     """
     path = mission_path(drone)
     if path is None:
@@ -74,16 +74,16 @@ def mission_in_force(drone: DroneConfig, filed: MissionConfig) -> InForce:
 
 
 def described(origin: Origin) -> str:
-    """Who uploaded a mission, and when."""
+    """Return the station and the time (UTC) of an upload, as text."""
     return f"{origin.station}, {utc(origin.taken_ns):%Y-%m-%d %H:%M} UTC"
 
 
 def keep(content: bytes, mission_id: str, drone: DroneConfig, swarm: str, origin: Origin) -> None:
-    """Check an uploaded mission as a mission file is checked, and keep it in the place of an earlier one, or not at all.
+    """Check an uploaded mission like a mission file, and keep it in the place of an earlier upload, or not at all.
 
     Raises:
-        RadronError: it cannot be flown by this drone; one line.
-        OSError: it cannot be written.
+        RadronError: this drone cannot fly the mission; one line.
+        OSError: the file cannot be written.
     """
     path = mission_path(drone)
     if path is None:
@@ -94,7 +94,7 @@ def keep(content: bytes, mission_id: str, drone: DroneConfig, swarm: str, origin
 
 
 def _check(mission: MissionConfig, drone: DroneConfig, swarm: str, where: str) -> None:
-    """See that this drone can fly a mission. Raises RadronError."""
+    """Check that this drone can fly a mission. Raises RadronError."""
     if mission.swarm != swarm:
         raise ConfigError(f"{where}: is for the swarm {mission.swarm!r}, and this is {swarm!r}")
     check_for_drone(mission, drone.id, where)

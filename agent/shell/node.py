@@ -59,7 +59,7 @@ PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
 LOOK_S = 0.5  # between two checks for problems
 CLOSE_S = 1.2
-MOST_HITS = 20_000  # in a readout; the ten times as many of a noisy camera would block the loop for too long
+MOST_HITS = 20_000  # in a readout; ten times as many, of a noisy camera, would block the loop for too long
 COUNTERS_S = 10.0
 DetectorOf = Callable[[DetectorConfig], Detector | None]
 
@@ -77,8 +77,8 @@ class Node:
         detector_of: DetectorOf = open_detector,
         patience: Patience | None = None,
     ) -> None:
-        """``filed``: the mission in the mission file; ``force``: the one that is flown. ``heartbeat``: reports every step.
-        ``detector_of``: opens the camera; a test replaces it. ``patience``: while there is no autopilot; None: has none.
+        """``filed``: the mission in the mission file; ``force``: the mission flown. ``heartbeat``: reports every step.
+        ``detector_of``: opens the camera; a test replaces it. ``patience``: waits for the autopilot; None: ends without it.
         """
         self._drone = drone
         self._force, self._mission = force, force.mission
@@ -90,7 +90,7 @@ class Node:
         self._store = StateStore(drone.state, drone.id, log)
         self._revoked_file = RevokedFile(drone.state, drone.id)
         self._stage: Stage | None = None
-        self._has_jumped = False  # the localisation, in flight, without saying so
+        self._has_jumped = False  # the localisation, in flight, without an announcement
         self._late = LateSteps()
         self._advanced_s = float("-inf")  # when the log was last worked on
         self._tasks: list[asyncio.Task[None]] = []
@@ -104,15 +104,15 @@ class Node:
         self._detector: Detector | None = None
         self._sightings: SightingsFeed | None = None
         self._recorder: FlightRecorder | None = None
-        self._unrecorded: str | None = None  # why there is no recorder, although records are wanted
+        self._unrecorded: str | None = None  # why a wanted recorder is missing
         self._identity: Identity | None = None  # None: links are not encrypted
         self._self_report, self._updates = SelfReport.here(), Updates(drone.updates)
 
     async def run(self) -> None:
-        """Fly until cancelled, or until there is a new mission to begin anew with.
+        """Fly until cancelled, or until a new mission or a rebooted autopilot needs a new start.
 
         Raises:
-            RadronError, ProtocolError: an error that the user can fix: no vehicle, a port in use, no camera module.
+            RadronError, ProtocolError: an error for the user to fix: no vehicle, a port in use, no camera module.
             Exception: the pilot's step failed.
         """
         try:
@@ -123,7 +123,7 @@ class Node:
             await self._close()
 
     async def _open(self) -> None:
-        """Open everything in order; what was opened before a failure is closed by ``run``."""
+        """Open everything in order; after a failure ``run`` closes the parts already open."""
         boot = os.urandom(8).hex()
         saved = self._store.load()
         links = mesh_config(self._drone, self._mission)
@@ -196,8 +196,8 @@ class Node:
     async def _fly(self) -> None:
         """Make a step every 50 ms by absolute deadlines. Missed steps are skipped and counted, never made up for.
 
-        Ends when the agent is to begin anew, which only happens on the ground: with a new mission, or as the autopilot was booted
-        again after a flight. Then the vehicle's local frame is another one, and its launch place is measured again.
+        Ends when the agent is to start anew, only on the ground: with a new mission, or after a reboot of the autopilot that
+        followed a flight. After such a reboot the vehicle's local frame has changed, and the launch place is measured again.
         """
         loop = asyncio.get_running_loop()
         due_s = look_s = counters_s = loop.time()
@@ -224,7 +224,7 @@ class Node:
     def _lost_its_frame(self) -> bool:
         if not self._vehicle.has_rebooted or self._pilot.stage not in ON_GROUND:
             return False
-        launch = self._vehicle.launch_to_keep  # one that has not flown measures its place anew at any time
+        launch = self._vehicle.launch_to_keep  # an unflown vehicle measures its launch place anew anyway
         return launch is not None and launch.flown
 
     def _log_counters(self) -> None:
@@ -233,7 +233,7 @@ class Node:
         self._log.debug("counters", pid=os.getpid(), tasks=tasks, **counters)
 
     def _advance(self) -> None:
-        """Have new entries in the hypothesis before the next step."""
+        """Work new log entries into the hypothesis before the next step."""
         now_s = time.monotonic()
         if now_s - self._advanced_s >= ADVANCE_S:
             self._pilot.advance(time.time_ns())
@@ -322,7 +322,7 @@ class Node:
 
     def _save(self) -> None:
         memory, launch = self._pilot.memory, self._vehicle.launch_to_keep
-        # After an unannounced jump nothing would tell an agent restarted on the ground that its frame is another one.
+        # After an unannounced jump an agent restarted on the ground could not detect that its frame has changed.
         self._has_jumped = self._has_jumped or (memory is not None and memory.epoch_offset != 0)
         if launch is not None:
             flown = launch.flown and not (self._has_jumped and memory is None)
@@ -338,7 +338,7 @@ class Node:
         yield from self._late.problems
 
     def _faults(self, expiry: Validity | None) -> Iterator[str | None]:
-        """What prevents a start."""
+        """Yield the faults that prevent a start."""
         yield from self._vehicle.problems
         yield from (self._unrecorded, self._store.problem, self._revoked_file.problem)
         yield expiry.fault if expiry is not None else None

@@ -30,7 +30,7 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
 
     Raises:
         ConfigError: unreadable, not TOML, unknown keys, values out of range, in the file or in the environment; no mission
-            given, or one without this drone, with an unknown estimator, or with unusable launch places or ground model.
+            given; a mission without this drone, with an unknown estimator, or with unusable launch places or ground model.
     """
     drone = load_drone_file(path, environment)
     if drone.mission is None:
@@ -41,7 +41,7 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
 
 
 def load_drone_file(path: Path, environment: Mapping[str, str]) -> DroneConfig:
-    """Read a drone file alone. Raises ConfigError as ``load_drone``, but for the mission."""
+    """Read a drone file alone. Raises ConfigError for the drone file's errors of ``load_drone``."""
     return _with_paths_from(path.absolute().parent, _converted(path, environment))
 
 
@@ -79,7 +79,7 @@ def _put(document: dict[str, Any], name: str, value: object) -> None:
 
 
 def _blaming(text: str, path: str, overrides: Mapping[str, str]) -> str:
-    """The error's text, naming the variable instead of the file where the key comes from the environment."""
+    """Return the error's text, with the variable's name instead of the file's if the key comes from the environment."""
     message = text.removeprefix(f"{path}: ")
     named = re.match(r"(?:unknown key '|the key ')?([A-Za-z0-9_.-]+)", message)
     for name in overrides:
@@ -89,7 +89,7 @@ def _blaming(text: str, path: str, overrides: Mapping[str, str]) -> str:
 
 
 def _with_paths_from(folder: Path, drone: DroneConfig) -> DroneConfig:
-    """Make relative paths relative to this folder."""
+    """Resolve relative paths against this folder."""
 
     def absolute(path: str | None) -> str | None:
         return None if path is None else str(folder / path)

@@ -1,4 +1,4 @@
-"""Obstacles before a flight, such as a cable that is not plugged in: the agent ends, or it waits and says for what."""
+"""Obstacles before a flight, such as a cable that is not plugged in: the agent ends, or waits and reports the obstacle."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LIVE_S = 10.0  # between two signs of life during an attempt
 
 
 class Patience:
-    """Tells what is waited for: once on the error stream, and to the service manager, which shows it with the unit's state."""
+    """Reports an obstacle: once on the error stream, and in the status line of the service manager's unit."""
 
     def __init__(self, heartbeat: Heartbeat, waits: bool = False, retry_s: float = RETRY_S) -> None:
         """``waits``: False ends the agent at the first obstacle. ``retry_s``: between two attempts."""
@@ -25,7 +25,7 @@ class Patience:
         self._told = ""
 
     def tell(self, obstacle: Exception) -> None:
-        """Say what is waited for, if that has changed. The supervisor hears it every time, as a sign of life."""
+        """Print the obstacle if its text has changed. The supervisor gets every call, as a sign of life."""
         text = f"waiting: {obstacle}"
         if text != self._told:
             self._told = text
@@ -36,7 +36,7 @@ class Patience:
         """Attempt something until it succeeds.
 
         Raises:
-            RadronError, ProtocolError: the first failure, where this agent does not wait.
+            RadronError, ProtocolError: the first failure, if ``waits`` is False.
         """
         living = asyncio.create_task(self._live())
         try:

@@ -1,4 +1,4 @@
-"""Problems of the process around the pilot: told to the pilot when they change, and logged when they begin and when they end."""
+"""Problems of the process around the pilot: reported to the pilot at each change, logged at their begin and at their end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LATE_S = 5.0  # a late step is reported for this long
 
 
 class Problems:
-    """Tells one pilot what is wrong with the parts around it."""
+    """Reports the problems of the parts around one pilot to that pilot."""
 
     def __init__(self, pilot: Pilot | RecordedPilot, log: Logger) -> None:
         self._warnings = _Changes("warning", pilot.warn, log)
@@ -24,20 +24,20 @@ class Problems:
         self._notices = _Changes("notice", pilot.notice, log)
 
     def tell(self, warnings: Iterable[str | None], faults: Iterable[str | None], notices: Iterable[str | None]) -> None:
-        """All that there are now, None left out. ``faults``: they prevent a start."""
+        """Report all present problems; None is left out. ``faults``: prevent a start."""
         for changes, found in ((self._warnings, warnings), (self._faults, faults), (self._notices, notices)):
             changes.tell(tuple(text for text in found if text is not None))
 
 
 class _Changes:
-    """Tells the problems of one kind when they change, and logs each once when it begins and when it is over."""
+    """Reports the problems of one kind at each change, and logs each problem once at its begin and once at its end."""
 
     def __init__(self, kind: str, to: Callable[[tuple[str, ...]], None], log: Logger) -> None:
         self._kind, self._to, self._log = kind, to, log
         self._told: tuple[str, ...] = ()
 
     def tell(self, problems: tuple[str, ...]) -> None:
-        """Tell all problems of this kind that there are now, if they differ from those of the last call."""
+        """Report all present problems of this kind if they differ from the last call's."""
         before, self._told = self._told, problems
         if problems == before:
             return
@@ -51,14 +51,14 @@ class _Changes:
 
 
 class LateSteps:
-    """Whether steps of the pilot came late in the last seconds."""
+    """Late steps of the pilot in the last seconds."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
         self._last_s = float("-inf")
 
     def note(self, behind_s: float) -> None:
-        """The next step is that much behind."""
+        """Note how late the next step is."""
         if behind_s > LATE_STEP_S:
             self._last_s = self._clock_s()
 
@@ -71,7 +71,7 @@ class LateSteps:
 
 
 def no_contact(drone: DroneConfig, mission: MissionConfig, alive: Collection[str]) -> list[str]:
-    """A line for each other member that is not ``alive`` on the mesh, with the endpoint that this drone dials."""
+    """Return a line for each other member not ``alive`` on the mesh, with the endpoint that this drone dials."""
     endpoints = drone.mesh.endpoints
     missing = (member.id for member in mission.drones if member.id != drone.id and member.id not in alive)
     return [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in missing]

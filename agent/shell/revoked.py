@@ -12,13 +12,13 @@ from protocol.errors import MeshError, ProtocolError
 from protocol.revocations import Revocation, Revoked
 
 LOOK_S = 0.2
-TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: one after the other, so that most of the swarm stays linked
+TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: in turn, so that most of the swarm stays linked
 
 
 class RevokedFile:
-    """What one drone knows to be revoked, ``{folder}/{drone}.revoked``; without a folder it is not kept.
+    """The revocations known to one drone, in ``{folder}/{drone}.revoked``; without a folder nothing is kept.
 
-    The file holds the revocations as they were signed: whoever reads it verifies them again.
+    The file holds the revocations as signed: every reader verifies the signatures again.
     """
 
     def __init__(self, folder: str | None, drone: str) -> None:
@@ -29,7 +29,7 @@ class RevokedFile:
         self.problem: str | None = None
 
     def load(self) -> tuple[Revocation, ...]:
-        """What was known before; nothing, and a problem, where that cannot be read."""
+        """Return the revocations of the file; none, and a ``problem``, if the file cannot be read."""
         if self.path is None:
             return ()
         try:
@@ -44,13 +44,13 @@ class RevokedFile:
         return found.held
 
     def passed_on(self, now_ns: int) -> tuple[Revoked, ...]:
-        """What was known before, if anything, as this drone passed it on."""
+        """Return the revocations of the file as this drone's own ``Revoked`` message; empty without revocations."""
         held = self.load()
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=held),) if held else ()
 
     def save(self, held: tuple[Revocation, ...]) -> None:
-        """Write in the background what has changed. While it is being written, something newer is left to the next call. Where
-        nothing is known, as nothing in the file can be verified any more, that stays.
+        """Write changed revocations in the background. During a write, newer revocations are left to the next call. Without
+        known revocations, as when the file's signatures can no longer be verified, the file stays unchanged.
         """
         if self.path is not None and held and held != self._saved and (self._saving is None or self._saving.done()):
             self._saved = held
@@ -60,7 +60,7 @@ class RevokedFile:
     def _unreadable(self, reason: object) -> tuple[Revocation, ...]:
         text = "whom the swarm has revoked in an earlier flight is not known; move it away, and revoke them again"
         self.problem = f"{self.path} is not readable ({reason}): {text}"
-        self.path = None  # it is not overwritten, whatever it is
+        self.path = None  # an unreadable file is never overwritten
         return ()
 
     async def _write(self, path: Path, content: bytes) -> None:
@@ -73,7 +73,7 @@ class RevokedFile:
 
 
 def turn_s(index: int, count: int) -> float:
-    """How long the drone of this index waits for its turn, of so many."""
+    """Return the wait (s) of the drone with this index before its turn, among ``count`` drones."""
     return index * min(TURN_S, TURNS_S / count)
 
 
@@ -83,12 +83,12 @@ async def exclude(
     reopen: Callable[[frozenset[str]], Awaitable[None]],
     wait_s: float,
 ) -> None:
-    """Open the session anew whenever somebody else is revoked, until cancelled. Where that fails, it is tried again and again.
+    """Open the session anew after each change of the revoked members, until cancelled. A failed attempt is repeated.
 
     Args:
         revoked: names of the revoked members.
-        excluded: those without which the session was opened.
-        reopen: opens it without these.
+        excluded: members excluded from the present session.
+        reopen: opens the session without the given members.
         wait_s: for this drone's turn.
     """
     while True:

@@ -32,9 +32,9 @@ USER_ERROR = 2
 def run_agent(
     path: str, verbose: bool, heartbeat: Heartbeat, detector_of: DetectorOf = open_detector, patience: Patience | None = None
 ) -> int:
-    """Run until SIGTERM. Returns 0; 2 after one line about an error of the user; 70 where the pilot failed; 75 to begin anew.
+    """Run until SIGTERM. Returns 0; 2 after one line about an error of the user; 70 after the pilot failed; 75 to begin anew.
 
-    ``patience``: one that waits does not end with the user's errors, but says what it waits for, and tries again.
+    ``patience``: if it ``waits``, an error of the user is reported as an obstacle and the start is tried again.
     """
     patience = patience or Patience(heartbeat)
     while True:
@@ -62,7 +62,7 @@ def _run_once(path: str, verbose: bool, heartbeat: Heartbeat, detector_of: Detec
 
 
 def _await_clock(drone: DroneConfig) -> None:
-    """A dead clock is an obstacle; a computer that sets it by the autopilot's is told what that shows.
+    """Raise a dead clock as an obstacle, with the result of seeking the time from the autopilot where the computer takes it.
 
     Raises:
         DeadClockError, IdentityError, VehicleError: the obstacle.

@@ -1,7 +1,7 @@
-"""What this agent tells its computer once a second: ``report.json`` in systemd's ``RUNTIME_DIRECTORY``, if there is one.
+"""The agent's report to its own computer, once a second: ``report.json`` in systemd's ``RUNTIME_DIRECTORY``, if it is set.
 
-``radron-update`` judges by it whether an update works, and ``radron-deploy`` whether a vehicle is armed. It is in memory, not on
-a disk that could delay it. Also here: what the computer's updater has to tell through the agent.
+``radron-update`` judges an update by the report, and ``radron-deploy`` checks in it whether a vehicle is armed. The file is in
+memory, not on a disk that could delay the agent. Also here: the messages of the computer's updater for the operator.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from agent.vehicle.px4 import Px4Vehicle
     from protocol.mesh.session import Mesh
 
-SOFTWARE = "software: "  # how what it tells of updates begins
+SOFTWARE = "software: "  # begin of the texts about updates
 PERIOD_S = 1.0
 CAMERA_S = 10.0  # between two readouts of a camera that works
 
 
 def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
-    """Where this agent tells its computer something, as the service manager says; None: nowhere."""
+    """Return the folder for reports to this computer, named by the service manager; None without one."""
     folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     return Path(folder) if folder else None
 
@@ -43,22 +43,22 @@ class SelfReport:
     """Writes the reports of one run of the agent."""
 
     def __init__(self, folder: Path | None, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """``folder``: None: there are no reports."""
+        """``folder``: for the report; None: no reports."""
         self._file = folder / REPORT_FILE if folder is not None else None
         self._clock_s = clock_s
         self._readout_s = float("-inf")
 
     @classmethod
     def here(cls, environment: Mapping[str, str] = os.environ) -> SelfReport:
-        """Where the service manager says."""
+        """Return a reporter into the service manager's folder."""
         return cls(runtime_folder(environment))
 
     def readout(self) -> None:
-        """The camera has answered."""
+        """Note a readout of the camera."""
         self._readout_s = self._clock_s()
 
     async def run(self, present: Callable[[], Report]) -> None:
-        """Report until cancelled. ``present``: the report, in which this fills in time, version and camera."""
+        """Report until cancelled. ``present``: makes the report; time, version and camera are filled in here."""
         release = version("radron")
         try:
             while self._file is not None:
@@ -73,7 +73,7 @@ class SelfReport:
                     self._file.unlink()
 
     def _write(self, file: Path, content: bytes) -> None:
-        """Readers see one report or the next."""
+        """Replace the file atomically: readers see the last report or the new report."""
         fresh = file.with_suffix(".new")
         with suppress(OSError):
             fresh.write_bytes(content)
@@ -81,8 +81,8 @@ class SelfReport:
 
 
 def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4Vehicle) -> Report:
-    """What one run has to report, without what ``SelfReport`` fills in. ``boot``: its id."""
-    differing = (text.partition(" ")[0] for text in mesh.differing)  # these are heard, too
+    """Return the report of one run, without time, version and camera (``SelfReport``). ``boot``: the run's id."""
+    differing = (text.partition(" ")[0] for text in mesh.differing)  # drones of another protocol version are heard, too
     telemetry, px4 = vehicle.telemetry, vehicle.messages.version
     return Report(
         uptime_s=0.0,
@@ -99,16 +99,16 @@ def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4V
 
 
 class Updates:
-    """What this computer's updater has to tell, looked up on the ground only: no disk delays a flight."""
+    """Messages of this computer's updater, read on the ground only: no disk delays a flight."""
 
     def __init__(self, folder: str | None) -> None:
-        """``folder``: of the updater; None: this computer has none."""
+        """``folder``: of the updater; None: no updater on this computer."""
         self._records = Records(Path(folder)) if folder is not None else None
-        self.notice: str | None = None  # an update that has failed, and what runs instead
+        self.notice: str | None = None  # a failed update, and the release that runs instead
         self.problem: str | None = None  # an update on trial: this computer may start anew at any moment
 
     def look(self, stage: Stage) -> None:
-        """Read what there is."""
+        """Read the updater's records; in flight nothing changes."""
         if self._records is None or stage not in ON_GROUND:
             return
         outcome, trial = self._records.outcome, self._records.trial

@@ -1,4 +1,4 @@
-"""What the files alone say against a flight: asked by ``run`` and by the preflight check, so that they cannot disagree."""
+"""Checks of the files alone before a flight, shared by ``run`` and the preflight check, so that both always agree."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agent.terrain.ground import Ground
 
 
 def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
-    """See that a mission can be flown, and names this drone.
+    """Check that a mission can be flown, and names this drone.
 
     Raises:
         ConfigError: an unknown estimator, unusable launch places or ground model, or a mission
@@ -26,7 +26,7 @@ def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
 
 
 def camera_missing(drone: DroneConfig, mission: MissionConfig) -> str | None:
-    """Why this drone cannot search, where no camera is configured and the mission needs one."""
+    """Return why this drone cannot search, if the mission needs a camera and none is configured; else None."""
     if drone.detector.driver != "none" or mission.fusion.estimator == "given":
         return None
     return 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'

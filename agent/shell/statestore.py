@@ -16,47 +16,47 @@ from agent.outputs import write_durably
 from agent.shell.logs import Logger
 from agent.vehicle.interface import LaunchPlace
 
-SLOW_S = 5.0  # a write that takes longer is reported
-PROBE_S = 30.0  # while nothing changes, as on the ground: a disk that has become full shows before a start
+SLOW_S = 5.0  # longer writes are reported
+PROBE_S = 30.0  # interval of writes without a change, as on the ground: a full disk shows before a start
 
 
 class State(Struct, frozen=True, kw_only=True):
-    """The pilot's state, and where the local frame lies in the autopilot's."""
+    """The pilot's state, and the launch place: the local frame in the autopilot's frame."""
 
     memory: Memory | None = None
     launch: LaunchPlace | None = None
 
     def launch_in(self, mission: str) -> LaunchPlace | None:
-        """The launch place for this mission: for another one it is measured again once the vehicle stands."""
+        """Return the launch place for this mission: for another mission it is measured again once the vehicle stands."""
         if self.launch is None or self.launch.mission == mission:
             return self.launch
         return replace(self.launch, flown=False)
 
 
 class _Written(Struct, frozen=True, kw_only=True):
-    """The same as the file has it."""
+    """The same in the file's encoding."""
 
     memory: Raw
     launch: Raw
 
 
 class _Kept(_Written, frozen=True, kw_only=True):
-    """The file's content: the state, and a hash of it, because a flipped bit would send a drone somewhere else.
+    """The file's content: the state and its hash, because a flipped bit would send a drone somewhere else.
 
-    The hash is of what is written: an agent of a newer release, whose state has more fields, still reads it.
+    The hash is of the bytes written: an agent of a newer release, with more fields in its state, still reads the file.
     """
 
     check: str
 
 
 def encode_state(state: State) -> bytes:
-    """Contents of the state file."""
+    """Return the content of the state file."""
     memory, launch = Raw(msgspec.json.encode(state.memory)), Raw(msgspec.json.encode(state.launch))
     return msgspec.json.encode(_Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state))))
 
 
 def decode_state(content: bytes) -> State:
-    """Read the contents of a state file; raises msgspec.MsgspecError where they are not a state's, or damaged."""
+    """Read the content of a state file; raises msgspec.MsgspecError for damaged content or anything else than a state."""
     try:
         kept = msgspec.json.decode(content, type=_Kept)
         written = msgspec.json.encode(_Written(memory=kept.memory, launch=kept.launch))
@@ -75,11 +75,11 @@ class StateFile:
         self.path = Path(folder) / f"{drone}.json"
 
     def load(self) -> State:
-        """The state of the previous agent; an empty one where there was none.
+        """Return the state of the previous agent; an empty state without a file.
 
         Raises:
             OSError: the file exists and cannot be read.
-            msgspec.MsgspecError: it is not a state file, or damaged.
+            msgspec.MsgspecError: not a state file, or damaged.
         """
         try:
             return decode_state(self.path.read_bytes())
@@ -96,7 +96,7 @@ def _check(written: bytes) -> str:
 
 
 def unreadable(file: StateFile, error: Exception) -> str:
-    """What is reported where the file is not a readable state file."""
+    """Return the operator's message about an unreadable state file."""
     reason = error.strerror if isinstance(error, OSError) else error
     return f"{file.path} is not a readable state file ({reason}): a flight could not be resumed after a restart; move it away"
 
@@ -107,32 +107,32 @@ class StateStore:
     def __init__(self, folder: str | None, drone: str, log: Logger) -> None:
         self._file = None if folder is None else StateFile(folder, drone)
         self._log = log
-        self._saved: State | None = None  # contents of the file; None: unknown, so that the next state is written in any case
+        self._saved: State | None = None  # content of the file; None: unknown, so that the next state is written in any case
         self._saving: asyncio.Task[None] | None = None
-        self._saving_s = 0.0  # since when
+        self._saving_s = 0.0  # start of the last write (monotonic clock)
         self._failure: str | None = None
 
     @property
     def problem(self) -> str | None:
-        """Why the state could not be saved; a disk that stands still is a reason too."""
+        """Why the state could not be saved, or that the disk does not respond; else None."""
         if self._saving is not None and not self._saving.done() and time.monotonic() - self._saving_s > SLOW_S:
             return "state not saved (the disk is too slow): an agent that is restarted in flight will not rejoin it"
         return self._failure
 
     def load(self) -> State:
-        """The state of the previous agent; an empty one where there is none, or none that can be read."""
+        """Return the state of the previous agent; an empty state without a file, or with an unreadable file."""
         if self._file is not None:
             try:
                 return self._file.load()
             except (OSError, msgspec.MsgspecError) as error:
                 self._log.error("state file not readable: a flight in progress is not resumed", error=str(error))
                 self._failure = unreadable(self._file, error)
-                self._file = None  # it is not overwritten, whatever it is
+                self._file = None  # an unreadable file is never overwritten
         return State()
 
     def save(self, state: State) -> None:
-        """Write a changed state in the background, and the same one again now and then. While one is being written, a newer one
-        is left to the next call.
+        """Write a changed state in the background, and an unchanged state every ``PROBE_S``. During a write, a newer state is
+        left to the next call.
         """
         is_due = state != self._saved or time.monotonic() - self._saving_s > PROBE_S
         if self._file is not None and is_due and (self._saving is None or self._saving.done()):

@@ -1,7 +1,7 @@
 """The watchdog: a small process that starts the agent and kills it when it hangs, so that the autopilot's failsafe takes over.
 
-It is a separate process because a thread would stop with the interpreter's lock, and imports only what it needs.
-Written by hand: a service manager's watchdog reacts after seconds, and there may be none; this one reacts within 1 s everywhere.
+A separate process, because a thread would stop with the interpreter's lock; imports are kept to the minimum.
+Written by hand: a service manager's watchdog reacts after seconds, or is missing; this watchdog reacts within 1 s everywhere.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ class Supervisor:
         self._notifier = Notifier()
         self._scratch = os.path.join(os.environ.get("TMPDIR", "/tmp"), f"radron-agent-{os.getpid()}")
         self._stopping = False
-        self._silence_s = SILENT_START_S  # that is allowed
+        self._silence_s = SILENT_START_S  # longest allowed silence
         self._deadline_s: float | None = None  # when the agent is killed unless it sends something
-        self._verdict: str | None = None  # why it was killed
+        self._verdict: str | None = None  # why the agent was killed
 
     def run(self) -> int:
-        """Start the agent and watch it, anew when it asks for that: it has a new mission.
+        """Start the agent and watch it; start it again when it asks for a new start, as with a new mission.
 
-        Returns its exit code: 0 where it was stopped by a signal, 70 where it hung.
+        Returns the agent's exit code: 0 after a stop signal, 70 after a hang.
 
-        The agent gets its own folder for temporary files, which is removed afterwards, also when it was killed: MAVSDK makes a
-        folder there at each start and removes none.
+        The agent gets its own folder for temporary files, removed afterwards, also after a kill: MAVSDK makes a folder there at
+        each start and removes none.
         """
         with suppress(OSError):
             os.mkdir(self._scratch, 0o700)
@@ -56,7 +56,7 @@ class Supervisor:
         wakes, wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
         for number in (*_STOPS, signal.SIGCHLD):
-            signal.signal(number, lambda *_: None)  # the wake-up pipe says which
+            signal.signal(number, lambda *_: None)  # the wake-up pipe names the signal
         code = ANEW
         while code == ANEW and not self._stopping:
             code = self._watched(wakes)
@@ -65,7 +65,7 @@ class Supervisor:
         return 0 if code == ANEW else code
 
     def _watched(self, wakes: int) -> int:
-        """One run of the agent, to its end; its exit code."""
+        """Watch one run of the agent to its end and return its exit code."""
         heartbeats, child = self._start()
         self._allow(SILENT_START_S)
         poll = select.poll()
@@ -83,7 +83,7 @@ class Supervisor:
             self._judge(child)
 
     def _start(self) -> tuple[int, int]:
-        """The reading end of the heartbeat pipe, and the agent's process id."""
+        """Start the agent; return the reading end of the heartbeat pipe and the agent's process id."""
         reading, writing = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         environment = {key: value for key, value in (NUMERICS | os.environ).items() if key not in VARIABLES}
         if os.path.isdir(self._scratch):
@@ -102,7 +102,7 @@ class Supervisor:
         return None if self._deadline_s is None else max(0, int(1000 * (self._deadline_s - time.monotonic())) + 1)
 
     def _hear(self, heartbeats: int, poll: select.poll) -> None:
-        """Take the agent's lines: heartbeats, and those for the service manager."""
+        """Take the agent's lines: heartbeats, and lines for the service manager."""
         data = _read(heartbeats)
         if data is None:  # the agent has closed the pipe: it is exiting
             with suppress(KeyError):
@@ -113,9 +113,9 @@ class Supervisor:
         if "" in lines and not self._stopping:
             self._allow(SILENCE_S)
             self._notifier.alive()
-        elif told and not self._stopping:  # what it says before its first step is a sign of life, too
+        elif told and not self._stopping:  # any line before the agent's first step is a sign of life, too
             self._allow(self._silence_s)
-        if RELOADING in told:  # no heartbeats any more until it has been started again
+        if RELOADING in told:  # no heartbeats any more until the agent has been started again
             self._deadline_s = time.monotonic() + STOP_S
         if told:
             self._notifier.tell(*told)
@@ -149,14 +149,14 @@ class Supervisor:
         if os.WIFEXITED(status):
             return os.WEXITSTATUS(status)
         number = os.WTERMSIG(status)
-        if self._stopping and number in _STOPS:  # it had not started yet
+        if self._stopping and number in _STOPS:  # the agent had not started yet
             return 0
         print(f"radron-agent: ended by {signal.Signals(number).name}", file=sys.stderr)
         return 128 + number
 
 
 def _read(fd: int) -> bytes | None:
-    """The bytes waiting in a pipe; None at its end."""
+    """Return the bytes waiting in a pipe; None at its end."""
     try:
         return os.read(fd, 65536) or None
     except BlockingIOError:

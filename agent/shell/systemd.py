@@ -17,7 +17,7 @@ VARIABLES = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 class Notifier:
     """Sends state lines such as ``READY=1`` to the socket that ``NOTIFY_SOCKET`` names (sd_notify(3)).
 
-    Nothing is raised and nothing blocks where the service manager does not listen.
+    Nothing is raised and nothing blocks without a listening service manager.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
@@ -28,7 +28,7 @@ class Notifier:
             with suppress(OSError):
                 self._socket.connect("\0" + address[1:] if address[0] == "@" else address)
         wanted = environment.get("WATCHDOG_USEC", "")
-        # Three times per watchdog interval, so that a late one does no harm.
+        # Three times per watchdog interval, so that a late notification does no harm.
         self._period_s = int(wanted) * 1e-6 / 3.0 if wanted.isdigit() else float("inf")
         self._due_s = 0.0
 

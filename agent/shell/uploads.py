@@ -1,4 +1,4 @@
-"""An uploaded mission that the pilot takes: fetched from the station, checked and kept, all beside the steps."""
+"""An uploaded mission on board: fetched from the station, checked and kept, all beside the steps."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from agent.shell.logs import Logger
 from agent.shell.missionstore import keep
 from protocol.messages import Upload
 
-Fetch = Callable[[str, Sequence[bytes]], Awaitable[bytes | None]]  # from a station, the content whose parts have these hashes
-TAKE_S = 60.0  # then the operator is told that it has not come
+Fetch = Callable[[str, Sequence[bytes]], Awaitable[bytes | None]]  # from a station, the content with parts of these hashes
+TAKE_S = 60.0  # timeout of an upload, then reported to the operator
 
 
 class UploadedMission:
-    """Takes one uploaded mission at a time. ``is_kept``: there is a new one, and the agent is to begin anew with it."""
+    """Takes one uploaded mission at a time. ``is_kept``: a new mission is kept, and the agent is to begin anew with it."""
 
     def __init__(self, drone: DroneConfig, filed: MissionConfig, log: Logger) -> None:
         """``filed``: the mission in the drone's mission file."""
@@ -28,7 +28,7 @@ class UploadedMission:
         self.is_kept = False
 
     def look(self, upload: Upload | None, fetch: Fetch, decline: Callable[[str], None]) -> None:
-        """To be called regularly: begin to take ``upload``, or note how that has ended. ``decline``: told where it has failed."""
+        """Begin to take ``upload``, or note the result; to be called regularly. ``decline``: gets the reason of a failure."""
         if self._taking is None:
             if upload is not None:
                 self._taking = asyncio.create_task(self._take(upload, fetch), name="uploaded mission")
@@ -41,13 +41,13 @@ class UploadedMission:
                 decline(reason)
 
     async def close(self) -> None:
-        """Stop."""
+        """Cancel an upload in progress."""
         if self._taking is not None:
             self._taking.cancel()
             await asyncio.gather(self._taking, return_exceptions=True)
 
     async def _take(self, upload: Upload, fetch: Fetch) -> str | None:
-        """Why the mission was not taken, in one line; None: it is kept."""
+        """Fetch, check and keep a mission. Returns why it was not taken, in one line; None: the mission is kept."""
         try:
             async with asyncio.timeout(TAKE_S):
                 content = await fetch(upload.station, upload.parts)
