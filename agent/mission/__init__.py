@@ -1,1 +1,1 @@
-"""The mission of one drone: its stages, its world model, what it reports, and what survives a restart."""
+"""The mission of one drone: stages, world model, reports, and the state kept over a restart."""

@@ -1,5 +1,6 @@
-"""Whether a vehicle flies that this agent has not started: its agent was restarted in flight and has lost its state, or somebody
-else has taken off. One faulty or forged packet does not show it: landed state, arming and height come in packets of their own.
+"""Detect an in-flight start: the vehicle flies, and this agent has not started it. The agent was restarted in flight and has lost
+its state, or a pilot or a ground station has taken off. One faulty or forged packet does not show it: landed state, arming and
+height come in packets of their own.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ _GAP_NS = 500_000_000  # after a longer gap it begins anew
 
 
 class Aloft(Struct, frozen=True):
-    """The evidence that one vehicle flies: since when its telemetry says so, and the newest of it."""
+    """The evidence that one vehicle flies: since when its telemetry says so, and the stamp of the newest."""
 
     since_ns: int | None = None
     newest_ns: int = 0
@@ -28,5 +29,5 @@ class Aloft(Struct, frozen=True):
 
     @property
     def shown(self) -> bool:
-        """Whether it has been in the air for long enough."""
+        """Whether the vehicle has been in the air for long enough."""
         return self.since_ns is not None and self.newest_ns - self.since_ns >= SHOWN_NS

@@ -1,8 +1,8 @@
-"""The authority over one vehicle: who flies it, as a table of states and events, and the events in a piece of telemetry.
+"""The authority over one vehicle: the table of its states and events, and the events in a piece of telemetry.
 
-The agent may fly (``ASKED`` to ``REJOINED``), or somebody else does (``RELEASED``): a pilot, a ground station or the autopilot's
-failsafe. Only the autopilot's mode tells them apart, and its heartbeat is up to a second old. So a mode that the agent has not
-asked for counts only after it has lasted, and the agent's own requests explain some modes: see ``_is_foreign``.
+The vehicle is flown by the agent (``ASKED`` to ``REJOINED``), or by a pilot, a ground station or the autopilot's failsafe
+(``RELEASED``). Only the autopilot's mode distinguishes them, and its heartbeat is up to a second old. So a mode that the agent
+has not asked for counts only after it has lasted, and the agent's own requests explain some modes: see ``_is_foreign``.
 ``docs/design/authority.md`` shows the table.
 """
 
@@ -38,8 +38,8 @@ CUT_SHORT_M = 1.5
 class State(StrEnum):
     """The holder of the authority."""
 
-    ASKED = "asked"  # the agent; the autopilot has not shown yet the mode that was asked for, and a hold is nobody's
-    AGENT = "agent"  # the agent; the autopilot has shown that mode, and a hold is somebody else's
+    ASKED = "asked"  # the agent; the autopilot has not shown yet the mode that was asked for, and a hold is no takeover
+    AGENT = "agent"  # the agent; the autopilot has shown that mode, and a hold is a takeover
     OWN_HOLD = "own hold"  # the agent, which has asked for this hold for want of telemetry
     REGAINING = "regaining"  # the agent, on its way out of its own hold, or of a failsafe
     REJOINED = "rejoined"  # the agent, restarted in flight, on its way out of a failsafe
@@ -47,7 +47,7 @@ class State(StrEnum):
 
 
 class Event(StrEnum):
-    """What changes the authority."""
+    """Causes of a change of the authority."""
 
     ASKS = "the agent changes to or from setpoints, or an operator repeats a command"
     HOLD_ASKED = "no recent telemetry: the agent asks for a hold"
@@ -82,26 +82,28 @@ ROWS: tuple[tuple[tuple[State, ...], Event, State], ...] = (
 )
 TABLE = {(state, event): after for states, event, after in ROWS for state in states}
 
-MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong to a stage; the one to be reached last
+MODES: dict[Stage, tuple[FlightMode, ...]] = {  # of the autopilot, by stage; the final mode last
     **{stage: (TARGETS[request],) for stage, request in REQUESTS.items() if request in TARGETS},
     Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.OFFBOARD),  # the last metres by setpoints
 }
 
 
 def is_failsafe(vehicle: VehicleState) -> bool:
-    """Whether the autopilot brings the vehicle home or down, and nobody has asked it to."""
+    """Whether the autopilot brings the vehicle home or down, unasked."""
     return vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and not vehicle.healthy
 
 
 def is_elsewhere(vehicle: VehicleState | None, request: Request) -> bool:
-    """Whether somebody has the autopilot in another mode than requested; a pilot at the sticks keeps the vehicle."""
+    """Whether the autopilot is in another mode than requested; False in manual mode: a pilot at the sticks keeps the vehicle."""
     if vehicle is None or not vehicle.healthy or vehicle.mode is FlightMode.MANUAL:
         return False
     return vehicle.mode is not TARGETS.get(request, vehicle.mode)
 
 
 def is_cut_short(vehicle: VehicleState, height_m: float) -> bool:
-    """Whether a takeoff to a height above the launch place has ended long before: somebody has chosen another mode."""
+    """Whether a takeoff to a height above the launch place has ended long before: a pilot or a ground station has chosen another
+    mode.
+    """
     return vehicle.in_air and vehicle.position_trusted and vehicle.position_m[2] < height_m - CUT_SHORT_M
 
 
@@ -115,17 +117,17 @@ class View(Struct, frozen=True):
 
     @property
     def modes(self) -> tuple[FlightMode, ...]:
-        """The modes of the stage, the one to be reached last."""
+        """The modes of the stage, the final mode last."""
         return (FlightMode.OFFBOARD,) if self.flight.is_steered else MODES[self.flight.stage]
 
 
 class Authority(Struct, frozen=True):
-    """The authority over one vehicle at a time; each method returns the one that follows.
+    """The authority over one vehicle at a time; each method returns the following value.
 
-    ``since_ns``: begin of the state. ``held_ns``: when this agent last asked for a hold for want of telemetry.
-    ``unheard_ns``: the last time without recent telemetry, until some comes. ``foreign_since_ns``: begin of a mode that the agent
-    has not asked for. ``mode``: the autopilot's, shown since ``mode_since_ns``, or the release. ``unfollowed_since_ns``: since
-    when somebody else has flown the vehicle, or the autopilot has not been in offboard where it should be.
+    ``since_ns``: begin of the state. ``held_ns``: when this agent last asked for a hold for want of telemetry. ``unheard_ns``:
+    the last time without recent telemetry, until some comes. ``foreign_since_ns``: begin of a mode that the agent has not asked
+    for. ``mode``: the autopilot's, shown since ``mode_since_ns``, or the release. ``unfollowed_since_ns``: since when the vehicle
+    has been released, or the autopilot not in offboard although the stage requires it.
     """
 
     state: State = State.ASKED
@@ -139,12 +141,12 @@ class Authority(Struct, frozen=True):
 
     @property
     def is_released(self) -> bool:
-        """Whether somebody else flies the vehicle."""
+        """Whether a pilot, a ground station or a failsafe flies the vehicle."""
         return self.state is State.RELEASED
 
     @property
     def owns_hold(self) -> bool:
-        """Whether a hold that the autopilot shows is this agent's own, or nobody's."""
+        """Whether a hold that the autopilot shows is this agent's own, or no takeover."""
         return self.state in (State.ASKED, State.OWN_HOLD, State.REGAINING)
 
     def is_heard_again(self, vehicle: VehicleState) -> bool:
@@ -152,7 +154,7 @@ class Authority(Struct, frozen=True):
         return self.unheard_ns is not None and vehicle.stamp_ns > self.unheard_ns
 
     def after(self, event: Event | None, now_ns: int) -> Authority:
-        """Take an event; one that is not in the table for this state changes nothing."""
+        """Take an event; without a row for this state and event nothing changes."""
         if event is None or (self.state, event) not in TABLE:
             return self
         state = TABLE[self.state, event]
@@ -199,7 +201,9 @@ class Authority(Struct, frozen=True):
         return replace(self, mode=mode, mode_since_ns=mode_ns, unfollowed_since_ns=unfollowed_ns)
 
     def judged(self, view: View) -> Authority:
-        """Judge who flies. A failsafe is given time to pass: the autopilot goes back to offboard when setpoints resume."""
+        """Judge whether the vehicle has been taken over. A failsafe is given time to pass: the autopilot goes back to offboard
+        when setpoints resume.
+        """
         now_ns = view.now_ns
         judged = self.after(self._event(view), now_ns)
         foreign_ns = since(judged.foreign_since_ns, now_ns, holds=judged._is_foreign(view))
@@ -209,13 +213,13 @@ class Authority(Struct, frozen=True):
         return judged.after(Event.OVERRULED, now_ns) if lasts else judged
 
     def mode_lasts(self, now_ns: int) -> bool:
-        """Whether the autopilot has been in its mode for long enough to be told: a failsafe for want of battery holds before it
-        returns, and a pilot may cancel it. The others plan by the last stage that is published.
+        """Whether the autopilot has been in its mode for long enough to be reported: a failsafe for want of battery holds before
+        it returns, and a pilot may cancel it. The others plan by the last stage that is published.
         """
         return self.mode_since_ns is not None and now_ns - self.mode_since_ns >= FAILSAFE_NS
 
     def problem(self, now_ns: int) -> str | None:
-        """Return what the operator is told of a vehicle that does not follow its agent; None while it does."""
+        """Return the message to the operator on a vehicle that does not follow its agent; None while it does."""
         if self.unfollowed_since_ns is None or now_ns - self.unfollowed_since_ns < UNFOLLOWED_NS:
             return None
         lasts = f"for {(now_ns - self.unfollowed_since_ns) * 1e-9:.0f} s"
@@ -239,7 +243,7 @@ class Authority(Struct, frozen=True):
         return None if 0 <= now_ns - self.since_ns < REGAIN_NS else Event.TIME_UP
 
     def _is_foreign(self, view: View) -> bool:
-        """Whether somebody else has chosen the autopilot's mode. Before arming, any mode is fine."""
+        """Whether a pilot, a ground station or a failsafe has chosen the autopilot's mode. Before arming, any mode is fine."""
         vehicle, stage = view.vehicle, view.flight.stage
         if not vehicle.armed or vehicle.mode is FlightMode.MANUAL:
             return vehicle.armed

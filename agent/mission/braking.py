@@ -1,7 +1,7 @@
-"""The way to a hold, or a landing: a drone that is told so brakes by its own setpoints, which keep clear of the others.
+"""The way to a hold, or a landing: the drone brakes by its own setpoints, which keep clear of the others.
 
-Its autopilot would brake straight ahead, over 10 m from the speed of a search. Where a whole swarm is told to hold, two that were
-about to pass each other would both go straight on.
+Its autopilot would brake straight ahead, over 10 m from the speed of a search. When a whole swarm is commanded to hold, two
+drones about to pass each other would both go straight on.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from agent.lasting import since
 from agent.vehicle.interface import FlightMode, VehicleState
 
 _STILL_MPS = 0.5
-# A vehicle that has just become slow still leans against its way. An autopilot that is told to hold then goes on with that
+# A vehicle that has just become slow still leans against its way. An autopilot commanded to hold then goes on with that
 # acceleration, and so backwards, by up to 2.6 m.
 _SETTLED_NS = 800_000_000
 _LONGEST_NS = 5_000_000_000
 
 
 class Braking(Struct, frozen=True):
-    """The braking of one drone. ``begun_ns``: when it was told to hold, or to land; None once it is not steered any more."""
+    """The braking of one drone. ``begun_ns``: when the hold, or the landing, was commanded; None once it is not steered any more."""
 
     slow_since_ns: int | None = None
     begun_ns: int | None = None
@@ -32,8 +32,8 @@ class Braking(Struct, frozen=True):
         return replace(self, begun_ns=now_ns).observed(vehicle, now_ns)
 
     def observed(self, vehicle: VehicleState, now_ns: int) -> Braking:
-        """Brake until the vehicle has been slow for long enough that it accelerates no more, or something else flies it, or its
-        position cannot be trusted; for some seconds at most.
+        """Brake until the vehicle has been slow for long enough that it accelerates no more, has left offboard, or has lost its
+        trusted position; for some seconds at most.
         """
         slow_ns = since(self.slow_since_ns, now_ns, holds=hypot(*vehicle.velocity_mps) <= _STILL_MPS)
         rests = slow_ns is not None and now_ns - slow_ns >= _SETTLED_NS

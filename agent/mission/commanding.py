@@ -1,4 +1,4 @@
-"""What an operator orders this drone: judged, and carried out or refused."""
+"""Commands and uploads of the operators to this drone: judged, and carried out or refused."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ PASSING = "{name} flies past so near that a takeoff would be in its way; start a
 
 
 class Verdict(Struct, frozen=True):
-    """What became of a command. ``refused``: why it was not carried out, as the counters name it; empty: it was. ``because``: the
-    mission's own words, where the command was in order and the mission could not obey it.
+    """The outcome of a command. ``refused``: why it was not carried out, as the counters name it; empty if it was. ``because``:
+    the mission's own words, where the command was in order and the mission could not obey it.
     """
 
     refused: str = ""

@@ -86,8 +86,8 @@ class Executive:
         return self._mission.stage
 
     def flies_home(self, now_ns: int) -> bool:
-        """Whether this agent flies its vehicle home, or has; not while a human pilot or a failsafe flies it, nor without recent
-        telemetry, as it holds then.
+        """Whether this agent flies its vehicle home, or has. False while a pilot or a failsafe flies it, and without recent
+        telemetry, when it holds.
         """
         vehicle, stage = self._own.vehicle, self.stage
         if stage not in RETURNING or vehicle is None or self._mission.released:
@@ -122,8 +122,8 @@ class Executive:
     def obey(self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
-        ``begun_ns``: when the swarm's mission began, as others tell; None where nobody does: a start begins it then, after a
-        landing a new one. No other command tells when it began. ``problems``: those that prevent a start.
+        ``begun_ns``: when the swarm's mission began, as other drones report; None without a report: then a start begins the
+        mission, and after a landing a new one. No other command states this time. ``problems``: the obstacles to a start.
         """
         started_ns = stamp_ns if begun_ns is None else min(stamp_ns, begun_ns)
         refused = self._mission.command(action, started_ns, self._situation(now_ns, problems))
@@ -136,17 +136,17 @@ class Executive:
         return None
 
     def revoke(self) -> None:
-        """This drone has been revoked: it returns, and no other one hears it any more."""
+        """Note that this drone has been revoked: it returns, and the others ignore its messages."""
         if not self._revoked:
             self._left = focus(self._world.fusion.hypothesis, self._config)
         self._revoked = self._navigator.revoked = True
 
     def left_out(self) -> None:
-        """What this drone measures from now on counts no more, as it has contradicted itself."""
+        """Discard what this drone measures from now on: its log has contradicted itself."""
         self._own.left_out()
 
     def exclude(self, drone: str) -> None:
-        """Another drone has been revoked: it returns, and hears nobody any more."""
+        """Note that another drone has been revoked: it returns, without a link to any other."""
         self._navigator.excluded.add(drone)
 
     def obeys(self, drone: str, now_ns: int) -> None:
@@ -161,7 +161,7 @@ class Executive:
         return self._navigator.passing(now_ns, vehicle, peers)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What is wrong with how the mission is flown."""
+        """Problems of this drone's flight for the operator, one line each."""
         unsteered, landed = self._mission.unsteered(now_ns), self._mission.flight.landed_because
         coming_down = "landed" if self.stage is Stage.LANDED else "lands"
         absence = self._navigator.absence
@@ -174,13 +174,13 @@ class Executive:
         return tuple(text for text in told if text is not None)
 
     def take_coverage(self, entry: Coverage, anew: bool) -> None:
-        """Take what somebody has searched; ``anew``: the present division of the area lacks it, and is made again."""
+        """Take the coverage of any drone; ``anew``: the present division of the area lacks it, and is made again."""
         self._search.take(entry)
         if anew:
             self._search.divide_anew()
 
     def recount_coverage(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Of what a drone has searched only these entries count."""
+        """Count only these entries of a drone's coverage."""
         self._search.recount(drone, entries)
 
     def step(self, now_ns: int, peers: Peers) -> Decision:
@@ -204,16 +204,16 @@ class Executive:
         return dist(vehicle.position_m[:2], home[:2]) / self._config.survey.speed_mps if vehicle and home else 0.0
 
     def _look_up(self, now_ns: int, peers: Peers) -> None:
-        """Where the vehicle flies although this agent has not started it, the others have to know, and an operator may command.
+        """Handle an in-flight start: publish a flying stage, and accept commands.
 
-        Home is its launch place by the mission, and the mission began when the others say.
+        Home is the launch place by the mission; the mission's begin is as the others report.
         """
         if self._aloft.shown and self.stage in ON_GROUND and self._own.vehicle is not None:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
         started_ns = self._mission.flight.started_ns
-        if self.stage not in ON_GROUND and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # it is not known
+        if self.stage not in ON_GROUND and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # begin not known
             begun_ns = peers.begun_ns(self._mission_id, now_ns)
             if begun_ns is not None and begun_ns > started_ns:
                 self._begin(begun_ns)
@@ -221,7 +221,7 @@ class Executive:
                 self._begin(now_ns - _LONGEST_FLIGHT_NS)
 
     def _begin(self, started_ns: int) -> None:
-        """What was measured and searched before counts no more."""
+        """Discard all measurements and coverage of before."""
         self._mission.begin(started_ns)
         self._world.start(started_ns)
         self._search.begin(started_ns)
@@ -249,8 +249,8 @@ class Executive:
         )
 
     def _is_no_nearer(self, returning_s: float) -> bool:
-        """Whether the return gets no nearer for long enough to land where it is; one that is revoked has less time: the others,
-        which do not hear it, take it to be down soon. Not while it is above the way of others, or over home.
+        """Whether the return has made no progress for long enough to land on the spot. A revoked drone has less time, because the
+        others take it to have landed soon; but not while it is above the altitudes of the others, or over home.
         """
         vehicle, home = self._own.vehicle, self._navigator.home
         is_low = vehicle is not None and vehicle.height_m < low_m(self._config)
@@ -260,13 +260,13 @@ class Executive:
 
     @property
     def _never_knows_its_frame(self) -> bool:
-        """Whether it has no way home, and nothing to wait for; meanwhile others keep clear of wherever it may be."""
+        """Whether this drone has no way home, and nothing to wait for. Others keep clear of all its possible positions."""
         return self._own.is_lost or self._own.is_displaced
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
-        """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
-        its turn, while anything may hide, or at once where a search leads to what was measured; neither when the time for it is
-        over, nor while it is not clear whether one moves, nor while drones may circle that are not heard: who leaves the circle
+        """Whether to search for further sources. The search goes on until all of the area is covered. It resumes once each source
+        has had its turn, while the exclusion leaves room for a source, or at once where a search cue leads to one. It ends with
+        its time, and pauses during a verification pass, and while drones without a link may circle: a drone leaving the circle
         could meet them.
         """
         absence = self._navigator.absence
@@ -292,9 +292,7 @@ class Executive:
 
     @property
     def _stranded_s(self) -> float:
-        """How long this must last until it returns: its circle has no room, while others are not heard; or the mission's policy
-        for one that hears nobody; or it does not know where it is.
-        """
+        """The return delay, s; infinite without a reason (no feasible circle with links lost, isolation, uncertain position)."""
         absence = self._navigator.absence
         if absence is not None and not self._navigator.has_room:
             return ROOMLESS_S
@@ -338,8 +336,8 @@ class Executive:
         return Decision(VehicleCommand(request, setpoint, height_m), plan, searched)
 
     def _request_blind(self, vehicle: VehicleState, now_ns: int) -> Request:
-        """What is asked of the autopilot without recent telemetry: to hold; or, without a setpoint, nothing where it was in its
-        failsafe, which may bring the vehicle home or down: on so bad a link it would not leave a hold again.
+        """Return the request without recent telemetry: hold. In a failsafe, offboard without a setpoint, so that the failsafe may
+        return or land: on so bad a link the autopilot would not leave a hold again.
         """
         if is_failsafe(vehicle):
             self._counters["left_to_failsafe"] += 1

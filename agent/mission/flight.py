@@ -1,4 +1,4 @@
-"""One flight of one drone as a value: its stage, and what its transitions depend on besides telemetry and world model."""
+"""One flight of one drone as a value: its stage, and the state of its transitions besides telemetry and world model."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from protocol.stages import DESCENDING, STEERED, TAKING_PART
 
 
 class Flight(Struct, frozen=True):
-    """One flight, from the start command to the landing; each method returns the value that follows.
+    """One flight, from the start command to the landing; each method returns the following value.
 
-    ``since_ns``: begin of the stage. ``took_part_ns``: since when the drone takes part without a break; of no meaning while it
-    does not. ``started_ns``: stamp of the start command with which the swarm's mission began; 0: not known.
+    ``since_ns``: begin of the stage. ``took_part_ns``: since when the drone takes part without a break; meaningless outside of
+    these stages. ``started_ns``: stamp of the start command with which the swarm's mission began; 0: not known.
     ``searching_since_ns``: begin of the present search; None without one. ``stranded_since_ns``: since when a search is to end
-    for want of contact, room or position. ``resume``: the stage after a hold, or once the drone has risen: the last one flown by
-    setpoints, or commanded below the floor. ``rises``: the autopilot's takeoff, or a failsafe, has ended below the floor.
+    for want of contact, room or position. ``resume``: the stage after a hold, or once the drone has risen: the last stage flown
+    by setpoints, or commanded below the floor. ``rises``: the autopilot's takeoff, or a failsafe, has ended below the floor.
     ``aborted``: by an operator; until the next start the drone only lands. ``insists``: the operator wants it home although its
-    battery does not seem to last for that. ``landed_because``: why it landed, unless on request or by a human pilot.
+    battery does not seem to last for that. ``landed_because``: why it landed, unless on request or by a pilot.
     """
 
     stage: Stage = Stage.PREFLIGHT
@@ -57,18 +57,18 @@ class Flight(Struct, frozen=True):
             searching_since_ns=now_ns if stage is Stage.SURVEY and searching_since_ns is None else searching_since_ns,
             resume=stage if stage in STEERED and not memory.released else memory.resume,
             was_armed=True,
-            aborted=memory.aborted or stage is Stage.ABORT,  # a state file of an older release tells the stage only
+            aborted=memory.aborted or stage is Stage.ABORT,  # older state files hold the stage only
             position_loss=PositionLoss.held(vehicle, now_ns) if memory.stays else PositionLoss(),
         )
 
     @property
     def is_rising(self) -> bool:
-        """Whether it flies the last metres of its takeoff, or those after a failsafe, by setpoints."""
+        """Whether the drone flies the last metres of its takeoff, or of its recovery from a failsafe, by setpoints."""
         return self.stage is Stage.TAKEOFF and self.rises
 
     @property
     def is_steered(self) -> bool:
-        """Whether it flies by setpoints, unless its position cannot be trusted, or a human pilot flies it."""
+        """Whether the drone flies by setpoints, unless its position cannot be trusted, or a pilot flies it."""
         return self.stage in STEERED or self.is_rising
 
     def searched_s(self, now_ns: int) -> float:
@@ -92,7 +92,7 @@ class Flight(Struct, frozen=True):
         )
 
     def after(self, event: Action | Event | None, now_ns: int, vehicle: VehicleState | None, *, released: bool = False) -> Flight:
-        """Take an event; one that is not in the table for this stage changes nothing. ``released``: somebody else flies."""
+        """Take an event; without a row for this stage and event nothing changes. ``released``: to a pilot or a failsafe."""
         if event is None or (self.stage, event) not in TABLE:
             return self
         stage = TABLE[self.stage, event] or self.resume

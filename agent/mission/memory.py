@@ -19,19 +19,19 @@ _FROM_THE_GROUND = (Stage.TAKEOFF, *DESCENDING)
 
 
 class Memory(Struct, frozen=True, kw_only=True):
-    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again); of
-    one on the ground ``copied`` alone, without a stamp.
+    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again); on
+    the ground ``copied`` alone, without a stamp.
 
-    ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known;
-    ``home_sigma_m``, ``launch``: as in ``KeptHome``.
-    ``searching_since_ns``: when the present search began; None: there is none. ``resume``: the stage after a hold, or once it has
-    risen. ``released``: somebody else has taken over the vehicle. ``aborted``: an operator has ended the flight.
-    ``stays``: this agent has it hold, because its position cannot be trusted. ``holds``: a hold that the autopilot shows is this
-    agent's own in any case: it has had no telemetry for a while, or offboard has not been reached since the drone was to be
-    steered, or to land, or to be steered again. ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the
-    present one, these included, so that the frame of a new one is stored at once. ``response``: the identified response of the
-    vehicle. ``frames``: those of all drones that the mission does not tell, by id. ``copied``: the revoked drones whose keys have
-    shown to be copied. ``others``: the last news of those that fly, by id.
+    ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if not known;
+    ``home_sigma_m``, ``launch``: as in ``KeptHome``. ``searching_since_ns``: when the present search began; None without a
+    search. ``resume``: the stage after a hold, or once the drone has risen. ``released``: a pilot, a ground station or a failsafe
+    flies the vehicle. ``aborted``: an operator has ended the flight. ``stays``: this agent has it hold, because its position
+    cannot be trusted. ``holds``: a hold that the autopilot shows is this agent's own in any case: it has had no telemetry for a
+    while, or offboard has not been reached since the drone was to be steered, or to land, or to be steered again.
+    ``epoch_offset``: the number of epochs added to the vehicle's own; ``epoch``: the present one, these included, so that the
+    frame of a new one is stored at once. ``response``: the identified response of the vehicle. ``frames``: of all drones whose
+    frames the mission does not give, by id. ``copied``: the revoked drones whose keys have shown to be copied. ``others``: the
+    last messages of the flying drones, by id.
     """
 
     mission: str
@@ -57,7 +57,7 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     @property
     def home(self) -> KeptHome:
-        """Where a return leads."""
+        """The destination of a return."""
         return KeptHome(self.home_m, self.home_sigma_m, self.launch)
 
     @property

@@ -1,4 +1,4 @@
-"""What the other drones tell of themselves: verified, at its time by the own clock."""
+"""Messages of the other drones: verified, their stamps converted to the own clock."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class News:
         self._runs = True
 
     def keep_time(self, now_ns: int) -> None:
-        """Look at the own clock, before it is used: what is known of the others stays as old as it is when it is set."""
+        """Check the own clock before its use: after a clock step the age of what is known of the others stays."""
         self._peers.keep_time(now_ns, runs=self._runs)
         self._clocks.keep_time(self._peers.set_ns)
 
@@ -70,22 +70,22 @@ class News:
         return self._receive(message, now_ns) if isinstance(message, NEWS) else "unused"
 
     def _receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
-        """Take news at its time by the own clock, unless it is plainly of now by its own stamp: its clock is right again, and a
-        late status of before has told otherwise, or none has come yet.
+        """Take a message at its time by the own clock. A stamp that is plainly of now is kept: the sender's clock is right again,
+        and a late status of before has stated otherwise, or none has come yet.
 
-        Of two sources one may have forged the difference of the clocks, so that all that the other one says would be stale, or
-        of the future: then both readings count.
+        Of two senders under one id, one may have forged the difference of the clocks, so that the messages of the other would be
+        stale, or of the future: then both readings count.
         """
         here, were_two = self._clocks.by_own_clock(message), self._peers.are_two(message.drone, now_ns)
         is_other, is_now = here.stamp_ns != message.stamp_ns, is_present(message.stamp_ns, now_ns)
-        is_far = abs(here.stamp_ns - message.stamp_ns) > OLDEST_NS + FUTURE_NS  # so that only one of the two can be of now
+        is_far = abs(here.stamp_ns - message.stamp_ns) > OLDEST_NS + FUTURE_NS  # at most one of the two is of now
         readings = [message if is_far and is_now else here, *([message] if were_two and is_other and is_now else [])]
         dropped = [self._peers.receive(one, now_ns, ahead_ns=message.stamp_ns - one.stamp_ns) for one in readings]
         self.pressing = self.pressing or (not were_two and self._peers.are_two(message.drone, now_ns))
         return dropped[0]
 
     def _is_of_twin(self, message: AnyDroneMessage, now_ns: int) -> bool:
-        """Whether a message under the own id is of somebody else: of another boot, or of now and never sent."""
+        """Whether a message under the own id has another sender: of another boot, or of now and never sent."""
         if isinstance(message, Status) and message.boot != self._boot:
             return abs(now_ns - message.stamp_ns) < TWIN_NS
         is_new = self._began_ns <= message.stamp_ns and is_present(message.stamp_ns, now_ns)

@@ -2,12 +2,12 @@
 
 A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given: a nonce,
 which the drone changes twice a second by its own clock and never uses again after a restart, and a number above that of the last
-command carried out. So neither a recorded nor a delayed nor a reordered command is obeyed: none that was given more than
+command carried out. So neither a recorded nor a delayed nor a reordered command is obeyed: none given more than
 ``MAX_ORDER_AGE_NS`` ago, by the drone's clock alone. The operator's clock only matters for a start, whose stamp is the beginning
 of the swarm's mission.
 
-Nonces follow from a key that each agent draws at its start. Nobody knows them before the drone tells them, so that nobody who has
-an operator's key for a moment can sign commands for later.
+Nonces follow from a key that each agent draws at its start. Before their publication they are secret: a brief hold of an
+operator's key is not enough to sign commands for later.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MOST_AHEAD = 2**40  # of a number: a command with the largest one would leave no
 
 
 class Orders:
-    """The commands to one drone. ``obeyed``: the last one that was carried out, for the status."""
+    """The commands to one drone. ``obeyed``: the last command carried out, for the status."""
 
     def __init__(
         self, drone: str, mission_id: str, nonce_key: bytes, verifier: Verifier | None, tells_obeyed: bool = True
@@ -38,7 +38,7 @@ class Orders:
         self.obeyed: Obeyed | None = None
 
     def ticket(self, now_ns: int) -> Ticket:
-        """What the next command needs, as published in the status."""
+        """Return the ticket for the next command, as published in the status."""
         return Ticket(self._nonce(now_ns // NONCE_NS), self._last + 1)
 
     def refusal(self, command: Order, now_ns: int) -> str | None:

@@ -1,11 +1,11 @@
-"""What a drone does while its position cannot be trusted: satellites lost, or an estimate that has jumped.
+"""Behaviour of a drone whose position cannot be trusted: satellites lost, or an estimate that has jumped.
 
-At first it stays in place by setpoints, with separation from the others, who keep clear of it by its stated uncertainty. If that
-lasts, hold is requested while the autopilot still accepts it: PX4 goes back to the mode chosen last when the satellites return,
-and in hold it stays. (In the failsafe that follows it accepts no mode that needs a position.)
+At first it stays in place by setpoints, with separation from the others, which keep clear of it by its stated uncertainty. If
+that lasts, hold is requested while the autopilot still accepts it: PX4 goes back to the mode chosen last when the satellites
+return, and in hold it stays. (In the failsafe that follows it accepts no mode that needs a position.)
 
-The mission continues when the position is confirmed and the drone is certainly well above the ground: a real one has landed
-unnoticed, and then taken off at 5 m/s. Near the ground it lands, and wherever it is if the position stays lost for
+The mission continues when the position is confirmed and the drone is certainly well above the ground: a real drone has landed
+unnoticed, and then taken off at 5 m/s. The drone lands near the ground, and anywhere if the position stays lost for
 ``LONGEST_NS``, or the battery is low before. A landing that has begun goes on when the position is confirmed; but from then on,
 well above the ground, an operator may send the drone home.
 """
@@ -20,7 +20,7 @@ from agent.vehicle.interface import FlightMode, VehicleState
 HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
 _LONGEST_STEP_NS = 1_000_000_000
 NEAR_GROUND_M = 1.0  # height estimates drift by as much
-LONGEST_NS = 30_000_000_000  # it hovers without a position for at most this long
+LONGEST_NS = 30_000_000_000  # longest hover without a position
 FALL_MPS = 1.0  # PX4 descends at 0.5 to 0.8 m/s without a position
 _LOST = "its position could not be trusted (satellites lost, or its estimate jumped)"
 WHY = f"{_LOST}, and it was near the ground"

@@ -1,4 +1,4 @@
-"""Which commands of an operator a drone refuses, by its stage and its flight so far."""
+"""Refusal of an operator's command, by the drone's stage and its flight so far."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from protocol.stages import FLYING, ON_GROUND
 
 
 def refusal(action: Action, flight: Flight, situation: Situation, *, released: bool) -> str | None:
-    """Return why a command is refused; None where it is obeyed. ``released``: somebody else flies the vehicle."""
+    """Return why a command is refused; None where it is obeyed. ``released``: to a pilot, a ground station or a failsafe."""
     stage, lands = flight.stage, flight.position_loss.lands
     if action is Action.START:
         if stage not in ON_GROUND:

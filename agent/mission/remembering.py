@@ -1,4 +1,4 @@
-"""What an agent that is restarted in flight goes on with: kept up to date while it flies, and taken up again afterwards."""
+"""The state for an agent that is restarted in flight: kept up to date during the flight, restored afterwards."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Remembering:
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         # As of ``Navigator.epochs`` and ``parted``, when frames and others were last stored.
         self._stored_urgent: tuple[dict[str, int], dict[str, Wall | None]] = {}, {}
-        # Until telemetry shows whether that flight goes on.
+        # Until telemetry shows whether that flight continues.
         self._former = memory if memory is not None and memory.flies else None
 
     def stage(self, now_ns: int) -> Stage:
-        """The stage that the others are told: until telemetry shows whether the stored flight goes on, that of then. If it told
-        that it is on the ground, nobody would reckon with a vehicle in its failsafe.
+        """Return the stage to publish: the stored one until telemetry shows whether that flight continues. If it were a stage on
+        the ground, the other drones would not account for a vehicle in its failsafe.
         """
         if self._former is not None and self._former.is_recent(self._mission_id, now_ns):
             return self._former.stage
@@ -73,10 +73,10 @@ class Remembering:
         return memory.started_ns
 
     def note(self, now_ns: int, peers: Peers) -> None:
-        """Keep the memory up to date; not before it is known whether the former flight goes on.
+        """Keep the memory up to date, once it is known whether the former flight continues.
 
-        Response, frames and the others' news change all the time: they are only stored along with the rest, or with what is not
-        found again once it has been missed: a frame by continuity, after a jump, and the last contact with another drone.
+        Response, frames and the others' messages change all the time. They are stored along with the rest only, or with data that
+        cannot be recovered later: a frame by continuity after a jump, and the last contact with another drone.
         """
         if self._former is not None:
             return
@@ -103,7 +103,7 @@ class Remembering:
         return Memory(mission=self._mission_id, stamp_ns=0, started_ns=0, stage=stage, resume=stage, copied=copied)
 
     def _plausible(self, frames: Mapping[str, KeptFrame]) -> dict[str, KeptFrame]:
-        """Those that can be frames; the others are counted, and neither stored nor believed."""
+        """Return the plausible frames; the others are counted and dropped."""
         found = {name: kept for name, kept in frames.items() if kept.is_plausible}
         if len(found) < len(frames):
             self._counters["kept_frame_implausible"] += len(frames) - len(found)

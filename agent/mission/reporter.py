@@ -30,7 +30,7 @@ _PERIODS_NS: dict[type[Message], int] = {
 
 
 class Believed(Struct, frozen=True, eq=False):
-    """The hypothesis, the digest of the log that it follows from, and what is excluded beside it, if that is known."""
+    """The hypothesis, the digest of the log that it follows from, and the exclusion limit beside it, if known."""
 
     hypothesis: Hypothesis
     digest: str
@@ -38,13 +38,13 @@ class Believed(Struct, frozen=True, eq=False):
 
     @classmethod
     def of(cls, fusion: Fusion, hypothesis: Hypothesis) -> Believed:
-        """What a fusion tells now with its hypothesis."""
+        """Return the present estimate of a fusion with its hypothesis."""
         outlook = fusion.outlook
         return cls(hypothesis, fusion.hypothesis_digest, outlook.exclusion if outlook is not None else None)
 
 
 class Outbox:
-    """Messages to be sent, encoded, with their keys. What the protocol refuses is counted and dropped.
+    """Messages to be sent, encoded, with their keys. Messages that the protocol refuses are counted and dropped.
 
     ``sent``: poses, plans and statuses of the last seconds, as their receivers read them.
     """
@@ -108,9 +108,9 @@ class Reporter:
         Args:
             now_ns: UTC.
             vehicle: newest telemetry.
-            frame: mission <- local of its epoch; published where it is estimated, for operators (agents have it from their logs).
-            believed: what the source estimate is, called only when it is due; None without one.
-            status: called only when one is due.
+            frame: mission <- local of its epoch; published if estimated, for operators (agents have it from their logs).
+            believed: the source estimate, called only when due; None without one.
+            status: called only when due.
         """
         if vehicle is not None and self._is_due(Pose, now_ns):
             yield self._pose(vehicle)
@@ -165,7 +165,7 @@ class Reporter:
 
 
 def _source(hypothesis: Hypothesis) -> Source:
-    """As it is published."""
+    """Return the hypothesis as published."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
     x, y, z = hypothesis.position.tolist()
     u, v, w = hypothesis.velocity.tolist()

@@ -10,8 +10,8 @@ from agent.vehicle.interface import VehicleState
 from protocol.messages import Status
 from protocol.stages import ON_GROUND, RETURNING
 
-_URGENT = 0.5  # of the reserve: who would land with less waits for nobody
-_SPENT = 0.2  # of the reserve: who would land with less lands where it is
+_URGENT = 0.5  # of the reserve: with less at landing a drone does not wait for others
+_SPENT = 0.2  # of the reserve: with less at landing a drone lands on the spot
 _LANDING_S = 10.0
 _SPAN_NS = 5_000_000_000  # over a shorter time no rate is told
 _STEP = 0.01  # in which an autopilot may tell the level: so much less may have been drained
@@ -40,11 +40,11 @@ class Reserve(Struct, frozen=True):
         unheard: Collection[str] = (),
         way_home_s: float = 0.0,
     ) -> Reserve:
-        """Take the newest level. ``statuses``: of the others that are heard; ``unheard``: drones that may be on their way home
-        without their agents; ``way_home_s``: how long the own way home takes.
+        """Take the newest level. ``statuses``: of the others, with a link; ``unheard``: drones that may be on their way home
+        without their agents; ``way_home_s``: duration of the own way home.
 
-        The drone waits for those that are on their way home, and for those with a smaller id whose batteries are low too, but no
-        longer than it can at the rate at which its battery has drained since it is low.
+        The drone waits for drones on their way home, and for drones with a smaller id and a low battery, but no longer than the
+        drain of its battery since it is low allows.
         """
         level = vehicle.battery if vehicle is not None else None
         if level is None or level >= self.reserve:

@@ -1,8 +1,8 @@
-"""What does not count any more: news and commands of whom an operator has revoked in flight; and from which number on whose log
-entries do not, because their drone has been revoked or has contradicted itself.
+"""Revocation in flight: messages and commands of a revoked member are ignored. Log entries of a drone that has been revoked, or
+has contradicted itself, are left out from a number on.
 
-What follows depends on the set of revocations and entries alone, not on their order: of several of the same drone the lowest
-number counts, for each boot. So all drones leave the same entries out of log, digest and hypothesis.
+What follows depends on the set of revocations and entries alone, not on their order: of several numbers for the same drone the
+lowest counts, for each boot. So all drones leave the same entries out of log, digest and hypothesis.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from protocol.entries import Coverage, Entry
 from protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
 from protocol.signing import Trust, Verifier, sign_obeying
 
-_MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, of which some may be implausible
-PERIOD_NS = 1_000_000_000  # they are passed on so often: also to drones that join, or are heard again
+_MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, because some may be implausible
+PERIOD_NS = 1_000_000_000  # of passing them on: also to drones that join, or whose link returns
 
 
 class Revoking:
-    """The revocations that one drone knows, and what follows for its mission."""
+    """The revocations that one drone knows, and their effect on its mission."""
 
     def __init__(
         self,
@@ -51,16 +51,16 @@ class Revoking:
 
     @property
     def held(self) -> tuple[Revocation, ...]:
-        """Those that count: the same object as long as they stay the same."""
+        """The revocations in force; the same object while they do not change."""
         return self._revocations.held
 
     @property
     def names(self) -> frozenset[str]:
-        """Of the revoked members."""
+        """The names of the revoked members."""
         return self._revocations.names
 
     def hear(self, message: Revocation | Revoked, now_ns: int) -> Verdict | None:
-        """Put revocations into effect; what became of the last that was not known."""
+        """Put revocations into effect. Returns the outcome of the last that was not known."""
         verdict = None
         by = message.drone if isinstance(message, Revoked) else None
         for one in message.held if isinstance(message, Revoked) else (message,):
@@ -74,8 +74,8 @@ class Revoking:
         return verdict
 
     def _note_obeying(self, message: Revoked, now_ns: int) -> None:
-        """A revoked drone is believed this one thing, if it has signed it and nobody is known to have its key: else it may circle
-        on.
+        """Note which revoked drones obey. This is the only report of a revoked drone that counts: signed, and with no copy of its
+        key known; otherwise the drone may circle on.
         """
         for word in message.obeying:
             known = word.drone in self._obeying or word.drone in self._executive.remembering.copied or word.drone == self._drone
@@ -88,7 +88,7 @@ class Revoking:
         return self._revocations.leaves_out(entry)
 
     def recount(self, entry: Entry) -> None:
-        """An entry was not taken: if it contradicts another one, nothing from that number on counts."""
+        """Handle an entry that was not taken: if it contradicts another one, no entry from that number on counts."""
         publisher = entry.drone, entry.boot
         log = self._world.fusion.log
         found = log.contradictions.get(publisher)
@@ -101,7 +101,7 @@ class Revoking:
                 self._executive.left_out()
 
     def due(self, now_ns: int) -> tuple[Revoked, ...]:
-        """What is to be passed on now."""
+        """Return the revocations to be passed on now."""
         self._due_ns = min(self._due_ns, now_ns + PERIOD_NS)  # a later time is from before the clock was set back
         if not self.held or now_ns < self._due_ns:
             return ()
@@ -111,7 +111,7 @@ class Revoking:
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=(*own, *obeying)),)
 
     def _word(self) -> Obeying:
-        """That this drone obeys the last revocation of it."""
+        """Return the signed statement that this drone obeys its last revocation."""
         assert self._trust is not None  # without certificates nothing is revoked
         return sign_obeying([one for one in self.held if one.member == self._drone][-1], self._trust)
 
@@ -125,10 +125,10 @@ class Revoking:
         return (*revoked, *(f"{name} {told} {contradicting[name]}: nothing from it on counts" for name in sorted(contradicting)))
 
     def _carry_out(self, revocation: Revocation, now_ns: int) -> None:
-        """What is known of a revoked drone's body stays: it is kept away from as from one that is silent.
+        """Carry out a revocation. The known motion of a revoked drone stays: the others keep clear of it as of a silent drone.
 
-        This drone itself returns: nobody counts what it measures, nor knows any more where it is. It has no hypothesis either:
-        nobody would hear it, and it would rest on one camera that flies away.
+        If it is this drone, it returns: its measurements do not count, and its position is not known to the others. Its
+        hypothesis ends as well: the others would ignore it, and its only camera flies away.
         """
         name, log = revocation.member, self._world.fusion.log
         self._due_ns = now_ns

@@ -53,7 +53,7 @@ class Searching(Struct, frozen=True):
         return Event.LOST if self._is_lost(flight, situation) else Event.FOUND
 
     def _is_over(self, now_ns: int, tracking_since_ns: int | None) -> bool:
-        """Whether the time for what has been found is over."""
+        """Whether the time for the sources found is over."""
         duration_s = self.track.duration_s
         return tracking_since_ns is not None and duration_s is not None and now_ns - tracking_since_ns > duration_s * 1e9
 
@@ -71,6 +71,6 @@ class Searching(Struct, frozen=True):
 
 
 def _is_stranded(flight: Flight, situation: Situation) -> bool:
-    """Whether what has it return, as the others are not heard or its place is in doubt, has lasted for long enough."""
+    """Whether the reason for a return (links lost, position uncertain) has lasted for the return delay."""
     since_ns = flight.stranded_since_ns
     return since_ns is not None and (situation.now_ns - since_ns) * 1e-9 > situation.stranded_s

@@ -1,4 +1,4 @@
-"""What the stages of a mission are decided by."""
+"""The inputs of a decision on the stage of a mission."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from agent.vehicle.interface import VehicleState
 class Situation(Struct, frozen=True):
     """The inputs of a decision. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none.
 
-    ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
-    source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
-    ``searches_on``: for further sources, beside those that have been found. ``looks``: at one of them, whether it moves.
-    ``stranded_s``: after this long it returns, as other drones are not heard, and the mission, or the fence, leaves this one
-    nothing else; or as it may be far from where it believes to be, or never knows where it is; infinite where none of this holds.
-    ``revoked``: an operator has excluded this drone from the swarm.
-    ``battery_low``: it is this drone's turn to return for want of battery; ``battery_spent``: it does not last for the way home.
-    ``no_nearer``: its return has not got on for long.
+    ``at_home``: the drone hovers over the place where it took off. ``problems``: obstacles to a start. ``rms_m``: of the source
+    estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
+    ``searches_on``: for sources beside the found ones. ``looks``: a verification pass at one of them, whether it moves.
+    ``stranded_s``: delay before a return, because links are lost, and the mission or the fence leaves no other choice; or because
+    the position uncertainty is too large, or the position never known; else infinite. ``revoked``: an operator has excluded this
+    drone from the swarm. ``battery_low``: this drone's turn to return for want of battery; ``battery_spent``: not enough for the
+    way home. ``no_nearer``: its return has made no progress for long.
     """
 
     now_ns: int
@@ -40,10 +39,10 @@ class Situation(Struct, frozen=True):
 
     @property
     def must_return(self) -> bool:
-        """Whether it is to end its search, or its hold, and return."""
+        """Whether the drone is to end its search, or its hold, and return."""
         return self.battery_low or self.revoked
 
     @property
     def is_found(self) -> bool:
-        """Whether what has been found is to be tracked now."""
+        """Whether a found source is to be tracked now."""
         return self.has_hypothesis and not self.searches_on

@@ -22,13 +22,13 @@ from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 from protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
 
-STRANDED_S = 5.0  # a drone that is to return because it does not hear others, or is in doubt, waits this long
-# Without room for its circle, no longer: the others keep clear of where its vehicle stops for as long as that would without its
-# agent, which has noticed a second later than its autopilot (``navigation.unheard.agentless``).
+STRANDED_S = 5.0  # return delay after lost links, or with an uncertain position
+# Return delay without a feasible circle. The others keep the stopping place clear for as long as the vehicle would stop there
+# after the loss of its agent; the agent notices that a second later than its autopilot (``navigation.unheard.agentless``).
 ROOMLESS_S = 2.0
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
-_ABOVE_FLOOR_M = 0.25  # so far above the floor for sure: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
-_FLOWN = {  # by somebody else
+_ABOVE_FLOOR_M = 0.25  # margin above the floor: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
+_FLOWN = {  # by a pilot, a ground station or a failsafe
     FlightMode.RETURN: Event.FLOWN_HOME,
     FlightMode.LAND: Event.FLOWN_DOWN,
     FlightMode.HOLD: Event.FLOWN_HELD,
@@ -43,7 +43,7 @@ class Mission:
         self, track: TrackConfig, survey: SurveyConfig | None = None, can_lose: bool = True, floor_m: float = 0.0
     ) -> None:
         """``can_lose``: the hypothesis rests on measurements, and counts as lost when they stay away. ``floor_m``: above ground;
-        nobody searches below.
+        no search below.
         """
         self._searching = Searching(track, gives_up=survey is not None and survey.then == "return", can_lose=can_lose)
         self._floor_m, self._takeoff_m = floor_m, survey.height_m if survey is not None else 0.0
@@ -57,7 +57,7 @@ class Mission:
 
     @property
     def released(self) -> bool:
-        """Whether somebody else flies the vehicle."""
+        """Whether a pilot, a ground station or a failsafe flies the vehicle."""
         return self._authority.is_released
 
     @property
@@ -74,7 +74,7 @@ class Mission:
         return Request.OFFBOARD if flight.is_rising or brakes else REQUESTS[flight.stage]
 
     def command(self, action: Action, started_ns: int, situation: Situation) -> str | None:
-        """Carry out an operator's command. Returns why it was refused, or None.
+        """Carry out an operator's command. Returns the reason of a refusal, or None.
 
         ``started_ns``: of a start, stamp of the start with which the swarm's mission began.
         """
@@ -108,11 +108,11 @@ class Mission:
         self.flight = replace(self.flight, started_ns=started_ns)
 
     def unsteered(self, now_ns: int) -> str | None:
-        """What is reported of a vehicle that does not follow this agent; None while it does."""
+        """Return the problem of a vehicle that does not follow this agent; None while it does."""
         return self._authority.problem(now_ns) if self.stage in FLYING else None
 
     def standing_armed(self, now_ns: int) -> str | None:
-        """What is reported of a vehicle that has landed and is not disarmed."""
+        """Return the problem of a vehicle that has landed and is not disarmed."""
         return self.flight.standing.problem(now_ns) if self.stage in DESCENDING else None
 
     def memory(self, mission_id: str, home: KeptHome, now_ns: int, epoch_offset: int = 0) -> Memory | None:
@@ -139,21 +139,23 @@ class Mission:
         )
 
     def find_flying(self, vehicle: VehicleState, now_ns: int) -> None:
-        """The vehicle flies, and this agent has not started it, or knows nothing of that any more. Who does so now goes on, a
-        human pilot or its failsafe, until an operator commands otherwise. When the swarm's mission began is not known yet.
+        """Begin with the vehicle in flight: not started by this agent, or its state is lost. The pilot or the failsafe keeps the
+        vehicle until an operator commands otherwise. The begin of the swarm's mission is not known yet.
         """
         self.flight = Flight()
         self._release(vehicle.mode, now_ns)
 
     def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:
-        """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
+        """Continue a flight in which this agent was restarted. A vehicle flown by a pilot, a ground station or a failsafe is left
+        alone.
+        """
         self.flight = Flight.restored(memory, vehicle, now_ns)
         self._authority = Authority().rejoin(View(vehicle, now_ns, self.flight), holds=memory.stays or memory.holds)
         if self.released or memory.released:
             self._release(vehicle.mode, now_ns)
         elif self.stage in STEERED or (self.stage is Stage.TAKEOFF and is_failsafe(vehicle)):
             self._get_clear(vehicle, now_ns)
-            self.flight = replace(self.flight, rises=self.stage is Stage.TAKEOFF)  # it continues by setpoints
+            self.flight = replace(self.flight, rises=self.stage is Stage.TAKEOFF)  # continues by setpoints
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
         """Without setpoints a vehicle returns or lands, and the next setpoint has it fly on from any height. After a time without
@@ -192,7 +194,7 @@ class Mission:
         self.flight = before.observed(vehicle, now_ns, battery_low=situation.battery_low)
         if self.flight.is_down(vehicle):
             self._apply(Event.GROUNDED, now_ns)
-            # A pilot who flew it has disarmed it: from here the agent makes it ready to be armed again.
+            # A pilot has disarmed the vehicle: the agent makes it ready to be armed again.
             self._authority = self._authority.after(Handover.GROUNDED, now_ns)
             return
         stayed = before.position_loss.stays
@@ -203,7 +205,8 @@ class Mission:
             return
         self._watch_position(vehicle, now_ns, stayed=stayed)
         if situation.battery_spent and not self.flight.insists:
-            # It lands where it is rather than run empty on the way: the autopilot would hold, climb and land from high up.
+            # Landing on the spot: on the way home the battery would run empty, and the autopilot hold, climb and land from high
+            # up.
             self._apply(Event.SPENT, now_ns, vehicle)
         is_taking_off = self.stage is Stage.TAKEOFF and not self.flight.rises
         cut_short = is_taking_off and is_cut_short(vehicle, self._takeoff_m)
@@ -215,7 +218,7 @@ class Mission:
             self._progress(vehicle, situation, cut_short=cut_short)
 
     def _progress(self, vehicle: VehicleState, situation: Situation, *, cut_short: bool) -> None:
-        """Go on with the mission by what is found, and by how far the drone has come."""
+        """Continue the mission, by the sources found and the progress of the drone."""
         flight, now_ns = self.flight, situation.now_ns
         has_risen = vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF] and not cut_short
         if flight.stage in SEARCHING:
@@ -225,7 +228,7 @@ class Mission:
             self.flight = replace(flight, rises=True)  # the autopilot goes by its own height, and that drifts
             return
         self._apply(self._searching.event(self.flight, situation, has_risen=has_risen), now_ns)
-        if self.stage is Stage.TRACK and not situation.looks:  # a look neither ends the search nor begins the tracking
+        if self.stage is Stage.TRACK and not situation.looks:  # a pass neither ends the search nor begins tracking
             tracking_ns = now_ns if self.flight.tracking_since_ns is None else self.flight.tracking_since_ns
             self.flight = replace(self.flight, searching_since_ns=None, tracking_since_ns=tracking_ns)
 

@@ -28,7 +28,7 @@ class StandingArmed(Struct, frozen=True):
         return replace(self, disarms=self.since_ns is not None)
 
     def problem(self, now_ns: int) -> str | None:
-        """Return what the operator is told; None while it flies, or is about to be disarmed by its autopilot."""
+        """Return the message to the operator; None in flight, and until the autopilot has had time to disarm."""
         if self.since_ns is None or now_ns - self.since_ns < STANDS_NS:
             return None
         return WHAT.format(seconds=(now_ns - self.since_ns) * 1e-9)

@@ -1,4 +1,4 @@
-"""What a drone tells regularly: pose, frame, source estimate and status, gathered from all its parts."""
+"""The regular messages of a drone: pose, frame, source estimate and status, gathered from all its parts."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ class Telling:
         self._reporter.hurry(now_ns)
 
     def notice(self, notices: tuple[str, ...]) -> None:
-        """Set what the shell has for the operator to know; replaces the previous."""
+        """Set the shell's notices for the operator; they replace the previous ones."""
         self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
 
     def tell(self, now_ns: int) -> None:
-        """Put into the outbox what is due now; a status with its signature."""
+        """Put the messages due now into the outbox; a status with its signature."""
         frame, fusion, hypothesis = self._own.frame, self._world.fusion, self._world.fusion.hypothesis
         believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
         placed = frame.mission_from_local if frame is not None else None
@@ -130,7 +130,7 @@ class Telling:
         return outside_texts(self._area, places)
 
     def _contradictions(self, now_ns: int) -> list[str]:
-        """A line for each drone, this one or another, whose measurements do not fit, or whose exposures cannot be."""
+        """Return a line for each drone, this one included, with contradictory measurements or impossible exposures."""
         hypothesis, log = self._world.fusion.hypothesis, self._world.fusion.log
         misexposed = [f"{drone}: its exposures {why}: {MISEXPOSED}" for drone, why in log.misexposed(now_ns - MISEXPOSED_NS)]
         if hypothesis is None:

@@ -1,8 +1,7 @@
 """A mission that an operator uploads to a drone on the ground: whether it is taken over, and the answer in the status.
 
-The pilot judges who uploads and when. Its shell then fetches the content, checks and keeps it, and begins anew with it: a pilot
-never changes its mission. Meanwhile it refuses a start; where the shell does not succeed, the drone goes on with the mission
-that it has.
+The pilot judges sender and time. Its shell then fetches the content, checks and keeps it, and begins anew with it: a pilot never
+changes its mission. Meanwhile it refuses a start; if the shell fails, the drone keeps its mission.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class Origin(Struct, frozen=True, kw_only=True):
 
 
 class Ground(Struct, frozen=True):
-    """What it depends on whether a mission can be taken: time, own stage and vehicle, and the newest statuses of the others."""
+    """The conditions for taking a mission over: time, own stage and vehicle, and the newest statuses of the others."""
 
     now_ns: int
     stage: Stage
@@ -38,7 +37,7 @@ class Ground(Struct, frozen=True):
 
 
 class Uploads:
-    """The uploads to one drone. ``taking``: what the shell is to fetch; None: nothing. ``answer``: to the last upload."""
+    """The uploads to one drone. ``taking``: the mission that the shell is to fetch, or None. ``answer``: to the last upload."""
 
     def __init__(self, mission_id: str) -> None:
         """``mission_id``: of the mission in force."""
@@ -49,14 +48,14 @@ class Uploads:
     def judge(self, upload: Upload, ground: Ground) -> str | None:
         """Take an operator's upload, or refuse it. Returns why, or None."""
         refused = self._refusal(upload, ground)
-        if self.taking is None:  # else the answer is that to the one which is being taken
+        if self.taking is None:  # else the answer belongs to the upload in progress
             self._tell(upload, refused or "")
         if refused is None:
             self.taking = upload
         return refused
 
     def decline(self, reason: str) -> None:
-        """What was being taken cannot be: the drone keeps its mission."""
+        """Decline the upload in progress: the drone keeps its mission."""
         if self.taking is not None:
             self._tell(self.taking, reason)
             self.taking = None

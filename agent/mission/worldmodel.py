@@ -22,12 +22,12 @@ FORGOTTEN = 250  # entries in a call of ``advance``: some milliseconds
 
 
 class WorldModel:
-    """Everything that follows from the log.
+    """The log and all that follows from it.
 
     ``frames``: of the whole swarm. ``fusion``: the log, and the estimator that the drone flies by; ``listeners``: others on the
     same log, by name. ``admission``: how many entries of each drone are taken. ``last_cone_ns``: stamp of the newest cone in the
-    log, of any drone; 0 where there is none. ``backlog_s``: for how long something that was received has been missing in the
-    frames, or in the hypothesis by these frames; seconds also where late entries keep coming, and ``pending`` all the time.
+    log, of any drone; 0 where there is none. ``backlog_s``: for how long a received entry has been missing in the frames, or in
+    the hypothesis by these frames, s; some seconds, and ``pending`` all the time, while late entries keep coming.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class WorldModel:
 
     @property
     def pending(self) -> bool:
-        """Whether frames or hypothesis lack something of the log. Where they do not, they are a function of the log and of the
+        """Whether frames or hypothesis lack entries of the log. Once complete, they are a function of the log and of the
         hypothesis's stamp.
         """
         return self.is_behind or self.fusion.pending
@@ -65,7 +65,7 @@ class WorldModel:
         return bool(self._forgotten) or not recounted or self.frames.pending or self.fusion.is_behind
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
-        """What each estimator holds possible, by name; without those that tell nothing yet."""
+        """Return the posterior of each estimator by name, if it has one yet."""
         named = {self.fusion.estimator.name: self.fusion, **self.listeners}
         found = {name: posterior_of(fusion, now_ns) for name, fusion in named.items()}
         return {name: posterior for name, posterior in found.items() if posterior is not None}
@@ -101,7 +101,7 @@ class WorldModel:
         return True
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """One line for each drone whose entries are put off."""
+        """Return one line for each drone with entries put off."""
         late = self.frames.put_off.union(*(fusion.late.put_off for fusion in (self.fusion, *self.listeners.values())))
         told = {name: LATE_PUT_OFF for name in late} | {name: PUT_OFF for name in self.admission.put_off(now_ns)}
         return tuple(f"{name}: {text}" for name, text in sorted(told.items()))
@@ -143,7 +143,7 @@ class WorldModel:
         if self._recounted < len(self.fusion.log.recounted):
             self._recount(now_ns)
         self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_busy)
-        takes_late = not self.frames.has_batch  # what follows from them would be computed twice, and they would wait meanwhile
+        takes_late = not self.frames.has_batch  # otherwise computed twice, and the frames would wait
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.advance(now_ns, takes_late=takes_late)
         self.backlog_s = 1e-9 * max(0, now_ns - min(self.frames.complete_ns, self.fusion.complete_ns))
