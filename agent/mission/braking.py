@@ -22,7 +22,7 @@ _LONGEST_NS = 5_000_000_000
 
 
 class Braking(Struct, frozen=True):
-    """The braking of one drone. ``begun_ns``: when the hold, or the landing, was commanded; None once it is not steered any more."""
+    """The braking of one drone. ``begun_ns``: when the hold, or the landing, was commanded; None once no longer steered."""
 
     slow_since_ns: int | None = None
     begun_ns: int | None = None

@@ -13,7 +13,7 @@ from protocol.stages import DESCENDING, FLYING, ON_GROUND, SEARCHING, STEERED
 
 
 class Event(StrEnum):
-    """Causes of a change of the stage besides an operator's command. Of some landings the operator reads the value as the cause."""
+    """Causes of a change of the stage besides an operator's command. Of some landings the operator reads the value as cause."""
 
     LOW = "below the floor, on the way to a stage flown by setpoints"
     SEARCHES = "no source is to be tracked now"
