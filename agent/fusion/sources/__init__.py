@@ -1,10 +1,15 @@
 """The estimator ``sources``: number, nuclide, place and activity of sources at rest, from coarse spectra and cones.
 
-Greedy search with continuous point sources, joint Fisher scoring, evidence by Laplace's method. Modules: what a camera counts of
-a nuclide (``spectra``, ``tables``); the measurements (``data``); the likelihoods of counts (``counts``), also behind what nobody
-knows of (``hidden``), and of cones (``directions``); the sources and nuisances that are fitted (``solution``); the fit (``fit``);
-how sources come and go (``candidates``, ``moves``); those of nuclides that are no candidates (``unknown``); errors that the fit
-does not know (``misled``); where more may hide (``hiding``); when sources at rest are fitted (``estimator``), from what
-(``state``), and what is told of them (``telling``); the estimator as a whole, also of a source that moves (``handover``,
-``tracker``).
+Greedy search with continuous point sources, joint Fisher scoring, evidence by Laplace's method. Modules:
+
+- ``spectra``, ``tables``: counts of a camera by nuclide, energy and distance;
+- ``data``: the measurements;
+- ``counts``, ``hidden``, ``directions``: the likelihoods of counts, of counts behind unknown walls, and of cones;
+- ``solution``, ``fit``: the fitted sources and nuisances; their fit;
+- ``candidates``, ``moves``: births, deaths and other moves of sources;
+- ``unknown``: sources of nuclides that are not among the candidates;
+- ``misled``: common errors of the model that the fit leaves out;
+- ``hiding``: exclusion limits of further sources;
+- ``estimator``, ``state``, ``telling``: when sources at rest are fitted; the state; the reported sources;
+- ``handover``, ``tracker``: the estimator as a whole, also of a moving source.
 """

@@ -1,4 +1,4 @@
-"""Where a further source may be: a score test on a grid of places, for every nuclide, and the fit of a single source."""
+"""Search for a further source: a score test on a grid of places, for every nuclide, and the fit of a single source."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
 from agent.terrain.ground import Ground
 
-_LEAST_GAIN = 6.0  # of log likelihood by the score test; the fit that follows usually gains more
-_MOST = 6  # candidates that are fitted
+_LEAST_GAIN = 6.0  # of log likelihood by the score test; the following fit usually gains more
+_MOST = 6  # fitted candidates
 _APART_M = 5.0  # of two candidates of the same nuclide
-_GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
-_LEVEL_M = 5.0  # of heights above the ground
+_GRID_M, _MOST_PLACES = 2.5, 2500  # grid of the births
+_LEVEL_M = 5.0  # between heights above the ground
 _AIR_PER_M = 0.009  # in the score test, for all nuclides
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A source that may be added. place: (2,) metres; height: above the ground. gain: of log likelihood, as estimated."""
+    """A source to add. place: (2,) metres; height: above the ground, metres. gain: estimated gain of log likelihood."""
 
     nuclide: int
     place: Array
@@ -36,10 +36,10 @@ class Candidate:
 
 
 class Scan:
-    """The grid of places with the rows, by coarse voxels."""
+    """The grid of places against the rows, summed by coarse voxels."""
 
     def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, places: Array) -> None:
-        """``places``: (G, 3) metres, the third of each its height above the ground."""
+        """``places``: (G, 3) metres; the third coordinate is the height above the ground."""
         self._counts, self._spectra, self._places = counts, spectra, places
         self._voxels = rows.coarse
         live = self._voxels @ counts.live_s
@@ -52,13 +52,13 @@ class Scan:
         self._w: Array = PER_MM2 * np.exp(-self._depth) / distance**2  # (G, voxels)
 
     def candidates(self, solution: Solution) -> list[Candidate]:
-        """The most promising ones, at most ``_MOST``, best first.
+        """Return the most promising candidates, at most ``_MOST``, best first.
 
-        The score s of an activity that is small, and its variance h: the test s^2 / 2 h estimates the gain of log likelihood, and
-        s / h the activity.
+        With the score s of a small activity and its variance h, the test s^2 / 2 h estimates the gain of log likelihood, and s /
+        h the activity.
         """
         counts = self._counts
-        expected = counts.views(counts.expected(solution)).mean  # no counts are expected of a hidden source
+        expected = counts.views(counts.expected(solution)).mean  # a hidden source has no expected counts
         shapes = self._spectra.templates(solution.scale, solution.scatter)
         strengths = self._spectra.strengths(Sight(self._depth, 0.0, self._steepness, solution.soil))
         each = [(self._w * strengths[q], shapes[:, q]) for q in self._spectra.level]  # (G, voxels), (N, BINS)
@@ -66,7 +66,7 @@ class Scan:
         excess = self._voxels @ (weighted * (counts.counts / expected - 1.0))
         variance = self._voxels @ (weighted * counts.live_s[:, None] / expected)
         score = sum(w @ (excess @ shape.T) for w, shape in each)  # (G, N)
-        near = each[:1] + each[2:]  # less what air scatters
+        near = each[:1] + each[2:]  # without the air's scatter
         information = sum((w * v) @ (variance @ (shape * other).T) for w, shape in near for v, other in near)
         gain = np.where(score > 0.0, 0.5 * score**2 / np.maximum(information, 1e-300), 0.0)
         return self._best(gain, score / np.maximum(information, 1e-300))
@@ -86,8 +86,10 @@ class Scan:
 
 
 def raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
-    """(G, 3) places of the area with heights above the ground: on the lowest level ``_GRID_M`` apart, or further where that would
-    be too many; on the others, ``_LEVEL_M`` above each other, twice as far.
+    """Return (G, 3) places of the area with heights above the ground.
+
+    Spacing on the lowest level: ``_GRID_M``, or wider where the places would be too many. The other levels are ``_LEVEL_M`` above
+    each other, with twice the spacing.
     """
     levels = np.linspace(lowest_m, highest_m, 1 + math.ceil((highest_m - lowest_m) / _LEVEL_M)).tolist()
     places = [grid_of(area, _GRID_M, _MOST_PLACES), *[grid_of(area, 2.0 * _GRID_M, _MOST_PLACES // 4)] * (len(levels) - 1)]
@@ -95,13 +97,13 @@ def raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
 
 
 def spacing_m(area: Polygon, apart_m: float, most: int) -> float:
-    """Between the places of ``grid_of``."""
+    """Return the spacing of the places of ``grid_of``, metres."""
     west, south, east, north = area.bounds
     return max(apart_m, math.sqrt((east - west) * (north - south) / most))
 
 
 def grid_of(area: Polygon, apart_m: float, most: int) -> Array:
-    """(G, 2) places of the area so far apart, or further where that would be too many."""
+    """Return (G, 2) places of the area, ``apart_m`` apart, or further where there would be more than ``most``."""
     west, south, east, north = area.bounds
     spacing = spacing_m(area, apart_m, most)
     x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))

@@ -3,12 +3,12 @@
     M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk, f_rk, h_rk)],    d_rk = |x_k + b - p_r|
 
 T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
-drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
-by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong.
-Near a source, whose counts change on the way of an exposure, eps grows by about s^2 / d^2, s^2 the mean squared distance from
-p_r. Known walls let a share of the photons from the source's side pass (``shades``), whose derivatives are left out; at the
-edges of their shadows eps grows, too. That is with a view that is otherwise clear; what may hide the sources unknown is in
-``hidden``.
+drone's position bias and the logarithm of its camera's sensitivity, v the logarithm of the background's strength. A row's log
+likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: with a model error of the share eps, no row measures its rate
+better than to this share. Near a source the counts change on the way of an exposure: there eps grows by about s^2 / d^2, s^2 the
+mean squared distance from p_r. Known walls let a share of the photons from the source's side pass (``shades``); the share's
+derivatives are left out. At the edges of their shadows eps grows, too. All this holds for an otherwise clear view; unknown walls
+are in ``hidden``.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from agent.terrain.ground import Ground
 from protocol.spectrum import BINS
 
 _MODEL_ERROR = 0.05  # eps
-_EDGE_ON = 0.05  # f of a camera with its edge towards the source, which counts by its sides
+_EDGE_ON = 0.05  # f of a camera with its edge towards the source, counting by its sides
 _LEAST_PASSING = 1e-3
 _SHAPES_KEPT = 8  # for the energy scales and excesses of scatter that a fit compares
-_LEAST_SHARE = 0.3  # of the background: expectations are never less, where attenuation beyond the model's reach would make them
+_LEAST_SHARE = 0.3  # of the background: lower limit of expectations, where attenuation beyond the model's reach would decide
 
-Derivatives = Callable[[], tuple[Array, Array]]  # a gradient and a Fisher information, computed only where they are wanted
+Derivatives = Callable[[], tuple[Array, Array]]  # a gradient and a Fisher information, computed only on demand
 
 
 class CountModel:
-    """The rows with all that does not depend on the sources."""
+    """The rows with every term that does not depend on the sources."""
 
     def __init__(self, rows: Rows, spectra: Spectra, ground: Ground, drones: int, walls: KnownWalls | None = None) -> None:
         self._spectra, self._ground = spectra, ground
@@ -62,9 +62,9 @@ class CountModel:
         return Cells(self._rows)
 
     def doubting(self, solution: Solution, sigma_m: Array) -> CountModel:
-        """With less weight on rows near these sources or at the edges of their shadows.
+        """Return a model with less weight on rows near these sources or at the edges of their shadows.
 
-        sigma_m: (K, 2) errors of the sources' places.
+        sigma_m: (K, 2) errors of the sources' places, metres.
         """
         if not len(solution):
             return self
@@ -83,7 +83,7 @@ class CountModel:
         return model
 
     def expected(self, solution: Solution) -> Expected:
-        """M, and the direct photons in it."""
+        """Return M, and the direct photons in it."""
         background = self.background(solution)
         if not len(solution):
             return _limited(background, np.zeros_like(background), background)
@@ -91,17 +91,17 @@ class CountModel:
         return _limited(background + sources.counts, sources.straight, background)
 
     def background(self, solution: Solution) -> Array:
-        """M without any source, (R, BINS)."""
+        """Return M without any source, (R, BINS)."""
         result: Array = self._background_s(solution)[:, None] * self._spectra.background_ps(solution.scale)
         return result
 
     def of_source(self, solution: Solution, k: int) -> Array:
-        """(R, BINS) what source k adds to M."""
+        """Return the (R, BINS) counts that source k adds to M."""
         return self._mixture(solution, [k]).counts
 
     def camera_height_m(self, place: Array) -> float:
-        """Height above the ground at a place (2,) from which most photons of a source there are counted: the mean of the rows'
-        heights, weighted by live time over squared horizontal distance.
+        """Return the cameras' mean height above the ground at a place (2,), as most photons of a source there are counted: the
+        mean of the rows' heights, weighted by live time over squared horizontal distance.
         """
         x, y = place.tolist()
         off = self.place[:, :2] - place
@@ -109,16 +109,17 @@ class CountModel:
         return float(weight @ self.place[:, 2] / weight.sum()) - self._ground.height_m(x, y)
 
     def views(self, expected: Expected) -> Views:
-        """What the counts say of what is expected of a solution."""
+        """Compare the counts with the expected counts of a solution."""
         return self._cells.views(self.counts, self.weight, expected)
 
     def log_likelihood(self, expected: Expected) -> float:
-        """Without the terms that do not depend on the sources."""
+        """Return the log likelihood without the terms that do not depend on the sources."""
         return self.views(expected).log_likelihood
 
     def scored(self, solution: Solution) -> tuple[float, Derivatives]:
-        """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p numbers of the sources,
-        the background and, over soil, of that: ``Solution.unbiased``.
+        """Return the log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by p numbers.
+
+        The numbers are the sources', the background's and, over soil, the soil's: ``Solution.unbiased``.
         """
         sources = self._mixture(solution, range(len(solution)))
         time, spectrum = self._background_s(solution), self._spectra.background_ps(solution.scale)
@@ -131,8 +132,9 @@ class CountModel:
         return seen.log_likelihood, lambda: self._derived(mixture, expected, seen, self._of_drone)
 
     def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Derivatives]:
-        """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone,
-        given ``others``, what is expected without them.
+        """Return the log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone.
+
+        ``others``: expected counts without these sources.
         """
         mixture = self._mixture(solution, sources)
         clear = np.maximum(others.clear + mixture.counts, others.least)
@@ -146,8 +148,9 @@ class CountModel:
         return seen.log_likelihood, derivatives
 
     def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
-        """(R,) each, of source k: distances; f - ``MEAN_FACING``; h; live times as they count for it, with the sensitivity of the
-        cameras and known walls, but without air and distance.
+        """Return (R,) each, of source k: distances; f - ``MEAN_FACING``; h; effective live times.
+
+        The live times include the sensitivity of the cameras and known walls, but neither air nor distance.
         """
         near, _, faced = self._unshaded(solution, [k])[0, :3, 2]
         distances, way, along = self._ways(solution, [k])
@@ -158,7 +161,7 @@ class CountModel:
         return distance, faced / near, steepness[0], live
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
-        """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
+        """Yield the (R, BINS) derivatives of M, in the order of ``Solution.vector``."""
         shapes, _ = self._shapes(solution)
         for n, one in zip(solution.nuclide, self._by_source(solution, range(len(solution))), strict=True):
             yield from (by.T @ shapes[n] for by in one.swapaxes(0, 1))
@@ -168,19 +171,19 @@ class CountModel:
             yield self._of_soil(mixture, solution).T @ mixture.shapes
 
     def _of_soil(self, mixture: Mixture, solution: Solution) -> Array:
-        """(Q, R) the strengths of those shapes that soil scatters, which are their derivatives by ``Solution.log_soil``."""
+        """Return the (Q, R) strengths of the shapes scattered by soil: their own derivatives by ``Solution.log_soil``."""
         several = self._shapes(solution)[0].shape[1]
         of_soil = np.arange(len(mixture.strengths)) % several >= several - SOIL_SHAPES
         result: Array = np.where(of_soil[:, None], mixture.strengths, 0.0)
         return result
 
     def _background_s(self, solution: Solution) -> Array:
-        """(R,) live times for the background, with its own strength and the cameras' sensitivities."""
+        """Return (R,) live times for the background, scaled by its strength and the cameras' sensitivities."""
         time: Array = self.live_s * np.exp(solution.log_background + solution.bias[self.drone, 2])
         return time
 
     def _derived(self, mixture: Mixture, expected: Expected, seen: Views, groups: Sequence[slice]) -> tuple[Array, Array]:
-        """Gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
+        """Return gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
         towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
         between, pairs = products(mixture.shapes, seen.information[:, None] / expected.clear)
         ends, size = mixture.ends, mixture.ends[-1]
@@ -201,7 +204,7 @@ class CountModel:
         return gradients, informations
 
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
-        """What these sources add to M."""
+        """Return the mixture that these sources add to M."""
         nuclides = sorted({solution.nuclide[k] for k in sources})
         shapes, direct = (each[nuclides] for each in self._shapes(solution))
         several = shapes.shape[1]
@@ -218,8 +221,10 @@ class CountModel:
         return _shapes(self._spectra, solution.scale, solution.scatter, self._shades is not None)
 
     def _by_source(self, solution: Solution, sources: Sequence[int]) -> Array:
-        """(K, Q, size, R) derivatives of the shapes' strengths by x, y, log activity and, where it may be above the ground,
-        height of each of K sources; those by log activity are the strengths. The shapes are those of ``_shapes``.
+        """Return (K, Q, size, R) derivatives of the strengths of ``_shapes`` for each of K sources.
+
+        The numbers are x, y, log activity and, with sources above the ground, height. Derivatives by log activity are the
+        strengths.
         """
         by = self._unshaded(solution, sources)
         if self._shades is None:
@@ -230,7 +235,7 @@ class CountModel:
         return np.concatenate((around, share * by), axis=1)
 
     def _unshaded(self, solution: Solution, sources: Sequence[int]) -> Array:
-        """(K, Q, size, R) as ``_by_source``, of ``Spectra.templates`` without walls."""
+        """Return (K, Q, size, R) as ``_by_source``, of ``Spectra.templates`` without walls."""
         distance, way, along = self._ways(solution, sources)
         air = self._spectra.air_per_m[[solution.nuclide[k] for k in sources]][:, None]
         depth = air * distance
@@ -255,13 +260,13 @@ class CountModel:
         return by
 
     def _source(self, solution: Solution, k: int) -> Vector3:
-        """Place of source k, mission frame."""
+        """Return the place of source k, mission frame."""
         x, y = solution.place[k].tolist()
         return x, y, self._ground.height_m(x, y) + solution.height_of(k)
 
     def _ways(self, solution: Solution, sources: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Distances (K, R) of K sources, and the ways (3, K, R) to them; derivatives (3, K, R) of the distances by x, y and
-        height of the sources.
+        """Return distances (K, R) of K sources, the vectors (3, K, R) to them, and derivatives (3, K, R) of the distances by x, y
+        and height of the sources.
         """
         at = solution.place[list(sources)]
         height = self._ground.heights_m(at) + [solution.height_of(k) for k in sources]
@@ -275,14 +280,16 @@ class CountModel:
     def _depressed(
         self, solution: Solution, sources: Sequence[int], distance: Array, way: Array, along: Array
     ) -> tuple[Array, list[Array]]:
-        """(K, R) each: h of K sources, 0 above the horizon, and its derivatives by x, y and height; arguments of ``_faced``."""
+        """Return (K, R) each: h of K sources, 0 above the horizon, and its derivatives by x, y and height; arguments of
+        ``_faced``.
+        """
         steepness = np.maximum(-way[2] / distance, 0.0)
         east, north = self._ground.slopes(solution.place[list(sources)]).T[:, :, None]
         each = zip((east, north, 1.0), along, strict=True)
         return steepness, [np.where(steepness > 0.0, -(rise + steepness * by) / distance, 0.0) for rise, by in each]
 
     def _faced(self, distance: Array, way: Array, along: Array) -> tuple[Array, list[Array]]:
-        """(K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y and height; arguments as from ``_ways``."""
+        """Return (K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y, height; arguments from ``_ways``."""
         (x, y, _), (twice_cos, twice_sin) = way, self._facing.T
         square, ahead, aside = faced = Facing.of(x, y, distance, twice_cos, twice_sin)
         facing, per_square, slope = faced.cosine(_EDGE_ON), 0.5 / distance**2, square / distance
@@ -293,8 +300,10 @@ class CountModel:
 
 @lru_cache(_SHAPES_KEPT)
 def _shapes(spectra: Spectra, scale: float, scatter: float, shaded: bool) -> tuple[Array, Array]:
-    """(N, Q, BINS) shapes of each nuclide, and the photons from the source's side in them: ``Spectra.templates``; with known
-    walls, these by themselves, after b Q, what is scattered nearby, and over soil a R, by air: over nothing, both are alike.
+    """Return (N, Q, BINS) shapes of each nuclide, and the photons from the source's side in them.
+
+    Without known walls: ``Spectra.templates``. With walls the scattered parts come first, then the direct templates: b Q,
+    scattered nearby, and over soil a R, scattered by air. Over nothing, both scattered parts are alike.
     """
     whole, direct = spectra.templates(scale, scatter), spectra.direct_templates(scale)
     if not shaded:
@@ -304,6 +313,6 @@ def _shapes(spectra: Spectra, scale: float, scatter: float, shaded: bool) -> tup
 
 
 def _limited(clear: Array, direct: Array, background: Array) -> Expected:
-    """With expectations that are never less than a share of the background's."""
+    """Limit expectations from below to a share of the background."""
     least = _LEAST_SHARE * background
     return Expected(np.maximum(clear, least), direct, least)

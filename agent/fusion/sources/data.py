@@ -1,6 +1,6 @@
-"""The measurements: exposures summed by drone and voxel, in integers, and cones one by one, as they are given.
+"""The measurements: exposures summed by drone and voxel, in integers, and single cones.
 
-Sums of integers do not depend on the order of the summands, and so neither does anything that follows from them.
+Sums of integers do not depend on the order of the summands; nor do the results computed from them.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _KEY, _LIVE, _PLACE, _FACING, _SPREAD, _COUNTS = slice(0, 4), 4, slice(5, 8), sl
 _COLUMNS = 11 + BINS
 _FINE = 1_000_000  # units of facing
 _FARTHEST_MM = 100_000_000  # from the mission frame's origin: beyond, a minute's sum would not fit into 64 bits
-_LONGEST_WAY_M = 10.0  # of an exposure, as far as it counts
-UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
+_LONGEST_WAY_M = 10.0  # limit of an exposure's way in the spread
+UNTOLD_HITS = 5  # an exposure with at least so many hits and no spectrum is of a program that publishes none
 
 Integers = NDArray[np.int64]
 
@@ -43,12 +43,12 @@ class Rows:
 
     @classmethod
     def none(cls) -> Rows:
-        """Without exposures."""
+        """Return rows without exposures."""
         return cls(np.zeros((0, _COLUMNS), np.int64))
 
     @classmethod
     def single(cls, observation: CountObservation, number: int) -> Rows:
-        """Of one exposure by the drone of that number; none if it has no spectrum."""
+        """Return the row of one exposure by the drone of that number; no row for an exposure without spectrum."""
         row = _row(observation, number)
         return cls.none() if row is None else cls(np.array([row], np.int64))
 
@@ -56,7 +56,7 @@ class Rows:
         return len(self.table)
 
     def plus(self, observations: Iterable[CountObservation], numbers: dict[str, int]) -> Rows:
-        """With further exposures; ``numbers``: of the drones."""
+        """Return the rows with further exposures added; ``numbers``: the drones' numbers."""
         more = [row for one in observations for row in [_row(one, numbers[one.identity.drone])] if row is not None]
         if not more:
             return self
@@ -96,18 +96,18 @@ class Rows:
 
     @property
     def counts(self) -> Array:
-        """(R, BINS) events, those of the softest bins pooled."""
+        """(R, BINS) events, with the softest bins pooled."""
         return pooled(self.table[:, _COUNTS].astype(np.float64))
 
     @cached_property
     def coarse(self) -> csr_array:
-        """(V, R) what sums over the rows in each of V coarse voxels, of 2 m, whatever their drone."""
+        """(V, R) matrix that sums the rows of all drones in each of V coarse voxels, of 2 m."""
         keys, index = np.unique(self.table[:, 1:4] // _COARSE, axis=0, return_inverse=True)
         return summing(index.ravel(), len(keys))
 
 
 def summing(group: NDArray[np.intp], groups: int) -> csr_array:
-    """(groups, N) matrix that sums over those of each group: ``group`` (N,)."""
+    """Return a (groups, N) matrix that sums the members of each group: ``group`` (N,)."""
     return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), (groups, len(group)))
 
 
@@ -127,7 +127,7 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
 
 
 def _spread_mm2(mm: Sequence[int], way_m: float) -> float:
-    """Mean squared distance from the middle of its voxel of a camera that flew a straight way about a place."""
+    """Return the mean squared distance (mm2) of a camera from its voxel's middle, on a straight way of ``way_m`` about a place."""
     off = [part % _VOXEL_MM - _VOXEL_MM / 2 for part in mm]
     return sum(part * part for part in off) + (1e3 * min(way_m, _LONGEST_WAY_M)) ** 2 / 12.0
 
@@ -148,7 +148,7 @@ class Cones:
 
     @classmethod
     def none(cls) -> Cones:
-        """Without cones."""
+        """Return cones without entries."""
         shapes = ((0, 3), (0, 2, 3), (0, 2), (0, 2, 2), (0, 2, 2), (0,))
         return cls(np.zeros(0, np.int64), *(np.zeros(shape) for shape in shapes))
 
@@ -156,7 +156,7 @@ class Cones:
         return len(self.drone)
 
     def plus(self, cones: Sequence[ConeObservation], numbers: dict[str, int]) -> Cones:
-        """With further cones, later ones."""
+        """Return the cones with further, later cones appended."""
         if not cones:
             return self
         more = _cones(cones, numbers)
@@ -168,7 +168,7 @@ def _cones(cones: Sequence[ConeObservation], numbers: dict[str, int]) -> Cones:
     count = len(cones)
     axis, theta = np.zeros((count, 2, 3)), np.ones((count, 2))
     axis[:, :, 2] = 1.0
-    variance, weight = np.ones((count, 2, 2)), np.zeros((count, 2, 2))  # of a reading that is missing, no weight
+    variance, weight = np.ones((count, 2, 2)), np.zeros((count, 2, 2))  # no weight for a missing reading
     for place, cone in enumerate(cones):
         orders = Orders.of(cone)
         there = slice(0, len(orders.theta_rad))

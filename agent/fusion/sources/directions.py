@@ -1,10 +1,11 @@
-"""The likelihood of the cones, given that they were registered: a mixture over the sources and the background.
+"""The likelihood of the registered cones: a mixture over the sources and the background.
 
     log [(sum_k w_k (K_k (rho_k + eps) + A_k) + B) / (sum_k w_k (K_k + A_k) + B)]
 
-w_k as in ``spectra``, K_k and A_k the areas for cones of this line that point to source k, of which known walls let a share pass,
-and that do not, B the background's rate, rho_k and eps as in ``fusion.bayes.cones``. That a cone came at all is not counted here:
-its event is in the exposure's spectrum. The information is estimated by the outer products of the cones' gradients.
+w_k as in ``spectra``, K_k and A_k the areas for cones of this line that do or do not point to source k, B the background's rate,
+rho_k and eps as in ``fusion.bayes.cones``. Known walls let a share of K_k pass. The likelihood is conditional on the cone's
+registration: its event counts in the exposure's spectrum. The information is estimated by the outer products of the cones'
+gradients.
 """
 
 from __future__ import annotations
@@ -30,11 +31,12 @@ _LEAST_SINE = 1e-3
 
 
 class _Source(NamedTuple):
-    """A source as C cones see it, D of which may point to it.
+    """A source in the view of C cones, D of which may point to it.
 
-    own: (D,) which ones. unit: (C, 3) of the way from the camera to the source, and distance: (C,). cosine: (D, 2) of the angle
-    to each reading's axis; off: (D, 2, 1) by which it differs from that of the cone; density: (D, 2, 2), the terms of rho.
-    pointing: (C,) w K. seen, missed: (C,) terms above and below the line. weakening: (C,) derivative of log w by the distance.
+    own: (D,) their indices. unit: (C, 3) of the vector from the camera to the source, and distance: (C,) its length, metres.
+    cosine: (D, 2) of the angle to each reading's axis; off: (D, 2, 1) that angle minus the cone's; density: (D, 2, 2), the terms
+    of rho. pointing: (C,) w K. seen, missed: (C,) terms above and below the line. weakening: (C,) derivative of log w by the
+    distance.
     """
 
     own: NDArray[np.intp]
@@ -55,7 +57,7 @@ class ConeModel:
     def __init__(
         self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, windows: Windows, walls: KnownWalls | None = None
     ) -> None:
-        """``windows``: in which the detector takes coincidences for a line's."""
+        """``windows``: energy windows in which the detector assigns coincidences to a line."""
         self._shades = Shades(walls, cones.apex) if walls and len(cones) else None
         self._cones, self._spectra, self._ground, self._drones = cones, spectra, ground, drones
         lines = np.array([window.energy_kev for window in windows.each])
@@ -72,11 +74,11 @@ class ConeModel:
         self._height = cones.weight * np.sqrt(self._precision) * _PER_ROOT_TWO_PI
 
     def log_likelihood(self, solution: Solution) -> float:
-        """Relative to cones from anywhere."""
+        """Return the log likelihood, relative to cones from anywhere."""
         return self.scored(solution)[0]
 
     def scored(self, solution: Solution) -> tuple[float, Derivatives]:
-        """As ``CountModel.scored``."""
+        """Return log likelihood and derivatives, as ``CountModel.scored``."""
         size = solution.unbiased
         if not len(self._cones) or not len(solution):
             return 0.0, lambda: (np.zeros((self._drones, size)), np.zeros((self._drones, size, size)))
@@ -89,7 +91,7 @@ class ConeModel:
     def _derived(
         self, solution: Solution, sources: Sequence[_Source], background: Array, above: Array, below: Array
     ) -> tuple[Array, Array]:
-        """By drone, gradients (V, p) and informations (V, p, p)."""
+        """Return gradients (V, p) and informations (V, p, p) by drone."""
         each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
         gradient = np.zeros((len(self._cones), solution.unbiased))
         for k, one in enumerate(sources):
@@ -105,7 +107,7 @@ class ConeModel:
         return _parts_by_drone(self._drones, self._cones.drone, gradient)
 
     def _source(self, solution: Solution, k: int) -> _Source:
-        """Source k as the cones see it."""
+        """Return source k in the view of the cones."""
         x, y = solution.place[k].tolist()
         source = x, y, self._ground.height_m(x, y) + solution.height_of(k)
         way = np.array(source) - self._cones.apex
@@ -127,7 +129,9 @@ class ConeModel:
         return _Source(own, unit, distance, cosine, off, density, pointing, seen, pointing + other, -(2.0 / distance + air))
 
     def _turned(self, one: _Source) -> Array:
-        """Derivative (D, 3) of rho by the way from the camera to the source, 1/m, of the D cones that may point to it."""
+        """Return the derivative (D, 3) of rho by the vector from the camera to the source, 1/m, of the D cones that may point to
+        it.
+        """
         unit, distance = one.unit[one.own], one.distance[one.own]
         slope = -(one.density * one.off * self._precision[one.own]).sum(axis=2)  # of rho, by each reading's angle
         sine = np.maximum(np.sqrt(1.0 - one.cosine * one.cosine), _LEAST_SINE)
@@ -137,12 +141,12 @@ class ConeModel:
 
 
 def _by_place(by_way: Array, rise: Array, solution: Solution) -> Array:
-    """Derivatives (C, 2) by a source's x and y, or (C, 3) by those and its height, from those (C, 3) by the way to it."""
+    """Return derivatives (C, 2) by a source's x and y, or (C, 3) with its height, from derivatives (C, 3) by the vector to it."""
     flat = by_way[:, :2] + by_way[:, 2:] * rise
     return flat if solution.height is None else np.column_stack((flat, by_way[:, 2]))
 
 
 def _parts_by_drone(drones: int, drone: NDArray[np.int64], gradient: Array) -> tuple[Array, Array]:
-    """Sums (V, p) of gradients (N, p), and (V, p, p) of their outer products, by drone (N,)."""
+    """Return sums (V, p) of gradients (N, p), and sums (V, p, p) of their outer products, by drone (N,)."""
     chosen = [gradient[drone == number] for number in range(drones)]
     return np.array([part.sum(axis=0) for part in chosen]), np.array([part.T @ part for part in chosen])

@@ -1,10 +1,9 @@
-"""The fit of sources at rest: what is fitted when.
+"""The fit of sources at rest, and its schedule.
 
-At the fixed times k ``moved_s`` sources may come and go in a fit with what was measured before. At k ``refined_s`` that fit is
-refined with what has come since. Both happen with the first measurement from that time on, and so depend on nothing but the log.
-A refinement begins with the last moves and nothing follows from it, so it is computed only where it is asked for: an agent that
-catches up computes the moves and one refinement. The first source is the one that the swarm acts on: the strongest, until another
-is twice as strong.
+At the fixed times k ``moved_s``, sources may come and go in a fit to all earlier measurements. At k ``refined_s``, later
+measurements refine that fit. Both happen with the first measurement from that time on, and so depend on nothing but the log. A
+refinement begins with the last moves, and no later state depends on it; so it is computed only on demand. An agent that catches
+up computes the moves and one refinement. The swarm acts on the first source: the strongest, until another is twice as strong.
 """
 
 from __future__ import annotations
@@ -39,26 +38,26 @@ from agent.fusion.sources.unknown import judged, only_told, only_unknown, settle
 from agent.terrain.ground import Ground
 
 _LEAST_BIAS_M = 0.01
-_STRONGER = 2.0  # so much stronger another source has to be to become the first one
-_MARGIN_M = 10.0  # by which a source may lie outside of the area
+_STRONGER = 2.0  # ratio of activities from which another source becomes the first
+_MARGIN_M = 10.0  # limit of a source's distance outside of the area
 _BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
-_HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # where a further source may hide
+_HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # grid of the search for further sources
 
 
 class SourcesAtRest:
     """Fits sources at rest. A pure function of the observations and their grid steps.
 
-    spectra, windows, walls, ground: what it supposes of the world. raised: whether sources may be above the ground. telling: of
-    what is fitted.
+    spectra, windows, walls, ground: the model of the world. raised: whether sources may be above the ground. telling: reports of
+    the fitted sources.
     """
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """``area``: in which sources are searched for, mission frame.
+        """``area``: search area of the sources, mission frame.
 
         Raises:
-            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order.
+            ConfigError: a candidate without known spectrum; limits of activity in the wrong order.
         """
         self._config = mission.fusion.sources
         least_bq, most_bq = self._config.activity_bq
@@ -79,20 +78,20 @@ class SourcesAtRest:
         self.telling = Telling(mission, self.spectra, self.ground, self._numbers)
 
     def due(self, step: GridStep) -> tuple[int, int]:
-        """Numbers of the last times of refinements and of moves until the step, as in the state."""
+        """Return the numbers of the last times of refinements and of moves until the step, as in the state."""
         return step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
 
     def to_refine(self, state: SourcesState) -> SourcesState:
-        """With a refinement by all measurements, computed once somebody asks for it."""
+        """Return the state with a refinement by all measurements, computed on demand."""
         before = replace(state, refinement=None)
         return replace(state, refinement=Refinement(lambda: self._refined(before)))
 
     def problem(self, state: SourcesState) -> Problem:
-        """What the state's fit is judged by, given all of its measurements but those that are pending."""
+        """Return the problem that judges the state's fit, given all of its measurements but the pending ones."""
         return self._problem(state, self.spectra.plus(state.unknown))
 
     def problem_of(self, state: SourcesState, observations: Sequence[Observation]) -> Problem | None:
-        """The same given these observations alone; None where they hold no counts."""
+        """Return the problem given these observations alone; None if they hold no counts."""
         pending = tuple(observations)
         newest = replace(state, rows=Rows.none(), cones=Cones.none(), pending=pending).summed(self._numbers)
         return self.problem(newest) if len(newest.rows) else None
@@ -107,7 +106,7 @@ class SourcesAtRest:
         return Target(places, cell_m, least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
 
     def moved(self, state: SourcesState, step: GridStep) -> SourcesState:
-        """With all measurements in a fit in which sources may come and go."""
+        """Return the state with all measurements in a fit in which sources may come and go."""
         state = state.summed(self._numbers)
         if not len(state.rows):
             return state
@@ -123,7 +122,7 @@ class SourcesAtRest:
         )
         fitted, spectra = judged(found, spectra, problem_of)
         changed = fitted is not found
-        if changed:  # the next moves begin anew; now that would be a second search in one step
+        if changed:  # the next moves begin anew; now this would be a second search in one step
             fitted = self._moves(state, problem_of(spectra), spectra).pruned(fitted)
         fitted, spectra = only_told(fitted, spectra)
         problem = problem_of(spectra)
@@ -140,10 +139,10 @@ class SourcesAtRest:
         )
 
     def _outlook(self, rows: Rows, target: Target, problem: Problem, spectra: Spectra, fitted: Fitted) -> Outlook:
-        """The sources that the rows do not exclude, beside the fitted ones."""
+        """Return the sources that the rows do not exclude, beside the fitted ones."""
         hiding = target.hiding(rows, problem.counts, spectra, self.ground, fitted, self.walls)
         if not all(self.telling.is_located(fitted, k) for k in range(len(fitted.solution))):
-            hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
+            hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate the fitted sources
         return hiding.outlook(target, self.spectra.nuclides)
 
     def _moves(self, state: SourcesState, problem: Problem, spectra: Spectra) -> Moves:
@@ -151,7 +150,7 @@ class SourcesAtRest:
         return Moves(problem, scan, spectra, self._config.most, self._config.least_gain)
 
     def _refined(self, state: SourcesState) -> SourcesState:
-        """With all measurements in the fit of the last moves, if there is one."""
+        """Return the state with all measurements in the fit of the last moves, if there is one."""
         if state.fitted is None:
             return state
         start, state = state.fitted.solution, state.summed(self._numbers)
@@ -169,7 +168,7 @@ class SourcesAtRest:
         return Problem(counts, directions, self._prior(state), len(spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:
-        """An autopilot's position sigma is that of the horizontal distance, so each axis has sigma / sqrt(2)."""
+        """Return the prior. An autopilot's position sigma is horizontal (2D), so each axis has sigma / sqrt(2)."""
         bias = np.empty((len(self._numbers), BIAS))
         for drone, number in self._numbers.items():
             sigma_m = max(state.position_sigma_m.get(drone, 0.0) / math.sqrt(2.0), _LEAST_BIAS_M)
@@ -191,7 +190,7 @@ class SourcesAtRest:
 
 
 def _strongest_first(fitted: Fitted) -> Fitted:
-    """The fit with another first source if that is much stronger than the first one."""
+    """Return the fit with another first source if this other source is much stronger."""
     solution = fitted.solution
     if len(solution) < 2:
         return fitted

@@ -1,4 +1,4 @@
-"""The joint fit of sources and nuisances by Fisher scoring, and the evidence of what was fitted by Laplace's method."""
+"""The joint fit of sources and nuisances by Fisher scoring, and the evidence of the fit by Laplace's method."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from agent.fusion.sources.hidden import Expected
 from agent.fusion.sources.solution import BIAS, Solution
 from agent.geometry import Array
 
-_MOST_STEP = np.array([2.0, 2.0, 1.0, 2.0])  # of one iteration
+_MOST_STEP = np.array([2.0, 2.0, 1.0, 2.0])  # limit of one iteration, by number of a source
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # Levenberg and Marquardt's, tried in turn until the fit improves
-_CONVERGED = 2e-3  # of the improvement that the next iteration promises
+_CONVERGED = 2e-3  # of the next iteration's promised improvement
 
 
 @dataclass(frozen=True)
 class Prior:
-    """1-sigma errors, and where and how strong sources may be.
+    """1-sigma errors of the nuisances, and limits of the sources' places and activities.
 
     bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names; soil: of ``Solution.log_soil``.
     low, high: (2,) corners of the region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected:
@@ -43,13 +43,13 @@ class Prior:
     soil: float = SCATTER_SIGMA
 
     def log_density(self, solution: Solution) -> float:
-        """Of the nuisances, up to a constant."""
+        """Return the log density of the nuisances, up to a constant."""
         squares = float(((solution.bias / self.bias) ** 2).sum()) + (solution.log_background / self.background) ** 2
         squares += 0.0 if solution.log_soil is None else (solution.log_soil / self.soil) ** 2
         return -0.5 * (squares + (solution.scale / self.scale) ** 2 + (solution.scatter / self.scatter) ** 2)
 
     def precision(self, solution: Solution) -> Array:
-        """(d,) of all numbers of ``Solution.vector``; those of a source are of uniform distributions of the same variance."""
+        """Return the (d,) precisions of ``Solution.vector``; a source's are of uniform distributions of the same variance."""
         least, greatest = self.log_activity
         source = [12.0 / self.area_m2, 12.0 / self.area_m2, 12.0 / (greatest - least) ** 2]
         if solution.height is not None:
@@ -58,7 +58,7 @@ class Prior:
         return np.concatenate((source * len(solution), around, (self.bias**-2.0).ravel()))
 
     def inside(self, solution: Solution) -> Solution:
-        """The solution with all sources within the limits."""
+        """Return the solution with all sources within the limits."""
         place = np.minimum(np.maximum(solution.place, self.low), self.high)
         activity = np.clip(solution.log_activity, *self.log_activity)
         height = None if solution.height is None else np.clip(solution.height, *self.height)
@@ -74,14 +74,14 @@ class Fitted(Struct, frozen=True, eq=False):
     evidence: float
 
     def sigma_of(self, k: int) -> Array:
-        """1-sigma errors of x, y (m), log activity and, if it is one of the numbers, height (m) of source k."""
+        """Return the 1-sigma errors of x, y (m), log activity and, with a height among the numbers, height (m) of source k."""
         size = self.solution.size
         result: Array = np.sqrt(np.diag(self.covariance)[size * k : size * (k + 1)])
         return result
 
 
 class Problem:
-    """The likelihoods of counts and cones with the prior: what solutions are judged by."""
+    """The likelihoods of counts and cones with the prior: the measure of solutions."""
 
     def __init__(self, counts: CountModel, cones: ConeModel, prior: Prior, candidates: int) -> None:
         """``candidates``: number of nuclides that a source may be of."""
@@ -89,15 +89,15 @@ class Problem:
         self._candidates = candidates
 
     def value(self, solution: Solution) -> float:
-        """Log posterior density, up to a constant."""
+        """Return the log posterior density, up to a constant."""
         return self.value_of_counts(solution) + self.cones.log_likelihood(solution)
 
     def value_of_counts(self, solution: Solution) -> float:
-        """As ``value``, without the cones, of which energy scale and scatter change nothing."""
+        """Return ``value`` without the cones, which do not depend on energy scale and scatter."""
         return self.counts.log_likelihood(self.counts.expected(solution)) + self.prior.log_density(solution)
 
     def fitted(self, solution: Solution, iterations: int) -> Fitted:
-        """The best solution near the given one, after at most so many iterations."""
+        """Return the best solution near the given one, after at most so many iterations."""
         solution = self.prior.inside(solution)
         value, derivatives = self._scored(solution)
         gradient, information = derivatives()
@@ -114,8 +114,9 @@ class Problem:
     def fitted_alone(
         self, solution: Solution, sources: Sequence[int], others: Expected, iterations: int
     ) -> tuple[Solution, float]:
-        """The best solution near the given one with only these sources changed, and its log likelihood of the counts. ``others``:
-        what is expected without them.
+        """Return the best solution near the given one with only these sources changed, and its log likelihood of the counts.
+
+        ``others``: expected counts without these sources.
         """
         solution = self.prior.inside(solution)
         numbers = [solution.size * k + part for k in sources for part in range(solution.size)]
@@ -135,7 +136,7 @@ class Problem:
     def _better(
         self, solution: Solution, value: float, gradient: Array, information: Array
     ) -> tuple[Solution, float, Array, Array] | None:
-        """The next solution, scored; None if none is better."""
+        """Return the next solution, scored; None if no damping improves the value."""
         diagonal = np.diag(np.diag(information))
         for damping in _DAMPINGS:
             step = solved(information + damping * diagonal, gradient)
@@ -148,14 +149,14 @@ class Problem:
         return None
 
     def _scored(self, solution: Solution) -> tuple[float, Derivatives]:
-        """Log posterior density; gradient (d,) and information (d, d), in the order of ``Solution.vector``."""
+        """Return log posterior density; gradient (d,) and information (d, d), in the order of ``Solution.vector``."""
         value, of_counts = self.counts.scored(solution)
         cone_value, of_cones = self.cones.scored(solution)
         value += cone_value + self.prior.log_density(solution)
         return value, lambda: self._joint(solution, of_counts(), of_cones())
 
     def _joint(self, solution: Solution, *by_drone: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Gradient and information of the posterior density, from those of the likelihoods by drone."""
+        """Return gradient and information of the posterior density, from the likelihoods' parts by drone."""
         gradients, informations = (sum(part) for part in zip(*by_drone, strict=True))
         precision = self.prior.precision(solution)
         count, free = solution.unbiased, solution.of_sources  # the priors of the sources' numbers are uniform
@@ -174,7 +175,7 @@ class Problem:
         return gradient, information
 
     def _judged(self, solution: Solution, value: float, information: Array) -> Fitted:
-        """With covariance and evidence: that of K sources relative to the same nuisances without any,
+        """Return the fit with covariance and evidence: of K sources, relative to the same nuisances without sources,
 
         value + K log(expected / candidates) + 1/2 log |prior's information| - 1/2 log |information|.
         """
@@ -187,13 +188,13 @@ class Problem:
 
 
 def solved(matrix: Array, right: Array) -> Array:
-    """matrix^-1 right."""
+    """Return matrix^-1 right."""
     return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
 
 def by_bias(solution: Solution) -> Array:
-    """(unbiased, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the
-    background.
+    """Return the (unbiased, BIAS) effect of a drone's bias: a position bias shifts all sources in the drone's view; the
+    sensitivity scales them and the background.
     """
     size = solution.size
     shift = np.zeros((solution.unbiased, BIAS))
@@ -204,7 +205,7 @@ def by_bias(solution: Solution) -> Array:
 
 
 def _limited(step: Array, sources: int, size: int) -> Array:
-    """The step with those of the sources shortened, each by itself, so that none moves or changes too far at once."""
+    """Limit the step of each source by itself, so that no source moves or changes too far at once."""
     each = step[: size * sources].reshape(-1, size)
     excess = np.maximum((np.abs(each) / _MOST_STEP[:size]).max(axis=1, initial=0.0), 1.0)
     return np.concatenate(((each / excess[:, None]).ravel(), step[size * sources :]))

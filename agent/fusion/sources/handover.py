@@ -1,27 +1,33 @@
-"""The estimator ``sources`` with a source that moves: when it is handed over to a track of ``bayes``, and when it is taken back.
+"""The estimator ``sources`` with a moving source: handover to a track of ``bayes``, and return to a fit at rest.
 
-A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
-track (``tracker``) goes along with the fit, of the nuclide of which most is counted. It supposes that there is one source of it,
-at rest or moving; sources of other nuclides count as known. Of what was measured since the last moves, compare the log Bayes
+A fit of sources at rest represents a moving source by several along its way, each as strong as it was there on average. So a
+track (``tracker``) runs beside the fit, for the nuclide with the most counts. The track assumes one source of this nuclide, at
+rest or moving; sources of other nuclides count as known. For the measurements since the last moves, compare the log Bayes
 factors, against background alone,
 
-    M  given the track, each measurement predicted from those before it,
-    R  given the sources at rest of the last moves, as fitted then, and refined by what was measured; whichever is more.
+    M  given the track, each measurement predicted from the earlier ones,
+    R  given the sources at rest of the last moves, as fitted then, and refined by these measurements; the larger of both.
 
-The track is ahead where it excludes that its source is at rest, P(at rest) <= ``_MOVES``, does without anything unknown in its
-cameras' views, with which it could explain a lot away, and M - R is at least ``_GAIN``. Then, or where it is the first to find a
-source, moves are made at once, at the next time of a refinement, and count what was measured; if it is ahead also from none: a
-fit that has gone astray must not look like motion. Once the track has been ahead ``_AHEAD`` times, and not behind the fit (M < R)
-at moves in between, the source is handed over. For sources at rest a fit that has been wrong is right after its next moves; one
-that moves has gone on. R must not be of sources that came by the same measurements that they have to explain: where one is fast,
-several at rest explain each part of its way well, afterwards. Where the swarm looks until then: ``looking``.
+The track is ahead if all of these hold:
 
-Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
-way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
-at rest.
-Once it has been at rest for ``_KEPT_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
-same and nothing else was told; otherwise the track goes on. A track that is lost searches as ``bayes`` does, and after as long a
-time sources at rest are fitted anew. A track is on the ground: where sources may be above it, there is none.
+- P(at rest) <= ``_MOVES``: the track excludes a source at rest;
+- its cameras' views are clear of unknown walls, with which the track could explain a lot away;
+- M - R is at least ``_GAIN``.
+
+In this case, or if the track is the first to find a source, moves are made at once, at the next time of a refinement, with these
+measurements. A track ahead also causes moves that begin without sources: a fit that has gone astray must not look like motion.
+After ``_AHEAD`` times ahead without a lag behind the fit (M < R) at moves in between, the source is handed over. For sources at
+rest, a wrong fit is right after its next moves; a moving source has gone on. R must not be of sources fitted to the very
+measurements that they have to explain: for a fast source, several sources at rest explain each part of its way well, afterwards.
+For the swarm's search until then, see ``looking``.
+
+After the handover the track is reported first, without other sources of its nuclide: their fitted places were places along its
+way. Sources of other nuclides keep their report and count as known. Measurements during the motion tell nothing of sources at
+rest.
+
+A track at rest for ``_KEPT_NS`` is replaced by a new fit of the measurements since then, if that fit finds the same source and
+reports no other; otherwise the track continues. A lost track searches as ``bayes`` does; after ``_KEPT_NS``, sources at rest are
+fitted anew. A track is on the ground: with sources above the ground, there is no track.
 """
 
 from __future__ import annotations
@@ -47,18 +53,18 @@ from agent.fusion.sources.tracker import Track, Tracker
 from protocol.entries import AnyEntry, Cone, Exposure
 
 _HOLD_S = 0.25  # as of ``bayes``
-_RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
+_RECENT = 2  # kept moves: agents that share an estimator, as in simulations, may differ by an observation
 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
 _GAIN, _AHEAD = 15.0, 2  # of log evidence since the last moves, and how often
 _KEPT_NS = 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
-_BEFORE_NS = 60_000_000_000  # by which what was measured may precede a track that begins with it
-_MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
+_BEFORE_NS = 60_000_000_000  # limit of the age of measurements with which a track begins
+_MORE = 2.0  # ratio of counted photons from which the track changes to another nuclide
 
 
 class FollowingState(Struct, frozen=True, eq=False):
-    """rest: the fit of sources at rest. track: beside it; None before anything was fitted. untracked: what was measured in the
+    """rest: the fit of sources at rest. track: the track beside it; None before the first fit. untracked: measurements of the
     last ``_BEFORE_NS`` before the last moves, while there is no track.
     """
 
@@ -68,7 +74,7 @@ class FollowingState(Struct, frozen=True, eq=False):
 
 
 class FollowingEstimator:
-    """Sources at rest, or one that moves. A pure function of the observations and their grid steps."""
+    """Sources at rest, or one moving source. A pure function of the observations and their grid steps."""
 
     name = "sources"
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
@@ -76,7 +82,7 @@ class FollowingEstimator:
     hold_s = _HOLD_S
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """As ``SourcesAtRest``. The time grid is that of ``bayes``: a source that moves is elsewhere half a second later."""
+        """As ``SourcesAtRest``. The time grid is that of ``bayes``: a moving source is elsewhere half a second later."""
         self.grid_s = mission.fusion.bayes.grid_s
         self._at_rest = SourcesAtRest(mission, area)
         self._telling = self._at_rest.telling
@@ -85,13 +91,13 @@ class FollowingEstimator:
         self._recent: deque[tuple[FollowingState, int, FollowingState]] = deque(maxlen=_RECENT)
 
     def initial(self, start_ns: int | None) -> FollowingState:
-        """Nothing measured; it does not depend on the mission's start."""
+        """Return the state without measurements; it does not depend on the mission's start."""
         return FollowingState()
 
     def step(self, state: FollowingState, step: GridStep, observations: Sequence[Observation]) -> FollowingState:
-        """Fit what was measured before the step where it is time, then take the step's observations, also with the track.
+        """Fit the measurements before the step where a fit is due, then add the step's observations, also to the track.
 
-        Moves are made also where what was measured since the last ones contradicts the fit.
+        Moves are also made early if the measurements since the last moves contradict the fit.
         """
         rest = state.rest
         refined, moved = self._at_rest.due(step)
@@ -112,13 +118,13 @@ class FollowingEstimator:
         return FollowingState(rest, doubted(track, step.start_ns) if rest.x0_stamp_ns else track)
 
     def work(self, state: FollowingState, observations: int) -> int:
-        """The fits on average over the steps."""
+        """Return the work of a step: the fits on average over the steps."""
         track = state.track
         tracking = 0 if track is None else self._tracker(track.nuclide).bayes.work(track.state, observations)
         return 8 + observations + len(state.rest.rows) // 10 + tracking
 
     def hypothesis(self, state: FollowingState, step: GridStep) -> Hypothesis | None:
-        """As ``Telling``; of a source that moves the track, None while that searches."""
+        """Return the hypothesis of ``Telling``; for a moving source the track's, None while the track searches."""
         track = _moving(state)
         if track is None:
             told = self._telling.hypothesis(state.rest, step)
@@ -133,7 +139,9 @@ class FollowingEstimator:
         return replace(told, nuclide=nuclide, x0_stamp_ns=state.rest.x0_stamp_ns or told.x0_stamp_ns, others=others)
 
     def outlook(self, state: FollowingState, step: GridStep) -> Outlook | None:
-        """As ``SourcesAtRest``, led by the track's search (``looking``); that search, if a source that moves has been lost."""
+        """Return the outlook of ``SourcesAtRest``, led by the track's search (``looking``); that search alone for a lost moving
+        source.
+        """
         rest, track = state.rest, state.track
         if track is None:
             return rest.outlook
@@ -145,8 +153,8 @@ class FollowingEstimator:
         return led(rest.outlook, told, track, bayes, nuclide, step)
 
     def _moved_once(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
-        """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
-        state.
+        """Return the result of ``_moved``, cached: a late observation of this very step causes another computation of the step
+        from the same state.
         """
         for before, index, after in self._recent:
             if before is state and index == step.index:
@@ -156,7 +164,7 @@ class FollowingEstimator:
         return moved
 
     def _moved(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
-        """Moves of the fit, and what follows for the track by its ``gain``; while a source moves, whether it is taken back."""
+        """Return the state after moves of the fit, with the track updated by ``gain``; for a moving source, the test of a return."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
         before = 0 if state.track is None else state.track.ahead
@@ -175,8 +183,9 @@ class FollowingEstimator:
         return replace(after, track=track.marked(step.start_ns))
 
     def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
-        """The state after moves with the track beside its fit: the one before them, or a new one, with what was measured, if that
-        was of another nuclide or did not know others.
+        """Return the state after moves with the track beside its fit: the track before the moves, or a new one.
+
+        A new track, begun with the measurements, replaces a track of another nuclide or with too few known others.
         """
         observed = (*before.untracked, *before.rest.pending)
         untracked = FollowingState(rest, untracked=tuple(one for one in observed if step.start_ns - one.stamp_ns < _BEFORE_NS))
@@ -195,7 +204,7 @@ class FollowingEstimator:
         return FollowingState(rest, replace(track, others=others, unknown=rest.unknown))
 
     def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep) -> Track:
-        """With what was observed so far."""
+        """Return the track with the observations so far."""
         width_ns = step.end_ns - step.start_ns
         by_step: dict[int, list[Observation]] = {}
         for one in observations:
@@ -205,8 +214,10 @@ class FollowingEstimator:
         return track
 
     def _most_counted(self, rest: SourcesState, track: Track | None, solution: Solution) -> int | None:
-        """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another.
-        None where there are only sources of nuclides that nobody knows.
+        """Return the nuclide with the most counted photons; the track's own if its source may move, or without a clear lead of
+        another.
+
+        None if there are only sources of unknown nuclides.
         """
         held = -1 if track is None else track.nuclide
         if track is not None and held in solution.nuclide and track.at_rest < _MAY_MOVE:
@@ -221,7 +232,7 @@ class FollowingEstimator:
         return held if _MORE * counted.get(held, -1.0) > counted[most] else most
 
     def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation]) -> Track:
-        """With what was observed in a step."""
+        """Return the track with the observations of a step."""
         tracker = self._tracker(track.nuclide)
         pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others, track.unknown)) is not None]
         if not pairs:
@@ -233,8 +244,9 @@ class FollowingEstimator:
         return replace(track, newest=(*track.newest, *pairs))
 
     def _gain(self, state: FollowingState) -> float:
-        """M - R of what was measured since the last moves (this module's docstring), with the fit of then alone where that is not
-        enough to be ahead; below 0 where the track cannot be.
+        """Return M - R of the measurements since the last moves (see the module); below 0 if the track cannot be ahead.
+
+        A gain below ``_GAIN`` against the fit of the last moves alone is returned as it is, without a refined fit.
         """
         rest, track = state.rest, state.track
         if track is None or track.moves or track.mark is None or rest.fitted is None:
@@ -266,7 +278,9 @@ class FollowingEstimator:
         return FollowingState(rest.emptied(), replace(track, moves=True, beside=beside, others=solution.only(kept)))
 
     def _taken_back(self, state: FollowingState, track: Track, step: GridStep) -> FollowingState:
-        """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
+        """Return to a fit of the measurements at rest, if it finds the same source or the track was lost; otherwise keep the
+        track.
+        """
         if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
             return state
         rest = self._at_rest.moved(state.rest, step)
@@ -277,7 +291,7 @@ class FollowingEstimator:
         return FollowingState(rest, replace(track, moves=False, kept_ns=0, ahead=0).marked(step.start_ns))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
-        """Whether what was fitted is what the track tells, and known as well as it has to be."""
+        """Return whether the fit agrees with the track, and is declared."""
         if track.state.track is None or fitted.solution.nuclide != (track.nuclide,) or not self._telling.is_declared(fitted):
             return False
         off = fitted.solution.place[0] - track.state.track.moments()[0][:2]
@@ -291,17 +305,17 @@ class FollowingEstimator:
 
 
 def _moving(state: FollowingState) -> Track | None:
-    """The track of a source that moves."""
+    """Return the track of a moving source; None without one."""
     return state.track if state.track is not None and state.track.moves else None
 
 
 def _is_first(state: FollowingState) -> bool:
-    """Whether the track has found a source before any is told, and no moves have been made since."""
+    """Return whether the track has found a source before any report, without moves since."""
     return state.track is not None and not state.rest.x0_stamp_ns and state.track.mark is not None and state.track.mark.found
 
 
 def _evidence(state: FollowingState) -> float:
-    """Of the fit."""
+    """Return the log evidence of the fit."""
     return -math.inf if state.rest.fitted is None else state.rest.fitted.evidence
 
 
