@@ -127,7 +127,7 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
 
 
 def _spread_mm2(mm: Sequence[int], way_m: float) -> float:
-    """Return the mean squared distance (mm2) of a camera from its voxel's middle, on a straight way of ``way_m`` about a place."""
+    """Return the mean squared distance (mm2) of a camera from its voxel's middle, on a straight way of ``way_m``."""
     off = [part % _VOXEL_MM - _VOXEL_MM / 2 for part in mm]
     return sum(part * part for part in off) + (1e3 * min(way_m, _LONGEST_WAY_M)) ** 2 / 12.0
 

@@ -164,7 +164,7 @@ class FollowingEstimator:
         return moved
 
     def _moved(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
-        """Return the state after moves of the fit, with the track updated by ``gain``; for a moving source, the test of a return."""
+        """Return the state after moves of the fit, the track updated by ``gain``; for a moving source, the test of a return."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
         before = 0 if state.track is None else state.track.ahead

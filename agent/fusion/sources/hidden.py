@@ -1,19 +1,19 @@
-"""What stands unknown between sources and cameras: the view from a place may be hidden, by something that nobody knows.
+"""Unknown obstacles between sources and cameras: a view from a place may be hidden by a wall that is not on the map.
 
-With M the counts that are expected in a clear view and D those of them that come straight from the sources, a cell is either
-clear, or hidden with the probability ``HIDDEN``. A cell is a row with ``_ALONE`` events or more; of rows with fewer, all within
-6 m, for they can only tell together. What a hidden cell counts altogether, K, may be anything up to what a clear one does:
-log-uniform, so that it tells nothing of how much there would be without the wall. Its spectrum is that of M_h = M - (1 - s) D,
-with s = ``_SHARE``. In groups g of energy bins, w the mean of the rows' weights, the log likelihoods of the two are
+With M the expected counts in a clear view and D the direct photons among them, a cell is either clear, or hidden with the
+probability ``HIDDEN``. A cell is a row with at least ``_ALONE`` events; rows with fewer, all within 6 m, form one cell, for only
+their sum is significant. The total counts K of a hidden cell may be anything up to a clear cell's: log-uniform, so that K carries
+no information on the counts without the wall. Its spectrum is that of M_h = M - (1 - s) D, with s = ``_SHARE``. In groups g of
+energy bins, w the mean of the rows' weights, the log likelihoods of the two are
 
     clear     w sum_g k_g log (M_g / M)    + w [K log (M / K) - M + K]
     hidden    w sum_g k_g log (M_hg / M_h) + log [sqrt(2 pi K / w) / (L (K + 1))] + log Phi((M - K) sqrt(w / M)),
 
 each count of a row times its own weight where these differ, Phi the normal distribution, exp(L) the ratio of the greatest to the
-least counts. (With a mean weight instead, hidden views would tell of the strength of a source after all, and without a limit.)
+least counts. (With a mean weight instead, hidden views would inform on the strength of a source after all, and without a limit.)
 Within the groups, and from row to row, counts are those of a clear view. So a cell far below its expectation neither pulls
-sources away nor makes them weaker. Its information is that of a clear one times the probability of that, less the variance of the
-gradient (Louis's formula), by the rate of the direct photons.
+sources away nor makes them weaker. Its information is that of a clear cell times the probability of a clear view, less the
+variance of the gradient (Louis's formula), by the rate of the direct photons.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from protocol.spectrum import BINS
 HIDDEN = 0.056  # as in fusion.bayes.hidden
 _SHARE = 0.1
 _DECADES = np.log(1e3)  # L
-# Squared sigmas by which the direct photons show in a cell: below the first nothing can be told, and the prior holds from the
-# second on.
+# Squared sigmas of the direct photons' signal in a cell: below the first, hidden and clear cannot be distinguished; from the
+# second on the prior holds in full.
 _NOTICED = 1.0, 3.0
 _GROUP = 4  # energy bins
 _ALONE = 20  # events
@@ -44,7 +44,7 @@ _EACH_GROUP: Array = np.ones(BINS // _GROUP)
 
 
 class Expected(NamedTuple):
-    """Of a solution, (R, BINS) each. clear: M. direct: D. least: M is never less, however much is hidden."""
+    """Expected counts of a solution, (R, BINS) each. clear: M. direct: D. least: lower limit of M, however much is hidden."""
 
     clear: Array
     direct: Array
@@ -52,7 +52,7 @@ class Expected(NamedTuple):
 
 
 class Cells:
-    """The rows by cells, which follow from the measurements alone."""
+    """The rows by cells; the cells follow from the measurements alone."""
 
     def __init__(self, rows: Rows) -> None:
         alone = rows.counts.sum(axis=1) >= _ALONE
@@ -66,28 +66,28 @@ class Cells:
         self._rows = self.sums(np.ones(len(rows)))
 
     def sums(self, by_row: Array) -> Array:
-        """(N, ...) of (R, ...)."""
+        """Return (N, ...) sums of (R, ...)."""
         result: Array = self._sums @ by_row
         return result
 
     def means(self, by_row: Array) -> Array:
-        """(N,) of (R,)."""
+        """Return (N,) means of (R,)."""
         return self.sums(by_row) / self._rows
 
     def each(self, by_cell: Array) -> Array:
-        """(R, ...) of (N, ...)."""
+        """Return (R, ...) values of the rows' cells, from (N, ...)."""
         result: Array = by_cell[self._cell]
         return result
 
     def views(self, counts: Array, weight: Array, expected: Expected) -> Views:
-        """Of counts (R, BINS) with weights (R,)."""
+        """Return the views of counts (R, BINS) with weights (R,)."""
         return Views(self, counts, weight, expected)
 
 
 class Views:
-    """What the counts of R rows say: what only derivatives need is computed when it is asked for.
+    """The counts of R rows against their expectation. Terms needed only for derivatives are computed on demand.
 
-    log_likelihood: of all. hidden: (R,) probability.
+    log_likelihood: of all rows. hidden: (R,) probability of a hidden view.
     """
 
     def __init__(self, cells: Cells, counts: Array, weight: Array, expected: Expected) -> None:
@@ -118,14 +118,14 @@ class Views:
 
     @property
     def hidden(self) -> Array:
-        """(R,) probability."""
+        """(R,) probability of a hidden view."""
         return self._cells.each(self._hidden)
 
     @property
     def mean(self) -> Array:
         """(R, BINS) expected counts, mean of both views."""
         _, m, _, h, _, whole, rest, some, *_ = self._of_cells
-        counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of what a clear view would count
+        counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of a clear view's counts
         shares = self._cells.each(1.0 - self._hidden[:, None] * (1.0 - counted))
         result: Array = self._clear * np.repeat(shares, _GROUP, axis=1)
         return result
@@ -149,8 +149,9 @@ class Views:
         return k / m - 1.0, k / h - (events / rest)[:, None], density / np.sqrt(whole) * (whole + events) / (2.0 * whole)
 
     def along(self, shapes: Array, direct: Array) -> Array:
-        """(R, Q) derivatives of the log likelihood by strengths of the spectra ``shapes`` (Q, BINS) in each row, with the direct
-        photons (Q, BINS) in them.
+        """Return (R, Q) derivatives of the log likelihood by strengths of the spectra ``shapes`` (Q, BINS) in each row.
+
+        ``direct``: (Q, BINS) the direct photons in them.
         """
         _, m, d, *_ = self._of_cells
         off, shape, limit = self._slopes
@@ -164,6 +165,6 @@ class Views:
 
 
 def _grouped(by_bin: Array) -> Array:
-    """(R, G) sums of (R, BINS)."""
+    """Return (R, G) sums over groups of bins, from (R, BINS)."""
     result: Array = by_bin @ _GROUPS
     return result

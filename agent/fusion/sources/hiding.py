@@ -1,12 +1,12 @@
-"""Where a further source may still hide beside those that are fitted, of each nuclide; and from which activity on it cannot.
+"""Exclusion limits of further sources beside the fitted ones, for each nuclide and place.
 
 For a source of activity A at a place, which adds s to the expectation M of a voxel of 2 m and an energy bin, the log likelihood
 changes by
 
     D(A) = sum (k - M) log(1 + s / M) - q Q(A),    Q(A) = sum [s - M log(1 + s / M)],    q = 1 - c' C c / I.
 
-Q is what it is expected to lose where there is no source. q is the share of that which background and fitted sources cannot make
-good by a change: I the Fisher information of A, c its cross information with theirs, C their covariance. A is excluded where
+Q is the expected loss where there is no source. q is the share of this loss for which a change of background and fitted sources
+cannot compensate: I the Fisher information of A, c its cross information with theirs, C their covariance. A is excluded where
 exp(D) is at most ``EXCLUDED``, as in ``bayes``; as D is concave in A, so are all greater activities.
 """
 
@@ -32,13 +32,13 @@ from agent.terrain.ground import Ground
 
 EXCLUDED = 0.05  # odds of a source against none, relative to the prior ones
 _LOG_EXCLUDED = float(np.log(EXCLUDED))
-_REACH_M = 15.0  # within which measurements count for a place
+_REACH_M = 15.0  # reach of the measurements around a place
 _NO_NEWS = 20.0  # Q from which on a place is left although it is not excluded: more of the same would not decide it
-_GLARE = 0.2  # least share that a source has to add to the spectrum above it, where the fitted ones outshine the background
-_KEPT = 0.2  # least q: nearer to a fitted source than that one cannot be told from it
+_GLARE = 0.2  # least share of a source in the spectrum above it, where the fitted sources outshine the background
+_KEPT = 0.2  # least q: nearer to a fitted source, a further source cannot be distinguished from it
 _LEAST_SHARE = 1e-3  # of a nuclide's strongest bin; weaker ones are left out
-_WORST = 12  # places where the excluded activity is computed, of each nuclide: those where it is greatest
-_FAINT = 1e-3  # of the least activity: where that search begins
+_WORST = 12  # places of each nuclide with the greatest excluded activity, where it is computed
+_FAINT = 1e-3  # of the least activity: start of that search
 _HALVINGS = 14
 _TINY = 1e-9
 
@@ -47,11 +47,11 @@ Indices = NDArray[np.intp]
 
 
 class Hiding(Struct, frozen=True, eq=False):
-    """What is not excluded, of sources on the ground.
+    """Sources on the ground that are not excluded.
 
-    log_odds: (G,) D of the least activity, of the nuclide that hides best. left: (G,) where it may hide, and further measurements
-    would tell. glare: (G,) where the fitted sources outshine it. limits: (N,) activities (in REFERENCE_BQ) that are excluded
-    everywhere else; infinite where none is.
+    log_odds: (G,) D of the least activity, of the nuclide with the weakest exclusion. left: (G,) places of possible sources for
+    which further measurements would decide. glare: (G,) places where the fitted sources outshine a further source. limits: (N,)
+    activities (in REFERENCE_BQ) that are excluded everywhere else; infinite where none is.
     """
 
     log_odds: Array
@@ -60,7 +60,7 @@ class Hiding(Struct, frozen=True, eq=False):
     limits: Array
 
     def outlook(self, target: Target, nuclides: tuple[str, ...]) -> Outlook:
-        """As it is told. The weights are those of one source of the least activity, with prior odds of 1."""
+        """Return the published outlook. The weights are of one source of the least activity, with prior odds of 1."""
         count = len(target.places)
         odds = np.exp(np.minimum(self.log_odds, -_LOG_EXCLUDED)) / count
         none = 1.0 / (1.0 + float(odds.sum()))
@@ -80,8 +80,8 @@ class Hiding(Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class Target:
-    """What is searched for: sources of ``least`` to ``most`` (in REFERENCE_BQ) at ``places`` (G, 2), ``cell_m`` apart, from
-    ``height_m`` above.
+    """The searched sources: of ``least`` to ``most`` (in REFERENCE_BQ) at ``places`` (G, 2), ``cell_m`` apart, from ``height_m``
+    above.
     """
 
     places: Array
@@ -93,7 +93,7 @@ class Target:
     def hiding(
         self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, fitted: Fitted, walls: KnownWalls | None = None
     ) -> Hiding:
-        """After a fit to these rows, of which there has to be one at least."""
+        """Return the sources that are not excluded after a fit to these rows, at least one."""
         at = np.column_stack((self.places, ground.heights_m(self.places)))
         seen = _Seen(rows, counts, spectra, at, fitted, walls)
         glare = _glare(at, self, spectra, ground, fitted.solution)[: len(spectra.nuclides)]
@@ -113,7 +113,7 @@ class Target:
         return Hiding(log_odds, left, np.asarray(glare.any(axis=0)), limits)
 
     def _limit(self, signal: _Signal) -> float:
-        """The activity from which on sources are excluded at all places of a signal; infinite if there is none."""
+        """Return the exclusion limit at all places of a signal; infinite if there is none."""
         low, high = np.full(signal.places, np.log(_FAINT * self.least)), np.full(signal.places, np.log(self.most))
         if (signal.change(np.exp(high))[0] > _LOG_EXCLUDED).any():
             return float("inf")
@@ -151,11 +151,11 @@ class _Seen:
         self._steepness: Array = np.maximum(middle[self._of, 2] - at[self._place, 2], 0.0) / self._distance
         self._lines = walls.lines(at[self._place], middle[self._of]) if walls else None
         relative = [(voxels @ (weight * part)) / self._expected for part in counts.derivatives(solution)]
-        self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers with which M changes
+        self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers on which M depends
         self._covariance: Array = fitted.covariance[: len(relative), : len(relative)]
 
     def signal(self, n: int) -> _Signal:
-        """What a source of nuclide n adds."""
+        """Return the signal of a source of nuclide n."""
         near = self._shapes[n, 0]
         bins = near > _LEAST_SHARE * near.max()
         depth = self._air_per_m[n] * self._distance
@@ -179,14 +179,14 @@ class _Seen:
         return _Signal(self._place, whole, relative, counted, expected, 1.0 - np.clip(made_good, 0.0, 1.0))
 
     def _by_place(self, by_pair: Array) -> csr_array:
-        """(G, voxels) of (P,)."""
+        """Return a (G, voxels) matrix of (P,)."""
         return csr_array((by_pair, (self._place, self._of)), (self._places, len(self._live_s)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """Of one nuclide. place: (P,) of each pair. added: (P,) sum over the bins of s, of a source of REFERENCE_BQ; relative:
-    (P, bins) s / M. counted, expected: (P, bins). kept: (G,) q.
+    """The signal of one nuclide. place: (P,) of each pair. added: (P,) sum over the bins of s, of a source of REFERENCE_BQ;
+    relative: (P, bins) s / M. counted, expected: (P, bins). kept: (G,) q.
     """
 
     place: Indices
@@ -198,11 +198,11 @@ class _Signal:
 
     @property
     def places(self) -> int:
-        """G."""
+        """G, the number of places."""
         return len(self.kept)
 
     def change(self, activity: Array) -> tuple[Array, Array]:
-        """D and Q, (G,) each, of sources of these activities (G,), in REFERENCE_BQ."""
+        """Return D and Q, (G,) each, of sources of these activities (G,), in REFERENCE_BQ."""
         each = activity[self.place]
         logarithm = np.log1p(each[:, None] * self.relative)
         counted, expected = (np.einsum("pb,pb->p", part, logarithm) for part in (self.counted, self.expected))
@@ -211,7 +211,7 @@ class _Signal:
         return gained - self.kept * lost, lost
 
     def only(self, places: Indices) -> _Signal:
-        """At some of the places."""
+        """Return the signal at some of the places."""
         number = np.full(self.places, -1)
         number[places] = np.arange(len(places))
         kept = number[self.place] >= 0
@@ -220,8 +220,9 @@ class _Signal:
 
 
 def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution: Solution) -> Flags:
-    """(N, G) where a source of nuclide n would add less than ``_GLARE`` to the spectrum M that is measured above it, the root of
-    sum s^2 / M relative to sum M, of which most is of fitted sources.
+    """Return (N, G) flags of too little contrast to the fitted sources: a source of nuclide n would add less than ``_GLARE``.
+
+    The contrast to the spectrum M measured above the source: the root of sum s^2 / M relative to sum M, mostly of fitted sources.
     """
     shapes = spectra.templates(solution.scale, solution.scatter)
     fitted = np.zeros((len(at), shapes.shape[2]))

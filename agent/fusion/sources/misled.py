@@ -1,12 +1,12 @@
-"""What errors of the model that neighbouring measurements have in common do to a fit.
+"""Effect on a fit of model errors that neighbouring measurements have in common.
 
-Each row's weight reckons with an error of its own (``counts``). But what a camera counts of a source depends on the direction in
-which it sees it, by the vehicle around it and by what is not in the tables; and on a circle around one source, all others are
-seen in directions that turn with the way around. So of what a drone counts of source k in a patch, rows within ``_SIDE`` voxels,
-the share that the model is wrong by is the same: independent from patch to patch and source to source, with the standard
-deviation ``_COMMON_ERROR``. So is the share by which the spectrum of source k is wrong in each of the energy bins, at all places;
-beside a strong source, a weak one of another nuclide can make good for that. To first order, a relative error 1 of patch c or
-bin e moves the solution by P g_ck or P g_ek,
+Each row's weight accounts for an error of its own (``counts``). But a camera's counts of a source depend on its direction of
+view, through the vehicle around it and effects that are not in the tables. On a circle around one source, the directions of all
+others turn with the way around. So the relative model error of a drone's counts of source k is common to a patch, rows within
+``_SIDE`` voxels: independent from patch to patch and source to source, with the standard deviation ``_COMMON_ERROR``. The same
+holds for the relative error of the spectrum of source k in each of the energy bins, at all places; beside a strong source, a weak
+one of another nuclide can compensate for that. To first order, a relative error 1 of patch c or bin e moves the solution by P
+g_ck or P g_ek,
 
     g_ck = sum_(r in c) sum_e w_r S_kre / M_re dM_re / d theta,    g_ek = sum_r w_r S_kre / M_re dM_re / d theta,
 
@@ -33,7 +33,7 @@ _SIDE = 12  # voxels, 6 m: on a circle, about an eighth of the way around
 
 
 def misled(fitted: Fitted, problem: Problem, rows: Rows) -> Fitted:
-    """The fit with the covariance that such errors leave; ``problem``: of these rows."""
+    """Return the fit with the covariance enlarged by such errors; ``problem``: of these rows."""
     solution = fitted.solution
     if not len(solution):
         return fitted
@@ -55,8 +55,8 @@ def misled(fitted: Fitted, problem: Problem, rows: Rows) -> Fitted:
 
 
 def _changes(fitted: Fitted, problem: Problem) -> tuple[Array, list[Array]]:
-    """(R, p, BINS) derivatives of the expected counts by the p numbers but the biases, and of each source (R, BINS) what errors
-    of its counts weigh. Their product is what these errors add to the gradient.
+    """Return (R, p, BINS) derivatives of the expected counts by the p numbers but the biases, and of each source (R, BINS)
+    weights of its count errors. The product of both is the errors' contribution to the gradient.
     """
     counts, solution = problem.counts, fitted.solution
     expected = counts.expected(solution)
@@ -66,7 +66,7 @@ def _changes(fitted: Fitted, problem: Problem) -> tuple[Array, list[Array]]:
 
 
 def _with_biases(pull: Array, drone: NDArray[np.int64], solution: Solution) -> Array:
-    """(N, d) with the biases, of (N, p) without: those of the drone (N,) of each."""
+    """Return (N, d) with the biases, from (N, p) without: each with the biases of its drone (N,)."""
     count, biased = pull.shape[1], pull @ by_bias(solution)
     whole = np.zeros((len(pull), count + BIAS * len(solution.bias)))
     whole[:, :count] = pull

@@ -1,6 +1,6 @@
-"""How sources come and go: a fit is compared with fits of one source more or less, of another nuclide, of two in one's place.
+"""Births, deaths and other moves of sources. Each compares a fit with others: one source more or less, another nuclide, a split.
 
-A source is added where the log evidence gains ``least_gain``, and taken away where it loses less than that.
+A source is added where the log evidence gains ``least_gain``, and removed where it loses less than that.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from agent.geometry import Array
 _ITERATIONS = 12
 _SHORT = 2  # iterations of a fit that only has to show whether it is worth more
 _LEAST_COST = 6.0  # of log evidence, by which the volume of a further source's prior outweighs its likelihood at least
-_NEARLY = 20.0  # of log likelihood, which a joint or longer fit may make up for
-_PROMISING = 2  # candidates that are fitted jointly with all else
+_NEARLY = 20.0  # of log likelihood, for which a joint or longer fit may compensate
+_PROMISING = 2  # candidates fitted jointly with all else
 _CERTAIN = 12.0  # sigmas of a source's log activity beyond which its death is not tried
 _SPLIT_M = 1.3
 _SPLIT_DIRECTIONS = 4
@@ -32,7 +32,7 @@ _NUISANCE_STEP = 0.3  # of its prior's sigma
 
 @dataclass(frozen=True)
 class Moves:
-    """The moves on one problem. most: sources. least_gain: of log evidence, for a source more."""
+    """The moves on one problem. most: limit of the number of sources. least_gain: of log evidence, for a source more."""
 
     problem: Problem
     scan: Scan
@@ -41,8 +41,9 @@ class Moves:
     least_gain: float
 
     def improved(self, solution: Solution, turn: int) -> Fitted:
-        """The best fit that the moves find from a solution. ``turn``: chooses the source that is tried as another nuclide and as
-        two; all others have their turn another time.
+        """Return the best fit that the moves find from a solution.
+
+        ``turn``: chooses the source tried as another nuclide and as two; all others have their turn another time.
         """
         fitted = self.problem.fitted(solution, _ITERATIONS)
         fitted = self._with_nuisances(fitted)
@@ -57,16 +58,17 @@ class Moves:
         return fitted
 
     def anew(self, solution: Solution, kept: Solution, turn: int) -> Fitted:
-        """The best fit that the moves find from ``kept``, a part of a solution; or else that of the solution, without moves."""
+        """Return the better fit: from ``kept``, a part of a solution, with moves; or from the whole solution, without moves."""
         return max(self.problem.fitted(solution, _ITERATIONS), self.improved(kept, turn), key=lambda one: one.evidence)
 
     def pruned(self, fitted: Fitted) -> Fitted:
-        """Without the sources that the evidence does not ask for."""
+        """Return the fit without the sources that the evidence does not support."""
         return self._deaths(fitted)
 
     def _with_nuisances(self, fitted: Fitted) -> Fitted:
-        """With better values of energy scale and scatter: those at the tops of parabolas through three values each, or the better
-        neighbour where there is no top.
+        """Return the fit with better values of energy scale and scatter.
+
+        Each is the top of a parabola through three values, or the better neighbour where there is no top.
         """
         if not len(fitted.solution):
             return fitted
@@ -84,7 +86,7 @@ class Moves:
         return fitted if solution is fitted.solution else self.problem.fitted(solution, _ITERATIONS)
 
     def _deaths(self, fitted: Fitted) -> Fitted:
-        """Without the sources that the evidence does not ask for."""
+        """Return the fit without the sources that the evidence does not support."""
         k = len(fitted.solution) - 1
         while k >= 0:
             if fitted.sigma_of(k)[2] * _CERTAIN > 1.0:
@@ -97,7 +99,7 @@ class Moves:
         return fitted
 
     def _birth(self, fitted: Fitted) -> Fitted | None:
-        """With one more source; None if no candidate gains enough."""
+        """Return the fit with one more source; None if no candidate gains enough."""
         if len(fitted.solution) >= self.most:
             return None
         own = len(fitted.solution)
@@ -118,7 +120,7 @@ class Moves:
         return None
 
     def _reshaped(self, fitted: Fitted, k: int) -> Fitted:
-        """With source k of another nuclide, or two in its place, if that is better."""
+        """Return the fit with source k of another nuclide, or two sources in its place, if that is better."""
         best = self._mirrored(self._swapped(self._in_sight(fitted, k), k), k)
         if len(best.solution) < self.most:
             own, others = [k, len(best.solution)], self.problem.counts.expected(best.solution.without(k))
@@ -131,8 +133,9 @@ class Moves:
         return best
 
     def _in_sight(self, fitted: Fitted, k: int) -> Fitted:
-        """With source k as weak as it has to be to count in a clear view what was counted, if that is better. A source that was
-        found too strong seems hidden wherever it counts, and nothing makes it weaker then.
+        """Return the fit with source k only as strong as its counts in a clear view require, if that is better.
+
+        A source that was found too strong seems hidden wherever it counts, and nothing makes it weaker then.
         """
         counts, solution = self.problem.counts, fitted.solution
         expected = counts.expected(solution)
@@ -146,7 +149,7 @@ class Moves:
         return weaker if weaker.evidence > fitted.evidence else fitted
 
     def _swapped(self, fitted: Fitted, k: int) -> Fitted:
-        """Source k may be of the nuclide that explains the counts best, with all else as it is."""
+        """Return the fit with source k of the nuclide that explains the counts best, all else unchanged, if that is better."""
         sums = self.spectra.areas(0.0, 0.0, Sight()).sum(axis=1)
         solution, own = fitted.solution, fitted.solution.nuclide[k]
         rest, others = self.problem.counts.expected(solution.without(k)), []
@@ -167,8 +170,9 @@ class Moves:
         return swapped if swapped.evidence > fitted.evidence else fitted
 
     def _mirrored(self, fitted: Fitted, k: int) -> Fitted:
-        """With source k as much below the cameras that count it most as it is above them, or the reverse, if that is better: from
-        one height the counts are the same.
+        """Return the fit with the height of source k mirrored at the height of its main cameras, if that is better.
+
+        From one height, the counts of both heights are the same.
         """
         height = fitted.solution.height
         if height is None:
@@ -181,7 +185,7 @@ class Moves:
         return other if other.evidence > fitted.evidence else fitted
 
     def _merged(self, fitted: Fitted) -> Fitted:
-        """With one source in the place of two that are near each other, wherever that is no worse."""
+        """Return the fit with one source in the place of two near each other, wherever that is no worse."""
         for first in range(len(fitted.solution)):
             for second in range(first + 1, len(fitted.solution)):
                 one = _joined(fitted.solution, first, second)
@@ -194,7 +198,7 @@ class Moves:
 
 
 def _split(solution: Solution, k: int) -> list[Solution]:
-    """Two sources of half the activity on either side of source k, in a few directions."""
+    """Return solutions with two sources of half the activity on either side of source k, in a few directions."""
     pairs = []
     for direction in range(_SPLIT_DIRECTIONS):
         angle = np.pi * direction / _SPLIT_DIRECTIONS
@@ -208,7 +212,7 @@ def _split(solution: Solution, k: int) -> list[Solution]:
 
 
 def _joined(solution: Solution, first: int, second: int) -> Solution | None:
-    """One source in the middle of two of one nuclide, weighted by activity; None where they are too far apart to be one."""
+    """Return the solution with two sources of one nuclide joined at their activity-weighted mean; None if too far apart."""
     both = [first, second]
     away = solution.place[first] - solution.place[second]
     if solution.nuclide[first] != solution.nuclide[second] or float(away @ away) > _MERGED_M**2:

@@ -1,8 +1,8 @@
-"""What known walls and buildings leave of a source's direct photons, on the lines of sight from many places.
+"""Transmission of known walls and buildings for a source's direct photons, on the lines of sight from many places.
 
-A place stands for a voxel and for a drone's position error, so a line of sight stands for those around it: itself, and four from
-places ``_ASIDE_M`` to each side. The mean over them is what is expected to pass. Buildings take off direct photons; what is
-scattered comes around them.
+A place stands for a voxel and for a drone's position error, so a line of sight stands for its surroundings: itself, and four
+lines from places ``_ASIDE_M`` to each side. Their mean is the expected transmission. Buildings attenuate direct photons;
+scattered photons come around them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from agent.terrain.ground import Ground
 
 _ASIDE_M = 0.25
 _LINES: Array = _ASIDE_M * np.array([(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], np.float64)
-_LEAST_SIGMA_M, _MOST_SIGMA_M = 0.1, 2.0  # of a source's place: of walls on a map, too; and beyond which more says nothing
-_KEPT = 32  # shares that a fit asks for again and again: of its sources at the solutions that it compares
-_LINES_KEPT = 4  # sources that are asked for as another nuclide; ten times as large as a share
+_LEAST_SIGMA_M, _MOST_SIGMA_M = 0.1, 2.0  # of a source's place: for walls on a map, too; a larger sigma says nothing more
+_KEPT = 32  # shares requested repeatedly by a fit: of its sources at the solutions that it compares
+_LINES_KEPT = 4  # sources requested again for another nuclide; ten times as large as a share
 
 
 class KnownWalls:
@@ -37,7 +37,7 @@ class KnownWalls:
         return bool(self._materials) or bool(self._others)
 
     def lines(self, sources: Array, places: Array) -> Lines:
-        """Lines from places (N, 3) to sources (N, 3), or to one (3,)."""
+        """Return lines from places (N, 3) to sources (N, 3), or to one (3,)."""
         start = (places + _LINES[:, None]).reshape(-1, 3)
         way = (sources - places - _LINES[:, None]).reshape(-1, 3)
         material, other = (part.depth(start, way).reshape(len(_LINES), -1) for part in (self._materials, self._others))
@@ -45,14 +45,14 @@ class KnownWalls:
 
 
 class Lines:
-    """N lines of sight with those around them."""
+    """N lines of sight with their neighbours."""
 
     def __init__(self, material_m: Array, other: Array, air_per_m: Array) -> None:
-        """Optical depths (5, N): of buildings by material, as the metres of air that take off as much; and of the others."""
+        """Optical depths (5, N): of buildings by material, as the equivalent metres of air; and of the others."""
         self._material_m, self._other, self._air_per_m = material_m, other, air_per_m
 
     def shares(self, nuclide: int) -> Array:
-        """(5, N) of the direct photons of a nuclide that pass."""
+        """Return the (5, N) shares of the direct photons of a nuclide that pass."""
         result: Array = np.exp(-self._air_per_m[nuclide] * self._material_m - self._other)
         return result
 
@@ -72,14 +72,14 @@ class Shades:
             result: Array = lines(source).shares(nuclide).mean(axis=0)
             return result
 
-        self._lines, self._passing = lines, passing  # neither knows ``self``: a cycle would outlive its fit where gc is off
+        self._lines, self._passing = lines, passing  # neither refers to ``self``: a cycle would outlive its fit where gc is off
 
     def passing(self, nuclide: int, source: Vector3) -> Array:
-        """Share (N,) of the direct photons of a source, mission frame, that is expected to pass."""
+        """Return the expected transmission (N,) for the direct photons of a source, mission frame."""
         return self._passing(nuclide, source)
 
     def spread(self, nuclide: int, source: Vector3, sigma_m: Array) -> tuple[Array, Array]:
-        """That share, and its 1 sigma, of a source that may be off by sigma_m (2,) along x and y."""
+        """Return that transmission, and its 1 sigma, for a source with position errors sigma_m (2,) along x and y."""
         x, y, z = source
         east, north = np.clip(sigma_m, _LEAST_SIGMA_M, _MOST_SIGMA_M).tolist()
         around = (x, y, z), (x + east, y, z), (x - east, y, z), (x, y + north, z), (x, y - north, z)

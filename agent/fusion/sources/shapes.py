@@ -13,8 +13,8 @@ from agent.geometry import Array
 
 @dataclass(frozen=True)
 class Part:
-    """What some numbers of a solution change. of: which of the mixture's shapes, n of them. by: (n, numbers, R) derivatives of
-    the shapes' strengths in each row.
+    """Dependence of a mixture on some numbers of a solution. of: slice of the mixture's shapes, n of them. by: (n, numbers, R)
+    derivatives of the shapes' strengths in each row.
     """
 
     of: slice
@@ -23,9 +23,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Spectra that are sums of few shapes (Q, BINS) with strengths (Q, R) of their own in each row; direct: the photons in the
-    shapes that come from the source's side, (Q, BINS). As all derivatives are such sums too, gradient and information follow from
-    products of the few shapes.
+    """Spectra that are sums of few shapes (Q, BINS) with their own strengths (Q, R) in each row; direct: the photons in the
+    shapes from the source's side, (Q, BINS). All derivatives are such sums, too; so gradient and information follow from products
+    of the few shapes.
     """
 
     shapes: Array
@@ -35,35 +35,37 @@ class Mixture:
 
     @property
     def counts(self) -> Array:
-        """(R, BINS)."""
+        """(R, BINS) counts."""
         result: Array = self.strengths.T @ self.shapes
         return result
 
     @property
     def straight(self) -> Array:
-        """(R, BINS) the direct photons among the counts."""
+        """(R, BINS) direct photons among the counts."""
         result: Array = self.strengths.T @ self.direct
         return result
 
     def plus(self, shape: Array, strength: Array) -> Mixture:
-        """With a further shape (BINS,), without direct photons, and a number that is the logarithm of its strength (R,)."""
+        """Return the mixture with a further shape (BINS,), without direct photons, and a number, the logarithm of its strength
+        (R,).
+        """
         part = Part(slice(len(self.shapes), len(self.shapes) + 1), strength[None, None])
         shapes, direct = np.vstack((self.shapes, shape)), np.vstack((self.direct, np.zeros_like(shape)))
         return Mixture(shapes, direct, [*self.parts, part], np.vstack((self.strengths, strength)))
 
     def scaled(self, by: Array) -> Mixture:
-        """With a further number, of which the strengths have the derivatives ``by`` (Q, R)."""
+        """Return the mixture with a further number; ``by`` (Q, R): derivatives of the strengths by it."""
         return Mixture(self.shapes, self.direct, [*self.parts, Part(slice(0, len(by)), by[:, None])], self.strengths)
 
     @property
     def ends(self) -> list[int]:
-        """Where the numbers of each part begin, and where the last ones end."""
+        """Index of the first number of each part, and the count of all numbers."""
         return [0, *accumulate(part.by.shape[1] for part in self.parts)]
 
 
 def products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:
-    """(P, R) sums over the bins of the products of any two shapes (Q, BINS), times the weight (R, BINS); and which of them is of
-    which two, (Q, Q).
+    """Return (P, R) sums over the bins of the products of any two shapes (Q, BINS), times the weight (R, BINS); and the index (Q,
+    Q) of each two shapes' product.
     """
     first, second = np.tril_indices(len(shapes))
     pairs = np.empty((len(shapes), len(shapes)), np.int64)

@@ -1,4 +1,4 @@
-"""What soil scatters beside a source, in the bins of the exposures' coarse spectra: H, I and J of ``spectra``."""
+"""Photons scattered by soil beside a source, in the bins of the exposures' coarse spectra: H, I and J of ``spectra``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOIL_SHAPES = 3  # H, I and J
 
 
 class Sight(NamedTuple):
-    """How cameras see a source. depth: mu d; facing: f - ``MEAN_FACING``; steepness: h; soil: r. Of any shapes."""
+    """A camera's view of a source. depth: mu d; facing: f - ``MEAN_FACING``; steepness: h; soil: r. Of any shapes."""
 
     depth: Array | float = 0.0
     facing: Array | float = 0.0
@@ -27,7 +27,7 @@ class Sight(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Soil:
-    """What soil scatters, H, I and J, and the derivatives of H and I by the logarithm of the energy scale: (N + U, BINS) each."""
+    """Soil's scatter H, I and J, and the derivatives of H and I by the logarithm of the energy scale: (N + U, BINS) each."""
 
     near: Array
     steep: Array
@@ -36,12 +36,12 @@ class Soil:
     steep_by_scale: Array
 
     def templates(self, scale: float) -> Array:
-        """(N + U, 3, BINS)."""
+        """Return (N + U, 3, BINS) H, I and J at the energy scale's error."""
         near = scaled(self.near, self.near_by_scale, scale)
         return np.stack((near, self.steep + scale * self.steep_by_scale, self.turned), axis=1)
 
     @classmethod
     def of(cls, nuclides: Sequence[str]) -> Soil:
-        """Of these nuclides."""
+        """Return the tables of these nuclides."""
         keys = "near", "steep", "turned", "near_by_scale", "steep_by_scale"
         return cls(*(pooled(np.array([SOIL[name][key] for name in nuclides])) for key in keys))

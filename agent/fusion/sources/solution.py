@@ -1,4 +1,4 @@
-"""What is fitted: the sources, and with them the errors of background, ground, positions, sensitivities, energies and scatter."""
+"""The fitted numbers: the sources, and the errors of background, ground, positions, sensitivities, energies and scatter."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ BIAS = 3  # of each drone: x, y (m), measured minus true; logarithm of its camer
 class Solution(Struct, frozen=True, eq=False):
     """K sources and the nuisances of V drones.
 
-    nuclide: indices among the candidates. place: (K, 2) metres, mission frame. log_activity: (K,). log_background: of the ratio
-    between actual and assumed background. bias: (V, BIAS). scale: error of the energies; scatter: excess of scattered photons.
-    height: (K,) metres above the ground; None: all are known to lie on it. log_soil: of the ratio between actual and assumed
-    photons that soil scatters; None: there is no soil.
+    nuclide: indices among the candidates. place: (K, 2) metres, mission frame. log_activity: (K,). log_background: logarithm of
+    the ratio between actual and assumed background. bias: (V, BIAS). scale: error of the energies; scatter: excess of scattered
+    photons. height: (K,) metres above the ground; None: all are known to lie on it. log_soil: logarithm of the ratio between
+    actual and assumed photons scattered by soil; None: there is no soil.
     """
 
     nuclide: tuple[int, ...]
@@ -35,7 +35,7 @@ class Solution(Struct, frozen=True, eq=False):
 
     @classmethod
     def nothing(cls, drones: int, *, raised: bool = False, over_soil: bool = False) -> Solution:
-        """No source, no errors. ``raised``: sources may be above the ground."""
+        """Return a solution without source and errors. ``raised``: sources may be above the ground."""
         height, log_soil = np.zeros(0) if raised else None, 0.0 if over_soil else None
         return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=height, log_soil=log_soil)
 
@@ -44,16 +44,16 @@ class Solution(Struct, frozen=True, eq=False):
 
     @property
     def size(self) -> int:
-        """Numbers of each source: ``SOURCE``, and one more where its height is one of them."""
+        """Numbers of each source: ``SOURCE``, and one more with a fitted height."""
         return SOURCE if self.height is None else SOURCE + 1
 
     def height_of(self, k: int) -> float:
-        """Height of source k above the ground, metres."""
+        """Return the height of source k above the ground, metres."""
         return 0.0 if self.height is None else float(self.height[k])
 
     @property
     def soil(self) -> float:
-        """Ratio between actual and assumed photons that soil scatters."""
+        """Ratio between actual and assumed photons scattered by soil."""
         return 1.0 if self.log_soil is None else math.exp(self.log_soil)
 
     @property
@@ -63,18 +63,18 @@ class Solution(Struct, frozen=True, eq=False):
 
     @property
     def unbiased(self) -> int:
-        """Numbers before the drones' biases in ``vector``: those of the sources, of the background and, over soil, of that."""
+        """Numbers before the drones' biases in ``vector``: the sources', the background's and, over soil, the soil's."""
         return self.of_sources + (1 if self.log_soil is None else 2)
 
     @property
     def vector(self) -> Array:
-        """(``unbiased`` + 3 V,) all but scale and scatter."""
+        """(``unbiased`` + 3 V,) all numbers but scale and scatter."""
         columns = (self.place, self.log_activity) if self.height is None else (self.place, self.log_activity, self.height)
         around = [self.log_background] if self.log_soil is None else [self.log_background, self.log_soil]
         return np.concatenate((np.column_stack(columns).ravel(), around, self.bias.ravel()))
 
     def moved(self, vector: Array) -> Solution:
-        """With these values in the place of ``vector``."""
+        """Return the solution with these values in the place of ``vector``."""
         count = self.of_sources
         sources = vector[:count].reshape(-1, self.size)
         return replace(
@@ -88,7 +88,7 @@ class Solution(Struct, frozen=True, eq=False):
         )
 
     def plus(self, nuclide: int, place: Array, log_activity: float, height: float = 0.0) -> Solution:
-        """With a further source at the end."""
+        """Return the solution with a further source at the end."""
         return replace(
             self,
             nuclide=(*self.nuclide, nuclide),
@@ -98,7 +98,7 @@ class Solution(Struct, frozen=True, eq=False):
         )
 
     def only(self, kept: list[int]) -> Solution:
-        """With these of the sources, in this order."""
+        """Return the solution with these of the sources, in this order."""
         return replace(
             self,
             nuclide=tuple(self.nuclide[k] for k in kept),
@@ -108,5 +108,5 @@ class Solution(Struct, frozen=True, eq=False):
         )
 
     def without(self, gone: int) -> Solution:
-        """Without one of the sources."""
+        """Return the solution without one of the sources."""
         return self.only([k for k in range(len(self)) if k != gone])

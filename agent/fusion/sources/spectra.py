@@ -1,25 +1,25 @@
-"""What a camera counts beside a source, by energy, nuclide and distance: in the 32 bins of the exposures' coarse spectra.
+"""Counts of a camera beside a source, by energy, nuclide and distance: in the 32 bins of the exposures' coarse spectra.
 
 Of nuclide n with activity A at the distance d, per second in energy bin e,
 
     S_ne = w (N_ne + mu_n d F_ne + (f - ``MEAN_FACING``) G_ne),    w = A exp(-mu_n d) / (4 pi d^2),
     N = P_s + b Q_s,    F = a Q_s - L,    b = (1 + c) ``NEAR``,    a = (1 + c) ``AIR``,    P_s = P exp(s P' / P), and so Q_s,
 
-and over soil, h the sine of the source's depression below the horizon and r a factor that a fit finds (``Solution.soil``),
+and over soil, h the sine of the source's depression below the horizon and r a fitted factor (``Solution.soil``),
 
     w r [H_ne + h I_ne + h (f - ``MEAN_FACING``) J_ne]    more, with    b = (1 + c) ``NEAR`` ``BODY_SHARE``,    F = a R_s - L.
 
-P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum),
-Q photons that ground, mount and air have scattered once; ' the derivative by the logarithm of the energy scale, s the scale's
-error, c the scatter beyond what is assumed. mu_n is the attenuation of the most penetrating line, and L ("softer") what the
-others lose more, to first order. f is the cosine of the angle between the source and the normal of the sensor, which is flat: a
-camera that faces the source counts 6 % more photons of 662 keV than in the mean over all headings, but 45 % more of 80 keV, and
-edge on it counts 60 % less of these. Front and back are taken for alike; from the front a tenth of the softest photons is seen
-in the bin below. H, I and J are photons that soil has scattered once or more, mostly near the source, and R those of the air
-above soil. Of an unknown nuclide N (over soil N + H + ``MEAN_STEEPNESS`` I) is what was measured; Q, G, H, I, J and R are the
-same shares of it as in the mean over the known nuclides, and L is 0. All are effective areas times photons per decay, mm2, of
-this project's own photon transport and detector chain (benchmarks/spectral_response.py); for H, I, J and R another transport
-code's fluxes meet the same detector (benchmarks/soil_spectra.py).
+P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum), Q
+photons scattered once by ground, mount and air; ' the derivative by the logarithm of the energy scale, s the scale's error, c the
+scatter beyond the assumed one. mu_n is the attenuation of the most penetrating line, and L ("softer") the additional loss of the
+other lines, to first order. f is the cosine of the angle between the source and the normal of the sensor, which is flat. A camera
+that faces the source counts 6 % more photons of 662 keV than in the mean over all headings, but 45 % more of 80 keV; edge on it
+counts 60 % less of these. Front and back are assumed alike; from the front a tenth of the softest photons is in the bin below. H,
+I and J are photons scattered by soil once or more, mostly near the source, and R photons scattered by the air above soil. For an
+unknown nuclide, N (over soil N + H + ``MEAN_STEEPNESS`` I) is the measured spectrum; Q, G, H, I, J and R are the same shares of
+it as in the mean over the known nuclides, and L is 0. All are effective areas times photons per decay, mm2, of this project's own
+photon transport and detector chain (benchmarks/spectral_response.py). For H, I, J and R another transport code's fluxes meet the
+same detector (benchmarks/soil_spectra.py).
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ NEAR, AIR = 0.2, 0.8  # hits of scattered photons, as a share of the direct ones
 PER_MM2 = REFERENCE_BQ / (4e6 * np.pi)  # w at 1 m without attenuation, per mm2 and second
 KNOWN = tuple(name for name in TABLES if name != "background")
 _LEAST_PS = 1e-6  # of background in a bin, so that an event there is never impossible
-UNKNOWN_AIR_PER_M = 0.0093  # of unknown nuclides: that of 662 keV
-_UNKNOWN_MM2 = 16.0  # sum of the bins of an unknown nuclide: about that of Cs-137, whatever it sends out
+UNKNOWN_AIR_PER_M = 0.0093  # of unknown nuclides: the value at 662 keV
+_UNKNOWN_MM2 = 16.0  # sum of the bins of an unknown nuclide, at any emission: about that of Cs-137
 _SHOWN = 0.02  # of a nuclide's greatest bin
 _KEPT = 8  # tables with spectra of unknown nuclides
 
 
 class UnknownSpectrum(Struct, frozen=True, eq=False):
-    """Of a nuclide that nobody knows, as it was measured. area: (BINS,) N, mm2, whose sum is ``_UNKNOWN_MM2``: what it sends out
-    per decay is not known. lines_kev: of its peaks, ascending.
+    """The measured spectrum of an unknown nuclide. area: (BINS,) N, mm2, with the sum ``_UNKNOWN_MM2``: the emission per decay is
+    not known. lines_kev: energies of its peaks, ascending.
     """
 
     area: Array
@@ -64,7 +64,7 @@ class UnknownSpectrum(Struct, frozen=True, eq=False):
 
     @classmethod
     def measured(cls, seen: Array, sight: Sight, lines_kev: tuple[int, ...], ground: str = "none") -> UnknownSpectrum:
-        """From areas (BINS,) that were seen in this way."""
+        """Return the spectrum of areas (BINS,) measured with this view."""
         shares = _shares_of_known(ground)
         relative = 1.0 + sight.depth * AIR * shares.air + sight.facing * shares.by_facing
         if ground == "soil":
@@ -77,8 +77,8 @@ class UnknownSpectrum(Struct, frozen=True, eq=False):
 @dataclass(frozen=True, eq=False)
 class Spectra:
     """The tables of N nuclides and U unknown ones, (N + U, BINS) each but for ``air_per_m``, (N + U,); and of the background,
-    (BINS,) per second. nuclides: names of the N. unknown: the U, as they were measured. air: R; over nothing, Q. nearby: b at
-    c = 0. soil: H, I and J; None over nothing.
+    (BINS,) per second. nuclides: names of the N. unknown: the measured U. air: R; over nothing, Q. nearby: b at c = 0. soil: H, I
+    and J; None over nothing.
     """
 
     ground: str
@@ -103,10 +103,10 @@ class Spectra:
 
     @classmethod
     def of(cls, nuclides: Sequence[str], ground: str = "none") -> Spectra:
-        """Of these nuclides, over that ground.
+        """Return the tables of these nuclides, over that ground.
 
         Raises:
-            ConfigError: one that is not in the table.
+            ConfigError: a nuclide that is not in the table.
         """
         for name in nuclides:
             if name not in KNOWN:
@@ -116,63 +116,65 @@ class Spectra:
         return _spectra(tuple(nuclides), ground)
 
     def plus(self, unknown: Sequence[UnknownSpectrum]) -> Spectra:
-        """With further nuclides that nobody knows."""
+        """Return the tables with further unknown nuclides."""
         return _extended(self, tuple(unknown)) if unknown else self
 
     def name_of(self, nuclide: int) -> str | None:
-        """None: of one that nobody knows."""
+        """Return the name of a nuclide; None for an unknown nuclide."""
         return self.nuclides[nuclide] if nuclide < len(self.nuclides) else None
 
     def lines_of(self, nuclide: int) -> tuple[int, ...] | None:
-        """Energies (keV) of the peaks of one that nobody knows; None: of another."""
+        """Return the energies (keV) of the peaks of an unknown nuclide; None for a known nuclide."""
         return None if nuclide < len(self.nuclides) else self.unknown[nuclide - len(self.nuclides)].lines_kev
 
     def templates(self, scale: float, scatter: float) -> Array:
-        """(N, Q, BINS) N, F, G and, over soil, H, I and J, at the energy scale's error s and the excess of scatter c."""
+        """Return (N, Q, BINS) N, F, G and, over soil, H, I and J, at the energy scale's error s and the excess of scatter c."""
         result = self.direct_templates(scale)
         result[:, 0] += self.nearby * ((1.0 + scatter) * scaled(self.scattered, self.scattered_by_scale, scale))
         result[:, 1] += AIR * ((1.0 + scatter) * scaled(self.air, self.air_by_scale, scale))
         return result
 
     def direct_templates(self, scale: float) -> Array:
-        """(N, Q, BINS) the parts of ``templates`` from the source's side, where a wall may be: P_s, -L, G, H, I and J."""
+        """Return the (N, Q, BINS) parts of ``templates`` from the source's side, where a wall may be: P_s, -L, G, H, I and J."""
         direct = scaled(self.direct, self.direct_by_scale, scale), -self.softer, self.facing(scale)
         straight = np.stack(direct, axis=1)
         return straight if self.soil is None else np.concatenate((straight, self.soil.templates(scale)), axis=1)
 
     def strengths(self, sight: Sight) -> tuple[Array | float, ...]:
-        """By which each of the Q templates counts, relative to w."""
+        """Return the strengths of the Q templates, relative to w."""
         depth, facing, steepness, soil = sight
         level = 1.0, depth, facing
         return level if self.soil is None else (*level, soil, soil * steepness, soil * steepness * facing)
 
     @property
     def level(self) -> list[int]:
-        """Which of the templates count in the mean over all headings."""
+        """Indices of the templates that contribute to the mean over all headings."""
         return [0, 1] if self.soil is None else [0, 1, 3, 4]
 
     def areas(self, scale: float, scatter: float, sight: Sight) -> Array:
-        """(N, BINS) S_ne / w. sight: of numbers or (N, 1)."""
+        """Return (N, BINS) S_ne / w. sight: of numbers or (N, 1)."""
         shapes = self.templates(scale, scatter).swapaxes(0, 1)
         result: Array = sum(strength * shape for strength, shape in zip(self.strengths(sight), shapes, strict=True))
         return result
 
     def facing(self, scale: float) -> Array:
-        """G, (N, BINS), at the energy scale's error: so limited that no count is negative."""
+        """Return G, (N, BINS), at the energy scale's error, limited so that no count is negative."""
         share = np.clip(self.by_facing / np.maximum(self.direct, LEAST_MM2), -1.0 / (1.0 - MEAN_FACING), 1.0 / MEAN_FACING)
         result: Array = share * scaled(self.direct, self.direct_by_scale, scale)
         return result
 
     def background_ps(self, scale: float) -> Array:
-        """B (BINS,) per second."""
+        """Return B (BINS,) per second."""
         result: Array = np.maximum(scaled(self.background, self.background_by_scale, scale), _LEAST_PS)
         return result
 
     def cones(self, line_kev: float, reach_kev: tuple[float, float], unsure_kev: float) -> tuple[Array, Array, float]:
-        """Of cones of one line: areas (N,) of those that point to the source, and of the others; and the background's per second.
+        """Return areas (N,) of one line's cones that point to the source, areas of the other cones, and the background's rate per
+        second.
 
-        A coincidence of a photon's whole energy points to its source if that has a line within ``unsure_kev``; one of less, whose
-        sum is within reach by chance, does not. ``reach_kev``: least and greatest sum that the detector takes for the line's.
+        A coincidence of a photon's whole energy points to its source if the source has a line within ``unsure_kev``. A
+        coincidence of less energy, with a sum within reach by chance, does not. ``reach_kev``: least and greatest sum that the
+        detector assigns to the line.
         """
         share = overlap(*reach_kev)
         own = [any(abs(kev - line_kev) < unsure_kev for kev, _ in GAMMAS[name]) for name in self.nuclides]
@@ -209,8 +211,8 @@ def _extended(spectra: Spectra, unknown: tuple[UnknownSpectrum, ...]) -> Spectra
 
 
 class _Shares(NamedTuple):
-    """(BINS,) of the areas N, over soil of N + H + ``MEAN_STEEPNESS`` I: what is scattered, by air, the derivative by f,
-    coincidences; and what soil scatters, H, I and J, 0 over nothing.
+    """(BINS,) shares of the areas N, over soil of N + H + ``MEAN_STEEPNESS`` I: scattered photons, by air, the derivative by f,
+    coincidences; and soil's scatter H, I and J, 0 over nothing.
     """
 
     scattered: Array
@@ -224,7 +226,7 @@ class _Shares(NamedTuple):
 
 @cache
 def _shares_of_known(ground: str) -> _Shares:
-    """Medians over the known nuclides that show in a bin; 0 where none does."""
+    """Return medians over the known nuclides with a signal in a bin; 0 without any."""
     known = _spectra(KNOWN, ground)
     near = known.direct + known.nearby * known.scattered
     none = np.zeros_like(near)

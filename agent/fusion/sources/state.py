@@ -1,4 +1,4 @@
-"""What the fit of sources at rest goes on from: measurements, what was fitted to them, and when."""
+"""The state of the fit of sources at rest: measurements, the fit, and the times of both."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from agent.fusion.sources.spectra import UnknownSpectrum
 
 
 class SourcesState(Struct, frozen=True, eq=False):
-    """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
-    refined, moved: numbers of the last times of either kind that are past. unknown: spectra of the nuclides of ``fitted`` that
-    nobody knows; changed: whether another source became one of those, or a known one, at the last moves. none: log evidence of no
-    source. outlook: where further ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if
-    there has been one since the moves.
+    """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last reported.
+    refined, moved: numbers of the last past times of refinement and moves. unknown: spectra of the unknown nuclides of
+    ``fitted``; changed: whether a source changed between known and unknown at the last moves. none: log evidence of no source.
+    outlook: possible further sources at the last moves; None: no search for them. refinement: of this state, if there has been
+    one since the moves.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -38,30 +38,30 @@ class SourcesState(Struct, frozen=True, eq=False):
     refinement: Refinement | None = None
 
     def taken(self, observations: Sequence[Observation]) -> SourcesState:
-        """With observations of a step, not used yet."""
+        """Return the state with observations of a step, not used yet."""
         sigmas = {one.identity.drone: one.position_sigma_m for one in observations}
         return replace(self, pending=(*self.pending, *observations), position_sigma_m={**self.position_sigma_m, **sigmas})
 
     def summed(self, drones: dict[str, int]) -> SourcesState:
-        """With no observation pending. ``drones``: their numbers."""
+        """Return the state with no observation pending. ``drones``: their numbers."""
         counts = [one for one in self.pending if isinstance(one, CountObservation)]
         cones = [one for one in self.pending if isinstance(one, ConeObservation)]
         rows, cone_table = self.rows.plus(counts, drones), self.cones.plus(cones, drones)
         return replace(self, pending=(), rows=rows, cones=cone_table, refinement=None)
 
     def emptied(self) -> SourcesState:
-        """With no measurement, and nothing fitted."""
+        """Return the state without measurements and without a fit."""
         none = replace(self, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
         return replace(none, unknown=(), changed=False, outlook=None, refinement=None)
 
 
 class Refinement:
-    """The state after a refinement, computed when it is first asked for."""
+    """The state after a refinement, computed at the first access."""
 
     def __init__(self, compute: Callable[[], SourcesState]) -> None:
         self._compute = compute
 
     @cached_property
     def state(self) -> SourcesState:
-        """The same for whoever asks."""
+        """The refined state, the same at each access."""
         return self._compute()

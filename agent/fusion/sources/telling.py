@@ -1,4 +1,4 @@
-"""What ``sources`` tells of sources at rest: which of the fitted ones, and each with its errors as the other parts know them."""
+"""Reports of ``sources`` on sources at rest: a selection of the fitted ones, with errors in the form of other packages."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from agent.geometry import Array
 from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
 
-_BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
-_SURE = 0.25  # 1 sigma of the log activity, by which a source is told from errors of the model
+_BESIDE_M = 1.0  # margin of a camera's distance on the circle around a source
+_SURE = 0.25  # 1 sigma of the log activity up to which a source differs from errors of the model
 _REMEMBERED = 2  # fits: agents that share an estimator, as in simulations, may differ by an observation
 
 
 class Telling:
-    """What is told of the sources of a fit, as hypotheses."""
+    """Reports of the sources of a fit, as hypotheses."""
 
     def __init__(self, mission: MissionConfig, spectra: Spectra, ground: Ground, numbers: Mapping[str, int]) -> None:
         """``spectra``: of the candidates. ``numbers``: of the drones."""
@@ -40,7 +40,7 @@ class Telling:
         self._recent: deque[tuple[SourcesState, list[Hypothesis]]] = deque(maxlen=_REMEMBERED)
 
     def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
-        """The first source with those beside it in ``others``; None while its place is not known to ``declared_rms_m``."""
+        """Return the first source with the further ones in ``others``; None before its place is known to ``declared_rms_m``."""
         if state.refinement is not None and state.x0_stamp_ns:
             state = state.refinement.state
         if state.x0_stamp_ns == 0 or state.fitted is None:
@@ -52,9 +52,7 @@ class Telling:
         return replace(first, evidence=state.fitted.evidence - state.none, others=tuple(others))
 
     def _known(self, state: SourcesState, fitted: Fitted) -> list[Hypothesis]:
-        """The sources that are known well enough to be told; their stamps are not yet set. Remembered, as many steps tell of one
-        fit.
-        """
+        """Return the sources known well enough for a report, without stamps. Cached, as many steps report one fit."""
         for before, known in self._recent:
             if before.fitted is fitted and before.rows is state.rows and before.cones is state.cones:
                 return known
@@ -63,29 +61,32 @@ class Telling:
         return known
 
     def is_declared(self, fitted: Fitted) -> bool:
-        """Whether the first source is known, with which something is told for the first time."""
+        """Return whether the first source is known; its first report requires this."""
         return len(fitted.solution) > 0 and self.is_known(fitted, 0)
 
     def is_known(self, fitted: Fitted, k: int) -> bool:
-        """Whether place and activity of source k are known as well as they have to be to be told. A weak one beside a strong one
-        may stand for what is wrong in the strong one's spectrum.
+        """Return whether place and activity of source k are known well enough for a report.
+
+        A weak source beside a strong one may stand for errors of the strong one's spectrum.
         """
         return self.is_located(fitted, k) and bool(fitted.sigma_of(k)[2] <= _SURE)
 
     def is_located(self, fitted: Fitted, k: int) -> bool:
-        """Whether the place of source k is known as well as it has to be to be told."""
+        """Return whether the place of source k is known well enough for a report."""
         return math.hypot(*fitted.sigma_of(k)[:2].tolist()) <= self._config.declared_rms_m
 
     def watched_s(self, rows: Rows, place: Array) -> float:
-        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
-        drones that do not hear each other, by the square of the distance.
+        """Return the live time of all cameras near a source, s.
+
+        On the circle and inside it counts in full; farther out by the inverse square of the distance, up to the outermost ring of
+        drones without links to each other.
         """
         away_m = np.hypot(*(rows.place[:, :2] - place).T)
         share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
         return float(rows.live_s @ share)
 
     def told(self, state: SourcesState, fitted: Fitted, k: int, stamp_ns: int) -> Hypothesis:
-        """Source k of a fit to the state's measurements, alone."""
+        """Return source k of a fit to the state's measurements, alone, as a hypothesis."""
         solution = fitted.solution
         mean, covariance = self._as_of_bayes(fitted, k)
         (x, y), height_m = solution.place[k].tolist(), solution.height_of(k)
@@ -109,7 +110,7 @@ class Telling:
         )
 
     def _of_place(self, fitted: Fitted, k: int) -> Array:
-        """(3, 3) covariance of the place of source k: J P J', with the height above the ground, where it is estimated, in P."""
+        """Return the (3, 3) covariance of the place of source k: J P J', with an estimated height above the ground in P."""
         size = fitted.solution.size
         own = [size * k, size * k + 1, size * k + 3][: size - 1]
         jacobian = np.eye(3)[:, : size - 1]
@@ -118,8 +119,9 @@ class Telling:
         return result
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
-        """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
-        drone x, y, heading, sensitivity; velocity and headings are 0.
+        """Return mean and covariance of source k and the biases in the order of ``bayes``.
+
+        The order: x, y, velocity, log activity, and of each drone x, y, heading, sensitivity; velocity and headings are 0.
         """
         size = fitted.solution.size
         own = [size * k, size * k + 1, size * k + 2]

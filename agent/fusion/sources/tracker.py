@@ -1,8 +1,8 @@
-"""The tracker of a source that may move: ``bayes`` for one of the candidates, with what the tables of ``spectra`` say of it.
+"""The tracker of a possibly moving source: ``bayes`` for one of the candidates, with its tables of ``spectra``.
 
-It reads the exposures' spectra in two channels, the energy bins of the nuclide's lines and the others, so it knows every nuclide
-that may be fitted, whatever lines the detector looks for. Of the directional response it takes the mean over all headings, and
-the source is on the ground.
+The tracker reads the exposures' spectra in two channels, the energy bins of the nuclide's lines and the others. So it covers
+every candidate of the fit, whatever lines the detector looks for. Its directional response is the mean over all headings, and the
+source is on the ground.
 """
 
 from __future__ import annotations
@@ -40,16 +40,17 @@ from agent.terrain.ground import Ground
 from protocol.spectrum import BINS, EDGES_KEV
 
 _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
-_HIDDEN_SIGMA = 2.0  # and behind something that nobody knows of
+_HIDDEN_SIGMA = 2.0  # and behind an unknown wall
 _ITERATIONS = 6
 _IN_VIEW = 0.5  # probability of a clear view
-_LEAST_PS = 1e-6  # so that nothing counted is impossible
+_LEAST_PS = 1e-6  # so that no count is impossible
 
 
 class Mark(Struct, frozen=True):
-    """The time of the last moves, or since when it is tracked (``found``), with the track's evidence until then.
+    """The time of the last moves, or of the track's first source (``found``), with the track's evidence until then.
 
-    waiting: earlier exposures that enter the evidence only with the drone's next one, by the time of their middle (ns) and place.
+    waiting: earlier exposures that enter the evidence only with the drone's next exposure, by the time of their middle (ns) and
+    place.
     """
 
     stamp_ns: int
@@ -59,14 +60,14 @@ class Mark(Struct, frozen=True):
 
 
 class Track(Struct, frozen=True, eq=False):
-    """What is believed of a source that may move (``handover``).
+    """The track of a source that may move (``handover``).
 
-    nuclide: its index. state: of its tracker. begun_ns: when it began. others: fitted sources of other nuclides, and unknown:
-    spectra of those that nobody knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns:
-    from when on what is measured is kept, as the source is at rest or lost; 0: it is not kept. mark: None while nothing is
-    tracked; newest: what enters the evidence after it, and as the tracker saw it. ahead: how many times the track has explained
-    what was measured since the last moves better than the fit, without being behind in between. doubted_ns: since when something
-    is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
+    nuclide: its index. state: of its tracker. begun_ns: start of the track. others: fitted sources of other nuclides, and
+    unknown: spectra of the unknown nuclides among them. moves: whether it has been handed over; beside: the reports on the others
+    then. kept_ns: time from which measurements are kept, as the source is at rest or lost; 0: they are not kept. mark: None
+    without a tracked source; newest: observations that enter the evidence after the mark, each with the tracker's reading of it.
+    ahead: number of times that the track has explained the measurements since the last moves better than the fit, without a lag
+    in between. doubted_ns: first time of doubt whether a reported source is at rest; 0: there was no doubt.
     """
 
     nuclide: int
@@ -84,29 +85,29 @@ class Track(Struct, frozen=True, eq=False):
 
     @property
     def is_lost(self) -> bool:
-        """Whether nothing is tracked."""
+        """Whether no source is tracked."""
         return self.state.track is None
 
     @property
     def at_rest(self) -> float:
-        """Probability that it is at rest; not a number where nothing is tracked."""
+        """Probability that the source is at rest; NaN without a tracked source."""
         track = self.state.track
         return math.nan if track is None else float(track.weight[:, REST].sum() / track.weight.sum())
 
     @property
     def in_view(self) -> bool:
-        """Whether nothing unknown seems to stand between the source and any camera."""
+        """Whether the views of all cameras on the source seem clear of unknown walls."""
         track = self.state.track
         return track is not None and float((track.weight.sum(axis=1) @ track.hidden[..., 0]).min()) >= _IN_VIEW
 
     @property
     def counted(self) -> tuple[tuple[Observation, Observation], ...]:
-        """Of ``newest`` what has entered the evidence."""
+        """The part of ``newest`` that has entered the evidence."""
         waiting = self._waiting
         return tuple(one for one in self.newest if not _is_of(waiting, one[0]))
 
     def marked(self, now_ns: int, *, found: bool = False) -> Track:
-        """With a mark here, if anything is tracked."""
+        """Return the track with a mark at this time, if a source is tracked."""
         if self.is_lost:
             return replace(self, mark=None, newest=(), ahead=0)
         waiting = self._waiting
@@ -123,18 +124,20 @@ def _is_of(waiting: frozenset[tuple[int, Vector3]], observation: Observation) ->
 
 
 class Apart(CountObservation, frozen=True, eq=False, kw_only=True):
-    """An exposure whose counts are those of the tracker's channels. beside: (2,) expected of sources of other nuclides."""
+    """An exposure with counts in the tracker's channels. beside: (2,) expected counts of sources of other nuclides."""
 
     beside: Array
 
 
 class Tracker:
-    """``bayes`` for a nuclide, which reads what ``seen`` makes of the observations."""
+    """``bayes`` for a nuclide; it reads the observations converted by ``seen``."""
 
     def __init__(
         self, mission: MissionConfig, area: Polygon, spectra: Spectra, windows: Windows, walls: KnownWalls, nuclide: int
     ) -> None:
-        """``windows``: in which the detector takes coincidences for a line's. ``nuclide``: its index among the spectra's."""
+        """``windows``: energy windows in which the detector assigns coincidences to a line. ``nuclide``: index among the
+        spectra's.
+        """
         self._spectra, self._walls = spectra, walls
         self._bins = _bins(Windows((spectra.nuclides[nuclide],), mission.detection))
         self._lines = np.array([window.energy_kev for window in windows.each])
@@ -152,8 +155,9 @@ class Tracker:
         self.bayes = BayesEstimator(mission, area, self._response, _beside_of)
 
     def seen(self, observation: Observation, others: Solution, unknown: Sequence[UnknownSpectrum] = ()) -> Observation | None:
-        """The observation as the tracker reads it, None where it tells nothing of the nuclide. ``others``, ``unknown``: as in
-        ``Track``.
+        """Return the observation as the tracker reads it; None if it carries no information on the nuclide.
+
+        ``others``, ``unknown``: as in ``Track``.
         """
         if isinstance(observation, ConeObservation):
             return observation if self._own[int(np.abs(self._lines - observation.energy_kev).argmin())] else None
@@ -163,14 +167,14 @@ class Tracker:
         for one in observation.spectrum:
             events[one.place] = one.singles + one.coincidences
         partial, full = (pooled(events) @ self._bins).tolist()
-        counts = np.array([partial + full, full, 0.0])  # which ``Response.apart`` takes apart again
+        counts = np.array([partial + full, full, 0.0])  # split again by ``Response.apart``
         return Apart(**{**_fields(observation), "counts": counts}, beside=self._beside(observation, others, unknown))
 
     def evidence_at_rest(self, newest: Problem, solution: Solution, background: float) -> float:
-        """Log Bayes factor of these measurements given sources at rest against background alone, whose strength is that of a
-        track, in the track's channels and with its cones.
+        """Return the log Bayes factor of these measurements given sources at rest against background alone.
 
-        For each sum over exposures the view is clear, or it is hidden and any share of the photons passes.
+        The background has the strength of a track's; channels and cones are the track's, too. For each sum over exposures the
+        view is clear, or it is hidden and any share of the photons passes.
         """
         model = newest.counts
         counts, expected, alone = (
@@ -185,7 +189,7 @@ class Tracker:
         return total
 
     def evidence_beside(self, seen: Iterable[Observation], background: float) -> float:
-        """Log Bayes factor of the other sources against background alone, which a track takes for part of the background."""
+        """Return the log Bayes factor of the other sources against background alone; a track counts them as background."""
         total = 0.0
         for one in seen:
             if isinstance(one, Apart):
@@ -195,7 +199,7 @@ class Tracker:
         return total
 
     def _beside(self, observation: CountObservation, others: Solution, unknown: Sequence[UnknownSpectrum]) -> Array:
-        """(2,) counts expected of the others, as fitted, in a clear view."""
+        """Return the (2,) expected counts of the others, as fitted, in a clear view."""
         if not len(others):
             return np.zeros(2)
         rows = Rows.single(observation, self._drones[observation.identity.drone])
@@ -213,19 +217,19 @@ def _fields(observation: CountObservation) -> dict[str, Any]:
 
 
 def _bins(windows: Windows) -> Array:
-    """(BINS, 2) which of the energy bins are of each channel: those with no line's window in their middle, and those with one."""
+    """Return the (BINS, 2) assignment of energy bins to channels: bins without a line's window in their middle, and with one."""
     middle = (np.array(EDGES_KEV[1:]) + np.array(EDGES_KEV[:-1])) / 2.0
     full = np.array([windows.line_of(kev) is not None for kev in middle.tolist()])
     return np.column_stack((~full, full)).astype(np.float64)
 
 
 def _response(spectra: Spectra, n: int, bins: Array, cones: Channel) -> Response:
-    """What a camera counts of nuclide n in the channels; areas in the tables are times photons per decay."""
+    """Return a camera's response to nuclide n in the channels; areas in the tables are times photons per decay."""
     near, far, _, *of_soil = spectra.templates(0.0, 0.0)[n] @ bins
     direct = np.maximum(spectra.direct_templates(0.0)[n, 0] @ bins, LEAST_MM2)
     background_ps = np.maximum(spectra.background_ps(0.0) @ bins, _LEAST_PS)
-    edge = spectra.facing(0.0)[n] @ bins / direct  # either way, what an area lacks from the edge
-    if of_soil:  # of what is scattered nearby over nothing, ``Response`` takes this share for vehicle and mount
+    edge = spectra.facing(0.0)[n] @ bins / direct  # either way, the area's deficit towards the edge
+    if of_soil:  # ``Response`` assigns this share of the photons scattered nearby over nothing to vehicle and mount
         near = direct + (near - direct) / BODY_SHARE
     rows = np.column_stack((direct, near / direct, far / direct, background_ps, edge))
     partial, full = (Channel(*row) for row in rows.tolist())
@@ -234,7 +238,7 @@ def _response(spectra: Spectra, n: int, bins: Array, cones: Channel) -> Response
 
 
 def _soil(of_soil: list[Array], air: Array, background_ps: Array) -> tuple[SoilChannel, SoilChannel]:
-    """Of H, I and J in the channels, what air scatters, and the background; (2,) each."""
+    """Return the soil channels from H, I and J in the channels, the air's scatter, and the background; (2,) each."""
     near, steep, turned = of_soil
     turn = MEAN_STEEPNESS * turned / np.maximum(near + MEAN_STEEPNESS * steep, LEAST_MM2)
     rows = np.column_stack((near, steep, air, turn, (1.0 - OTHER_SHARE) * background_ps))

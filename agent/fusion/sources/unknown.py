@@ -1,18 +1,19 @@
-"""Sources of nuclides that are not among the candidates: those whose spectrum no candidates explain.
+"""Sources of nuclides that are not among the candidates: their spectrum is not explained by any candidate.
 
-Beside a source the spectrum is measured as it is, bin by bin: the areas S (BINS,) with which the counts, less what the other
-sources and the background add, are those of a point source at its place,
+The spectrum beside a source is measured bin by bin, without a model of it: the areas S (BINS,) of a point source at its place
+that explain the counts, less the other sources and the background,
 
     M_re = others_re + w_r S_e.
 
 S is compared with the best of the spectra of one candidate, or of two at one place, at any energy scale and excess of scatter
-within reason. The misfit is chi squared, with the errors of S by chance and by those of the others, the share ``_MODEL_ERROR`` by
-which the tables may be wrong, and the different energy scales of cameras. Where it is more than ``_MOST_MISFIT``, neither errors
-of the model nor chance explain it: the source, with those beside it that only made up for its spectrum, is replaced by one whose
-spectrum is S. It has a place and lines, but no activity: nobody knows how many photons it sends out per decay.
+within reason. The misfit is chi squared. Its errors are the chance errors of S and the errors of the others, the share
+``_MODEL_ERROR`` of possible errors of the tables, and the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is
+explained neither by errors of the model nor by chance. Then a source with the spectrum S replaces the source, and with it the
+sources beside it that only compensated for its spectrum. This source has a place and lines, but no activity: its photons per
+decay are unknown.
 
-Other sources, too, may have made up for the wrong spectrum. So the next moves begin with those of unknown nuclides alone, and
-what they find is compared with what there was: a search a step, not two.
+Other sources, too, may have compensated for the wrong spectrum. So the next moves begin with the sources of unknown nuclides
+alone, and their result is compared with the former fit: one search a step, not two.
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ from agent.geometry import Array
 from protocol.spectrum import BINS, EDGES_KEV
 
 _MODEL_ERROR = 0.05  # relative, of each bin
-_OTHERS_ERROR = 0.1  # of what other sources and the background add
+_OTHERS_ERROR = 0.1  # of the counts of other sources and the background
 _CAMERA_SCALE = 0.01  # differences between the energy scales of cameras
 _MOST_MISFIT, _EXPLAINED = 80.0, 40.0  # chi squared of 32 bins: of known nuclides; and of unknown ones that are known by now
-_REACH_M = 15.0  # within which a source's spectrum is measured
-_TOGETHER_M = 3.0  # within which other sources may only make up for the spectrum of one
+_REACH_M = 15.0  # reach of the measurement of a source's spectrum
+_TOGETHER_M = 3.0  # within which other sources may only compensate for the spectrum of one
 _SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (0.0, -2.0, 2.0)  # sigmas of their priors
-_SOILS = (0.0, -0.5, 0.5, -1.0, 1.0, -1.5, 1.5, -2.0, 2.0)  # likewise, of what soil scatters, which is most of the counts
+_SOILS = (0.0, -0.5, 0.5, -1.0, 1.0, -1.5, 1.5, -2.0, 2.0)  # likewise, of soil's scatter, most of the counts
 _NEAREST_FIRST = np.argsort(np.abs(_SCALES), kind="stable")  # most spectra are explained without much of either
-_WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances make up for a wrong spectrum
+_WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances compensate for a wrong spectrum
 _AROUND = 5  # bins
 _UPDATES = 8  # of S
 _ITERATIONS = 12
@@ -55,8 +56,8 @@ _TINY = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A spectrum as it is measured. area: S; chance: its statistical errors; taken: what was taken off for the other sources and
-    the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing, steepness: means, see ``spectra``.
+    """A measured spectrum. area: S; chance: its statistical errors; taken: subtracted counts of the other sources and the
+    background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing, steepness: means, see ``spectra``.
     """
 
     area: Array
@@ -67,8 +68,9 @@ class Measured:
     steepness: float = MEAN_STEEPNESS
 
     def variance(self, expected: Array) -> Array:
-        """Of S (..., BINS), where so much is expected: by chance, which is that of what is expected wherever it is more than was
-        counted, and by errors of what was taken off.
+        """Return the variance of S (..., BINS), given its expectation.
+
+        Two parts: chance, of the expected counts wherever they exceed the counted ones; and errors of the subtracted counts.
         """
         more = (self.taken + np.maximum(self.area, expected)) / (self.taken + self.area)
         result: Array = self.chance**2 * more + (_OTHERS_ERROR * self.taken) ** 2
@@ -76,7 +78,7 @@ class Measured:
 
     @property
     def sigma(self) -> Array:
-        """Of S, as it was counted."""
+        """1 sigma of S, from the counts."""
         return np.sqrt(self.variance(self.area))
 
 
@@ -90,11 +92,12 @@ class Explanation:
 
 
 def judged(fitted: Fitted, spectra: Spectra, problem_of: Callable[[Spectra], Problem]) -> tuple[Fitted, Spectra]:
-    """The fit with the source that candidates explain worst replaced by one of an unknown nuclide, if they do not explain it; or
-    with one of an unknown nuclide replaced by what explains it by now. And the spectra with those of its unknown nuclides.
+    """Return the fit with one source exchanged between known and unknown nuclides, and the spectra with the fit's unknown
+    nuclides.
 
-    ``problem_of``: of the same measurements with given spectra, of which ``spectra`` are those of the fit. Where nothing changes,
-    the same objects come back.
+    The source with the greatest misfit is replaced by a source of an unknown nuclide, if candidates do not explain it; or a
+    source of an unknown nuclide is replaced by the candidates that explain it by now. ``problem_of``: the problem of the same
+    measurements with given spectra; ``spectra`` are the fit's. Without a change, the same objects are returned.
     """
     problem, worst = problem_of(spectra), _MOST_MISFIT
     likely = _likely(fitted.solution, problem.prior)
@@ -117,7 +120,7 @@ def judged(fitted: Fitted, spectra: Spectra, problem_of: Callable[[Spectra], Pro
 
 
 def settled(solution: Solution, spectra: Spectra, problem_of: Callable[[Spectra], Problem]) -> tuple[Fitted, Spectra]:
-    """The fit with the spectra of its unknown nuclides measured in turn with the sources' places."""
+    """Return the fit with the spectra of its unknown nuclides measured in turn with the sources' places."""
     problem = problem_of(spectra)
     fitted = problem.fitted(solution, _ITERATIONS)
     for _ in range(_SETTLING):
@@ -133,7 +136,7 @@ def settled(solution: Solution, spectra: Spectra, problem_of: Callable[[Spectra]
 
 
 def only_told(fitted: Fitted, spectra: Spectra) -> tuple[Fitted, Spectra]:
-    """With the spectra of those unknown nuclides alone of which there is a source."""
+    """Return fit and spectra with the unknown nuclides limited to the fitted sources'."""
     known = len(spectra.nuclides)
     told = sorted({n for n in fitted.solution.nuclide if n >= known})
     if len(told) == len(spectra.unknown):
@@ -145,12 +148,13 @@ def only_told(fitted: Fitted, spectra: Spectra) -> tuple[Fitted, Spectra]:
 
 
 def only_unknown(solution: Solution, spectra: Spectra) -> Solution:
-    """With the sources of unknown nuclides alone: the others may have made up for a spectrum that was wrong."""
+    """Return the sources of unknown nuclides alone: the others may have compensated for a wrong spectrum."""
     return solution.only([k for k, n in enumerate(solution.nuclide) if spectra.name_of(n) is None])
 
 
 def measured_at(problem: Problem, solution: Solution, group: Sequence[int], information: Array) -> Measured | None:
-    """The spectrum at the place of the first source of a group, of all of them; None where too little was measured.
+    """Return the spectrum of all sources of a group, at the place of its first source; None where too little was measured.
+
     ``information``: (R,) of the views of the solution.
     """
     counts = problem.counts
@@ -176,7 +180,7 @@ def measured_at(problem: Problem, solution: Solution, group: Sequence[int], info
 
 
 def explained(measured: Measured, spectra: Spectra, prior: Prior, enough: float = 0.0) -> Explanation:
-    """By the best of all pairs of candidates, or of single ones; or by the first ones with no more misfit than is ``enough``."""
+    """Return the best of all pairs of candidates and single ones; or the first with at most the misfit ``enough``."""
     each = _explanations(measured, spectra, prior)
     best = next(each)
     while best.misfit > enough and (other := next(each, None)) is not None:
@@ -185,10 +189,10 @@ def explained(measured: Measured, spectra: Spectra, prior: Prior, enough: float 
 
 
 def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterator[Explanation]:
-    """The best ones for each energy scale and excess of scatter, over soil of what that scatters."""
+    """Yield the best explanation for each energy scale and excess of scatter, over soil for each strength of its scatter."""
     known = slice(0, len(spectra.nuclides))
     pairs = np.array(list(combinations_with_replacement(range(len(spectra.nuclides)), 2)))
-    highest = maximum_filter1d(measured.area, _AROUND)  # a bin where nothing was counted by chance must not decide
+    highest = maximum_filter1d(measured.area, _AROUND)  # an empty bin by chance must not decide
     variance = measured.variance(highest) + (_MODEL_ERROR * measured.area) ** 2
     for off in _SCATTERS if spectra.soil is None else _SOILS:
         scatter, soil = (prior.scatter * off, 1.0) if spectra.soil is None else (0.0, math.exp(prior.soil * off))
@@ -208,14 +212,17 @@ def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterato
 
 
 def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float, soil: float = 1.0) -> Array:
-    """(N + U, BINS) areas of all nuclides as they would be measured with the attenuation of unknown ones."""
+    """Return (N + U, BINS) areas of all nuclides, as measured with the attenuation of unknown nuclides."""
     air = spectra.air_per_m[:, None] * measured.distance_m
     seen = spectra.areas(scale, scatter, Sight(air, measured.facing, measured.steepness, soil))
     return np.maximum(seen, 0.0) * np.exp(UNKNOWN_AIR_PER_M * measured.distance_m - air)
 
 
 def _activities(shapes: Array, pairs: Array, area: Array, precision: Array) -> Array:
-    """(P, 2) of the pairs (P, 2), least squares: those of one alone where the other's would be negative, or is the same."""
+    """Return (P, 2) activities of the pairs (P, 2), by least squares.
+
+    A single nuclide's activity is returned where the other's would be negative, or where both are the same.
+    """
     products, right = (shapes * precision) @ shapes.T, (shapes * precision) @ area
     first, second = pairs.T
     alone: Array = np.maximum(right / np.diag(products), _TINY)
@@ -228,7 +235,7 @@ def _activities(shapes: Array, pairs: Array, area: Array, precision: Array) -> A
 
 
 def lines_kev(measured: Measured) -> tuple[int, ...]:
-    """Energies (keV, ascending) of the peaks that stand out of what is beside them, to about half a bin: 7 to 35 keV."""
+    """Return energies (keV, ascending) of the peaks that stand out of their surroundings, to about half a bin: 7 to 35 keV."""
     area, middle = np.pad(measured.area, 2), np.pad(0.5 * (_EDGES_KEV[1:] + _EDGES_KEV[:-1]), 2)
     found = []
     for e in range(2, BINS + 2):
@@ -241,7 +248,7 @@ def lines_kev(measured: Measured) -> tuple[int, ...]:
 
 
 def _unknown(solution: Solution, group: Sequence[int], spectra: Spectra, measured: Measured) -> tuple[Solution, Spectra]:
-    """With one source of a new unknown nuclide in the place of a group."""
+    """Return the solution with one source of a new unknown nuclide in the place of a group, and the extended spectra."""
     sight = Sight(UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, measured.steepness, solution.soil)
     spectrum = UnknownSpectrum.measured(measured.area, sight, lines_kev(measured), spectra.ground)
     extended = spectra.plus([spectrum])
@@ -250,7 +257,7 @@ def _unknown(solution: Solution, group: Sequence[int], spectra: Spectra, measure
 
 
 def _with(solution: Solution, group: Sequence[int], nuclides: Sequence[int], activity: Sequence[float]) -> Solution:
-    """With sources of these nuclides in the place of a group: the first one in the order of its first one."""
+    """Return the solution with sources of these nuclides in the place of a group; the first takes the group's first index."""
     first = group[0]
     place, height = solution.place[first], solution.height_of(first)
     nuclide = tuple(nuclides[0] if k == first else n for k, n in enumerate(solution.nuclide))
@@ -264,7 +271,7 @@ def _with(solution: Solution, group: Sequence[int], nuclides: Sequence[int], act
 
 
 def _groups(solution: Solution) -> list[tuple[int, ...]]:
-    """The sources with those near them, the strongest one of each group first; each in one group."""
+    """Return the sources in groups with their neighbours, the strongest source of each group first; each in one group."""
     left = sorted(range(len(solution)), key=lambda k: (-solution.log_activity[k], k))
     groups = []
     while left:
@@ -276,7 +283,7 @@ def _groups(solution: Solution) -> list[tuple[int, ...]]:
 
 
 def _likely(solution: Solution, prior: Prior) -> Solution:
-    """With the nuisances that a wrong spectrum may have spoilt within reason."""
+    """Return the solution with its nuisances limited to likely values, as a wrong spectrum may have spoilt them."""
 
     def within(value: float, sigma: float) -> float:
         return min(max(value, -_WITHIN * sigma), _WITHIN * sigma)
