@@ -31,7 +31,7 @@ SCENARIOS = tuple(f"{poses}-{what}" for poses in ("ideal", "biased") for what in
 
 
 class Share(Struct, frozen=True):
-    """How often an event occurred, and the 95 % interval of its probability (Clopper and Pearson)."""
+    """Frequency of an event, and the 95 % interval of its probability (Clopper and Pearson)."""
 
     hits: int
     of: int
@@ -40,16 +40,16 @@ class Share(Struct, frozen=True):
 
     @classmethod
     def among(cls, hits: int, of: int) -> Share:
-        """An event that occurred in ``hits`` of ``of`` runs."""
+        """Return the share of an event that occurred in ``hits`` of ``of`` runs."""
         return cls(hits, of, *(share_interval(hits, of) or (None, None)))
 
     def agrees(self, probability: float) -> bool | None:
-        """Whether the runs are compatible with this probability; None without a run."""
+        """Return whether the runs are compatible with this probability; None without a run."""
         return None if self.low is None or self.high is None else self.low <= probability <= self.high
 
 
 class Spread(Struct, frozen=True):
-    """Quantiles over the runs; None if no run gives a number."""
+    """Quantiles over the runs; None without a number from any run."""
 
     count: int
     median: float | None
@@ -58,7 +58,7 @@ class Spread(Struct, frozen=True):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        """The quantiles of ``values``."""
+        """Return the quantiles of ``values``."""
         if not len(values):
             return cls(0, None, None, None)
         return cls(len(values), float(np.median(values)), float(np.quantile(values, 0.9)), float(max(values)))
@@ -93,7 +93,7 @@ class Consistency(Struct, frozen=True, kw_only=True):
 
 
 def consistency_of(label: str, runs: Sequence[RunResult]) -> Consistency:
-    """Statistics of the runs of one estimator in one scenario."""
+    """Return the statistics of the runs of one estimator in one scenario."""
     summary = summarise(runs)
     regions = [run.region for run in runs if run.region is not None]
     nees = [run.nees_sample for run in runs if run.nees_sample is not None]
@@ -141,7 +141,7 @@ def write_consistency(folder: Path, flown: Flown) -> tuple[Table, list[Path]]:
 
 
 def consistency_table(found: Sequence[Consistency], failed: str = "") -> Table:
-    """The report as a table, with a column for each scenario."""
+    """Return the report as a table, with a column for each scenario."""
     columns = [
         (
             str(one.runs), str(one.lost),

@@ -29,8 +29,8 @@ Watch = Callable[[int, int, Outcome[Any, Any] | None], None]  # runs done, runs 
 class Campaign:
     """``runs`` flights of each case, with the seeds ``seed_base``, ``seed_base + 1``, ..., the same for every case.
 
-    All points have the same parameters. ``estimator`` and ``law``: None for the scenario's own. ``listen``: the results are
-    those of an estimator that reads the same log without any say in the flight; None: of the estimator flown by.
+    All points have the same parameters. ``estimator`` and ``law``: None for the scenario's own. ``listen``: scores an
+    estimator that reads the same log without influence on the flight; None: the estimator flown by.
     """
 
     cases: tuple[Case, ...]
@@ -50,20 +50,20 @@ class Campaign:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the swept parameters."""
+        """Return the names of the swept parameters."""
         return tuple(name for name, _ in self.cases[0].point)
 
     def in_order(self) -> list[Case]:
-        """The cases by name, the points of each in the order of the sweep."""
+        """Return the cases by name, the points of each in the order of the sweep."""
         return sorted(self.cases, key=lambda case: case.name)
 
     def jobs(self) -> list[Job]:
-        """All flights; seed by seed, so that the remaining time can be predicted."""
+        """Return all flights, seed by seed, so that the remaining time can be predicted."""
         seeds = range(self.seed_base, self.seed_base + self.runs)
         return [Job(case, seed, self.estimator, self.law, self.listen) for seed in seeds for case in self.in_order()]
 
     def manifest(self) -> dict[str, Any]:
-        """The campaign's definition, which must be unchanged when it is resumed in its folder."""
+        """Return the campaign's definition, which must be unchanged when it is resumed in its folder."""
         content = hashlib.blake2b(digest_size=8)
         for case in self.in_order():
             content.update(msgspec.json.encode(case.scenario, order="sorted"))
@@ -88,17 +88,17 @@ class Flown:
     failures: tuple[Outcome[Job, RunResult], ...]
 
     def of(self, case: Case) -> list[RunResult]:
-        """The results of one case, by seed."""
+        """Return the results of one case, by seed."""
         return [result_of(line) for line in self.lines if _case_key(line, self.campaign.parameters) == case.key]
 
 
 def fly_campaign(
     campaign: Campaign, folder: Path, execute: Executor, fly: Fly = fly_job, watch: Watch = lambda done, total, outcome: None
 ) -> Flown:
-    """Fly those flights of a campaign that are missing in its folder, and sort its runs.
+    """Fly the flights of a campaign that are missing in its folder, and sort its runs.
 
-    Every run is on disk as soon as it is flown; after an interruption at any moment, the same call resumes. Failed flights are
-    repeated. In the end ``runs.jsonl`` depends only on the campaign, except for the wall times in it.
+    Every run is on disk as soon as it is flown; after an interruption at any moment, the same call resumes. Failed flights
+    are repeated. In the end ``runs.jsonl`` depends only on the campaign, except for the wall times in it.
 
     Raises:
         ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
@@ -138,12 +138,12 @@ def fly_campaign(
 
 
 def result_of(line: Mapping[str, Any]) -> RunResult:
-    """The result in a line of ``runs.jsonl``; the sweep's parameters in it are ignored."""
+    """Return the result in a line of ``runs.jsonl``; the sweep's parameters in it are ignored."""
     return msgspec.convert(line, RunResult)
 
 
 def _flown(runs: RunFile, campaign: Campaign, wanted: set[_Key]) -> set[_Key]:
-    """The flights already flown. Raises ConfigError if a line is not a run of this campaign."""
+    """Return the flights already flown. Raises ConfigError for a line that is not a run of this campaign."""
     flown = set()
     for number, line in enumerate(runs.lines, 1):
         try:
@@ -166,7 +166,7 @@ def _case_key(line: Mapping[str, Any], parameters: Sequence[str]) -> tuple[str, 
 
 
 def claim(path: Path, manifest: dict[str, Any], runs: str = "runs.jsonl") -> None:
-    """Write the manifest, or check that the one in the folder is the same; ``runs``: the file of what is flown already."""
+    """Write the manifest, or check that the one in the folder is the same; ``runs``: the file of completed flights."""
     if not path.exists():
         if (path.parent / runs).exists():
             raise ConfigError(f"{path.parent}: has {runs} but no campaign.json that defines them; choose another --out")

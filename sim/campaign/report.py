@@ -28,7 +28,7 @@ from sim.scoring.statistics import Summary, summarise
 
 
 def sentence(result: RunResult, trace: Trace) -> str:
-    """The source estimate at the end of the tracking, its 1-sigma radius, and its distance from the truth."""
+    """Report the source estimate at the end of the tracking, its 1-sigma radius, and its distance from the truth."""
     end = last_tracking(trace)
     estimate, source = trace.estimate_m[end], trace.source_m[end]
     if not np.isfinite(estimate).all():
@@ -44,7 +44,7 @@ def sentence(result: RunResult, trace: Trace) -> str:
 
 
 def _all_sources(result: RunResult) -> str:
-    """How many sources were found, as a further sentence; empty where there is one and one is told."""
+    """Report the number of sources found, as a further sentence; empty for one true and one estimated source."""
     true, found, false = result.sources_true or 0, result.sources_found or 0, result.false_sources or 0
     if max(true, found) <= 1:
         return ""
@@ -53,14 +53,14 @@ def _all_sources(result: RunResult) -> str:
 
 
 def _excluded(result: RunResult) -> str:
-    """A sentence about the activities that a search for several sources has excluded; empty for another search."""
+    """Report the excluded activities of a search for several sources; empty for another search."""
     if result.excluded_nuclides_bq is None or result.excluded_bq is None:
         return ""
     return f" Further ones of {becquerels(result.excluded_bq)} or more, of whichever nuclide, are excluded."
 
 
 def _without_estimate(result: RunResult, there: bool) -> str:
-    """``there``: there is a source."""
+    """Report a flight without an estimate. ``there``: there is a source."""
     excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
     if OUTSIDE in result.finding:
         return f"The swarm tells: {result.finding}."
@@ -74,7 +74,7 @@ def _without_estimate(result: RunResult, there: bool) -> str:
 
 
 def faults_of(trace: Trace) -> str:
-    """The faults of the flight, each with its time; empty where there were none."""
+    """Report the faults of the flight, each with its time; empty without faults."""
     end_s = float(trace.time_s[-1])
     ends = ["on" if fault.end_s >= end_s else f"to {fault.end_s:g} s" for fault in trace.faults]
     told = [f"{fault.label} from {fault.begin_s:g} s {end}" for fault, end in zip(trace.faults, ends, strict=True)]
@@ -82,23 +82,23 @@ def faults_of(trace: Trace) -> str:
 
 
 def error_of(result: RunResult) -> str:
-    """The median error of an estimator, as part of a sentence."""
+    """Report the median error of an estimator, as part of a sentence."""
     if result.error_median_m is None:
         return "no estimate"
     return f"median error {_length(result.error_median_m)}"
 
 
 def result_json(result: RunResult) -> str:
-    """The result as one flat JSON object on one line."""
+    """Return the result as one flat JSON object on one line."""
     return json_line(msgspec.structs.asdict(result))
 
 
 def write_flight(folder: Path, flight: Flight) -> list[Path]:
-    """Write ``result.json`` (``result-{estimator}.json`` for those that listened), ``map.png``, ``spacing.png``,
+    """Write ``result.json`` (``result-{estimator}.json`` for listening estimators), ``map.png``, ``spacing.png``,
     ``error.png``, ``posterior.png`` and ``sources.png``.
 
-    The last three are not written for a scenario without a source, the very last for one source that is told as one. The folder
-    must exist; returns the files written.
+    The last three need a scenario with a source, the very last one several sources, true or estimated. The folder must exist;
+    returns the files written.
     """
     result = flight.result
     results = {"result.json": result, **{f"result-{name}.json": heard for name, heard in flight.listened.items()}}
@@ -111,7 +111,7 @@ def write_flight(folder: Path, flight: Flight) -> list[Path]:
 
 
 def flight_figures(flight: Flight) -> dict[str, Figure]:
-    """The figures of a flight: ``map``, ``spacing``; where there is a source, ``error`` and ``posterior``; of several, true or
+    """Return the figures of a flight: ``map``, ``spacing``; with a source, ``error`` and ``posterior``; with several, true or
     estimated, ``sources``.
     """
     result, trace = flight.result, flight.trace
@@ -153,7 +153,7 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
 
 
 def failed_note(flown: Flown) -> str:
-    """Names the failed flights, which are in no number, in Markdown; empty if none failed."""
+    """Name the failed flights, which count in no number, in Markdown; empty without failures."""
     if not flown.failures:
         return ""
     named = ", ".join(outcome.job.label for outcome in flown.failures)
@@ -161,7 +161,7 @@ def failed_note(flown: Flown) -> str:
 
 
 def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
-    """One case of a campaign in one line."""
+    """Report one case of a campaign in one line."""
     if not runs:
         return f"{label}: all runs failed"
     s = summarise(runs)
@@ -183,7 +183,7 @@ Row = tuple[Mapping[str, object], Summary]
 
 
 def cases_csv(rows: Sequence[tuple[Mapping[str, object], Struct]]) -> str:
-    """A line per case: scenario and sweep point, then all fields of its summary; empty cells for missing numbers."""
+    """Return a line per case: scenario and sweep point, then all fields of its summary; empty cells for missing numbers."""
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
     table.writerow([*rows[0][0], *rows[0][1].__struct_fields__])
@@ -193,7 +193,7 @@ def cases_csv(rows: Sequence[tuple[Mapping[str, object], Struct]]) -> str:
 
 
 def summary_markdown(rows: Sequence[Row]) -> str:
-    """A rounded selection of the same numbers for reading, with their definitions."""
+    """Return a rounded selection of the same numbers for reading, with their definitions."""
     head = [
         *rows[0][0], "runs", "found", "lost", "time to x0, median (95 %)", "max", "tracking time, mean", "error, median (95 %)",
         "error, mean", "bound, median", "error / bound", "error in own frames", "in the 50 % region", "in the 90 % region",

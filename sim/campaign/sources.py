@@ -1,4 +1,4 @@
-"""Statistics of the sources that many flights told, against the true ones: a table with a line for each case."""
+"""Statistics of the sources estimated by many flights, against the true ones: a table with a line for each case."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sim.result import RunResult
 
 
 class SourceSummary(Struct, frozen=True, kw_only=True):
-    """The sources of a group of runs, of those in which they were compared. Errors in m; None where no run gives the number.
+    """The sources of a group of runs, from the runs with a comparison. Errors in m; None where no run gives the number.
 
-    number_right: runs whose sources are all found, and none besides. with_false: runs that told a false source. true, matched:
+    number_right: runs with all sources found and no false source. with_false: runs with a false source. true, matched:
     numbers of sources. nuclides_right, in_90: of the matched ones. The errors are medians over the runs of each run's median
     (90th percentile) over its matches.
     """
@@ -74,7 +74,7 @@ ones are matched, and none is false. Errors: medians over the runs of each run's
 
 
 def sources_markdown(rows: Sequence[Row]) -> str:
-    """The same numbers, rounded, for reading, with their definitions; empty where no run compared its sources."""
+    """Return the same numbers, rounded, for reading, with their definitions; empty if no run compared its sources."""
     rows = [row for row in rows if row[1].runs]
     if not rows:
         return ""

@@ -42,7 +42,7 @@ TRACKED_MEAN = _Row("tracking time, mean (s)", lambda s: s.tracking_time_mean_s)
 TRACKED_MAX = _Row("tracking time, max (s)", lambda s: s.tracking_time_max_s)
 ERROR_MEDIAN = _Row("error, median (m)", lambda s: s.error_median_m)
 ERROR_MEAN = _Row("error, mean (m)", lambda s: s.error_mean_m)
-BELOW = (  # rows that the paper does not have
+BELOW = (  # rows beyond the paper's
     _Row("runs", lambda s: s.runs, 0),
     _Row("runs with x0", lambda s: s.found, 0),
     _Row("runs lost", lambda s: s.lost, 0),
@@ -109,7 +109,7 @@ FIELD = Study(
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A finished table. ``columns``: (scenario's head, source of the numbers); cells are None if there is no number.
+    """A finished table. ``columns``: (scenario's head, source of the numbers); cells are None without a number.
 
     ``note``: definitions of the numbers.
     """
@@ -117,29 +117,29 @@ class Table:
     title: str
     columns: tuple[tuple[str, str], ...]
     rows: tuple[tuple[str, tuple[str | None, ...]], ...]
-    above: int  # rows above the line; in the paper's tables those that the paper also has
+    above: int  # rows above the line; in the paper's tables, the rows of the paper
     note: str
 
 
 class Pilot(NamedTuple):
-    """The estimator flown by, and optionally another one that only listens and is scored instead."""
+    """The estimator flown by, and optionally a listening estimator that is scored instead."""
 
     estimator: str
     listen: str | None = None
 
     @property
     def folder(self) -> str:
-        """The pilot's part of a folder name."""
+        """Return the pilot's part of a folder name."""
         return self.estimator if self.listen is None else f"{self.estimator}-heard-by-{self.listen}"
 
     @property
     def head(self) -> str:
-        """The column head."""
+        """Return the column head."""
         return f"our {self.estimator}" if self.listen is None else f"{self.listen} on {self.estimator}'s"
 
 
 def law_of(estimator: str) -> str | None:
-    """The flocking law: the paper's for its estimators; None, the scenario's own, for others."""
+    """Return the flocking law: the paper's for its estimators; None, the scenario's own, for others."""
     return "paper" if estimator.startswith("paper") else None
 
 
@@ -156,7 +156,7 @@ def fly_study(
 ) -> tuple[Table, tuple[Flown, ...]]:
     """Fly a study's scenarios with each pilot (a resumable campaign each, in a folder of its own), and make the table.
 
-    Writes ``{study}.txt``, ``{study}.csv`` and ``{study}.md`` into the folder. Raises what ``fly_campaign`` does.
+    Writes ``{study}.txt``, ``{study}.csv`` and ``{study}.md`` into the folder. Raises the errors of ``fly_campaign``.
     """
     flown: list[Flown] = []
     for pilot in pilots:
@@ -178,7 +178,7 @@ def write_table(folder: Path, name: str, table: Table) -> list[Path]:
 
 
 def make_table(study: Study, flown: Mapping[Pilot, Flown]) -> Table:
-    """The published numbers and ours, side by side."""
+    """Return the table of the published numbers and ours, side by side."""
     columns: list[tuple[str, str]] = []
     cells: list[list[str | None]] = []
     for scenario, head in study.heads.items():
@@ -196,7 +196,7 @@ def make_table(study: Study, flown: Mapping[Pilot, Flown]) -> Table:
 
 
 def blocks(table: Table, width: int) -> list[Table]:
-    """The table split into parts that fit into ``width`` characters; a scenario's columns stay together."""
+    """Split the table into parts that fit into ``width`` characters; a scenario's columns stay together."""
     pieces: list[list[int]] = []
     for head in dict.fromkeys(head for head, _ in table.columns):
         more = [index for index, (other, _) in enumerate(table.columns) if other == head]
@@ -208,7 +208,7 @@ def blocks(table: Table, width: int) -> list[Table]:
 
 
 def as_rich(table: Table) -> RichTable:
-    """The table for the terminal, without its title."""
+    """Return the table for the terminal, without its title."""
     rich = RichTable(header_style="", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     rich.add_column("", no_wrap=True)
     for head, whose in table.columns:
@@ -220,7 +220,7 @@ def as_rich(table: Table) -> RichTable:
 
 
 def as_text(table: Table) -> str:
-    """The table as plain text, as on a sufficiently wide terminal."""
+    """Return the table as plain text, as on a sufficiently wide terminal."""
     stream = io.StringIO()
     Console(file=stream, width=_width(table), no_color=True, legacy_windows=False).print(as_rich(table))
     return f"{table.title}\n" + "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
@@ -237,7 +237,7 @@ def _width(table: Table) -> int:
 
 
 def as_csv(table: Table) -> str:
-    """The table as CSV; cells without a number are empty."""
+    """Return the table as CSV; cells without a number are empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["", *(f"{head}, {whose}" for head, whose in table.columns)])
@@ -246,7 +246,7 @@ def as_csv(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """The table as Markdown."""
+    """Return the table as Markdown."""
     lines = [["", *(f"{head}, {whose}" for head, whose in table.columns)], ["---", *("---:" for _ in table.columns)]]
     lines += [[label, *(cell or "" for cell in cells)] for label, cells in table.rows]
     return f"**{table.title}**\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n{table.note}\n"

@@ -29,11 +29,11 @@ _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
 
 
 class Labelled(Protocol):
-    """Anything that a campaign has to do; it is pickled."""
+    """A job of a campaign; it is pickled."""
 
     @property
     def label(self) -> str:
-        """Its name, with all that is needed to repeat it."""
+        """Return its name, with all that is needed to repeat it."""
 
 
 J = TypeVar("J", bound=Labelled)
@@ -42,9 +42,9 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One flight of a campaign. The scenario travels with it: workers on other machines need no files.
+    """One flight of a campaign. The job carries its scenario: workers on other machines need no files.
 
-    ``listen``: the result is that of an estimator that reads the same log without any say in the flight.
+    ``listen``: scores an estimator that reads the same log without influence on the flight.
     """
 
     case: Case
@@ -55,7 +55,7 @@ class Job:
 
     @property
     def label(self) -> str:
-        """Name of the flight, with all that is needed to repeat it."""
+        """Return the name of the flight, with all that is needed to repeat it."""
         return f"{self.case.label} seed {self.seed}"
 
 
@@ -73,10 +73,10 @@ Fly = Callable[[Job], "RunResult"]
 
 
 class Executor(Protocol):
-    """Does jobs, in whatever order; whoever stops early closes it."""
+    """Executes jobs, in any order; a caller that stops early closes it."""
 
     def __call__(self, jobs: Iterable[J], fly: Callable[[J], R], /) -> Iterator[Outcome[J, R]]:
-        """The outcomes as they come."""
+        """Yield the outcomes as they come."""
 
 
 def fly_job(job: Job) -> RunResult:
@@ -131,7 +131,7 @@ def _one_pool(waiting: deque[J], suspects: deque[J], fly: Callable[[J], R], work
                 source, room = (suspects, 1) if suspects else (waiting, workers)
                 while source and len(flying) < room:
                     with _without_sigint():
-                        future = pool.submit(attempt, fly, source[0])  # raises where the pool has died: the job stays
+                        future = pool.submit(attempt, fly, source[0])  # raises if the pool has died: the job stays
                     flying[future] = source.popleft()
                 done, _ = wait(flying, return_when=FIRST_COMPLETED)
                 for future in done:
@@ -177,10 +177,10 @@ def on_dask(address: str, timeout_s: float = 10.0) -> Executor:
 
 
 def _probe(address: str, timeout_s: float) -> None:
-    """Raise ConfigError if nothing listens: Dask's own client would retry for long, and print tracebacks."""
+    """Raise ConfigError without a listener at the address: Dask's own client would retry for long, and print tracebacks."""
     wanted, url = f"--dask {address}: ", address if "://" in address else f"tcp://{address}"
     if not url.startswith(("tcp://", "tls://")):
-        return  # no TCP address that could be tried
+        return  # no TCP address to try
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
@@ -212,7 +212,7 @@ def on_client(client: Client, jobs: Iterable[J], fly: Callable[[J], R]) -> Itera
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Child processes started inside compute with one thread each, as there is one for every core."""
+    """Limit child processes started inside to one thread each, as there is one process for every core."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
     try:
@@ -227,7 +227,7 @@ def _one_thread() -> Iterator[None]:
 
 @contextmanager
 def _without_sigint() -> Iterator[None]:
-    """Processes started inside ignore SIGINT, which a terminal sends to all: this process receives it, and stops them."""
+    """Make processes started inside ignore SIGINT, which a terminal sends to all: this process receives it, and stops them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,7 +1,7 @@
 """The swarm in one process, faster than real time, reproducible from a seed.
 
 Every drone is a full agent: its own pilot, log, fusion and tracker. Messages between agents pass through the codec and the
-simulated radio; the world reaches them as telemetry and pixel hits. They never see the truth.
+simulated radio; the world reaches them as telemetry and pixel hits. The agents never see the truth.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def fly(
 
 
 def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
-    """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
+    """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: factory of pilots, as
+    ``Pilot``.
+    """
     _run(World(scenario, seed, (), make), watch)
 
 

@@ -1,4 +1,4 @@
-"""The members of a simulated swarm: keys and certificates that follow from the seed, by an authority that follows from it too."""
+"""The members of a simulated swarm: keys, certificates and their authority are derived from the seed."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from protocol.signing import Sign, Trust, sign_command, sign_revocation
 from sim.lockstep.sharing import Results
 
 OPERATOR_NAME = "lockstep"
-MOST_SIGNED = 512  # signatures that are remembered: all drones verify them within the delay of the radio
+MOST_SIGNED = 512  # remembered signatures: all drones verify them within the delay of the radio
 _BEGINS_NS, _DAYS = 1_577_836_800_000_000_000, 18_263  # 2020 to 2070
 
 
 @dataclass(frozen=True, slots=True)
 class KnownPeer(Peer):
-    """A member whose signatures are each verified once for all who ask."""
+    """A member whose signatures are each verified once for all drones."""
 
     known: Results = field(kw_only=True, repr=False, compare=False)
 
     def verified(self, signature: bytes, data: bytes) -> bool:
-        """As ``Peer``."""
+        """Verify a signature as ``Peer`` does."""
         return self.known.get((self.der, signature, data), partial(Peer.verified, self, signature, data))
 
 
 class SimulatedAuthority:
-    """Issues and verifies the certificates of one swarm; the same ones for the same seed."""
+    """Issues and verifies the certificates of one swarm; the same certificates for the same seed."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
@@ -47,27 +47,27 @@ class SimulatedAuthority:
         self._pem = self.authority.certificate.public_bytes(Encoding.PEM).decode()
 
     def trust(self, name: str, role: str = Role.DRONE, may_revoke: bool = False) -> Trust:
-        """What a member of that name and role signs and verifies with; ``may_revoke``: with the right to revoke others."""
+        """Return keys and certificates of a member of that name and role; ``may_revoke``: with the right to revoke others."""
         issued = self._issuer.issue(name, Role(role), _BEGINS_NS, _DAYS, may_revoke, _key(self._seed, name))
         return Trust(name, Signer(issued.key), issued.peer.der, self, self._pem)
 
     def signs(self, names: Sequence[str]) -> list[Sign]:
-        """What signs as each of these members."""
+        """Return the signing function of each of these members."""
         return [Signer(_key(self._seed, name)) for name in names]
 
     def verify(self, der: bytes) -> KnownPeer:
-        """As the authority does that the members know."""
+        """Verify a certificate (DER) as the members' own authority does."""
         peer = self.authority.verify(der)
         return KnownPeer(**{one.name: getattr(peer, one.name) for one in fields(peer)}, known=self._known)
 
 
 def operator_of(authority: SimulatedAuthority) -> Trust:
-    """Lockstep's operator, who may revoke others."""
+    """Return lockstep's operator, with the right to revoke others."""
     return authority.trust(OPERATOR_NAME, Role.OPERATOR, may_revoke=True)
 
 
 class SimulatedOperator:
-    """Lockstep's operator: hears every status, and its commands reach everybody at once."""
+    """Lockstep's operator: receives every status, and its commands arrive at once."""
 
     def __init__(self, authority: SimulatedAuthority, swarm: str, mission: str) -> None:
         self.authority, self._swarm, self._mission = authority, swarm, mission
@@ -75,12 +75,12 @@ class SimulatedOperator:
         self.key = command_key(swarm, OPERATOR_NAME)
 
     def ordered(self, now_ns: int, action: Action, tickets: Mapping[str, Ticket]) -> bytes:
-        """A command to the drones of these tickets."""
+        """Return a command to the drones of these tickets."""
         command = Command(stamp_ns=now_ns, station=OPERATOR_NAME, mission=self._mission, action=action, to=dict(tickets))
         return encode(sign_command(command, self._trust))
 
     def revoked(self, now_ns: int, member: str, last: Mapping[str, int]) -> tuple[str, bytes]:
-        """The revocation of a member for a day, with its key; ``last``: by boot, the last number that counts."""
+        """Return key and payload of a member's revocation for a day; ``last``: by boot, the last number that counts."""
         until_ns = now_ns + 86_400_000_000_000
         bare = Revocation(
             stamp_ns=now_ns, station=OPERATOR_NAME, member=member, until_ns=until_ns, last=dict(last), certificate=b""
@@ -88,13 +88,13 @@ class SimulatedOperator:
         return key_of(self._swarm, bare), encode(sign_revocation(bare, self._trust))
 
     def kept(self, drone: str, held: tuple[Revocation, ...], now_ns: int) -> tuple[str, bytes]:
-        """Revocations as a drone's disk keeps them, with their key."""
+        """Return key and payload of the revocations saved on a drone's disk."""
         message = Revoked(stamp_ns=now_ns, drone=drone, held=held)
         return key_of(self._swarm, message), encode(message)
 
 
 def nonce_key_of(seed: int, drone: str, starts: int) -> bytes:
-    """What the nonces of a drone's agent follow from that has been started so many times before."""
+    """Return the key of the nonces of a drone's agent after this number of earlier starts."""
     return blake2b(f"{seed} {drone} nonces {starts}".encode(), digest_size=16).digest()
 
 

@@ -1,4 +1,4 @@
-"""The operator revokes members in flight, as ``radron-agent revoke`` does: asks the logs, signs, and tells one drone."""
+"""The operator revokes members in flight, as ``radron-agent revoke`` does: reads the logs, signs, and sends to one drone."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sim.faults.agents import Revoked
 from sim.faults.schedule import Schedule
 from sim.lockstep.members import SimulatedOperator
 
-LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after the other; this is for the second of them
+LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after the other; this is for the second drone
 
 
 class Revoker:
-    """Carries out the faults ``revoked``. The drones hear it of each other, the revoked one too; then its links end."""
+    """Carries out the faults ``revoked``. The drones forward the revocation, also to the revoked member; then its links end."""
 
     def __init__(
         self,
@@ -25,15 +25,15 @@ class Revoker:
         exclude: Callable[[int], None],
         own_ns: Callable[[int, int], int],
     ) -> None:
-        """``drones``: of the mission; ``exclude``: ends a drone's links; ``own_ns``: what a drone's own clock shows at a time."""
+        """``drones``: of the mission; ``exclude``: ends a drone's links; ``own_ns``: reading of a drone's own clock at a time."""
         self._schedule, self._drones, self._operator = schedule, drones, operator
         self._due: deque[int] = deque()
         self._gone: set[int] = set()
-        self._linked: deque[tuple[int, int]] = deque()  # until when, and who
+        self._linked: deque[tuple[int, int]] = deque()  # end of the links, drone
         self._exclude, self._own_ns = exclude, own_ns
 
     def advance(self, now_ns: int, running: dict[int, Pilot]) -> None:
-        """Revoke whose turn it is, as soon as there is a drone to tell it to. ``running``: the pilots whose agents live."""
+        """Send the due revocations, as soon as a drone can receive them. ``running``: the pilots of live agents."""
         for one in self._schedule.begun:
             if isinstance(one.fault, Revoked):
                 self._due += sorted(one.drones)
@@ -52,6 +52,6 @@ class Revoker:
             running[hearing[0]].receive(key, payload, self._own_ns(hearing[0], now_ns))
 
     def remind(self, drone: int, pilot: Pilot, held: tuple[Revocation, ...], now_ns: int) -> None:
-        """Tell an agent that is started again of the revocations that its disk has kept."""
+        """Give a restarted agent the revocations saved on its disk."""
         own_ns = self._own_ns(drone, now_ns)
         pilot.receive(*self._operator.kept(self._drones[drone], held, own_ns), own_ns)

@@ -1,7 +1,8 @@
-"""The frames of equal logs, estimated once for all agents of a flight: as ``sharing`` has it for the folds.
+"""The frames of equal logs, estimated once for all agents of a flight, as ``sharing`` does for the folds.
 
-A keyframe's estimate is a pure function of the checkpoint before and of what an agent has received of the time in between
-(``agent.frames``). So a checkpoint is known by its lineage: all keyframes that led to it, and what was received for each.
+A keyframe's estimate is a pure function of the checkpoint before it and of the observations received in between
+(``agent.frames``). A checkpoint is therefore identified by its lineage: all keyframes before it, and the observations
+received for each.
 """
 
 from __future__ import annotations
@@ -14,36 +15,36 @@ from agent.frames.estimate import Estimate
 from agent.frames.intake import Intake
 from sim.lockstep.sharing import MOST_LINEAGES, Results
 
-MOST_CHECKPOINTS = 256  # that are remembered, of 20 kB each; without them, the keyframe is computed again
+MOST_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are computed again
 
 
 @dataclass(frozen=True, slots=True)
 class DescendedCheckpoint(Checkpoint):
-    """A checkpoint, and its lineage: the same object for all to which the same has led."""
+    """A checkpoint, and its lineage: the same object for all agents with the same observations."""
 
     lineage: object = None
 
 
 class SharedFrames:
-    """Where the agents of one flight get their estimates of the frames from."""
+    """Source of the frame estimates for the agents of one flight."""
 
     def __init__(self) -> None:
         self._lineages, self._checkpoints = Results(MOST_LINEAGES), Results(MOST_CHECKPOINTS)
 
     def __call__(self, mission: MissionConfig, intake: Intake) -> SharedEstimate:
-        """As ``Estimate``: of one agent."""
+        """Return the ``Estimate`` of one agent."""
         return SharedEstimate(Estimate(mission, intake), intake, self._lineages, self._checkpoints)
 
 
 class SharedEstimate:
-    """The estimate of one agent, which computes no keyframe that another one has computed."""
+    """The estimate of one agent; computes no keyframe that another agent has computed."""
 
     def __init__(self, estimate: Estimate, intake: Intake, lineages: Results, checkpoints: Results) -> None:
         self._estimate, self._intake = estimate, intake
         self._lineages, self._checkpoints = lineages, checkpoints
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """As ``Estimate``."""
+        """Advance as ``Estimate`` does."""
         former = before.lineage if isinstance(before, DescendedCheckpoint) else None
         lineage = self._lineages.get((former, index, self._intake.content(before.index, index)), object)
         return self._checkpoints.get(lineage, lambda: self._computed(before, index, lineage))

@@ -1,4 +1,4 @@
-"""What each vehicle of a flight in lockstep tells its agent about itself, with the errors of its localisation and its faults."""
+"""The telemetry of each vehicle of a flight in lockstep, with the errors of its localisation and its faults."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sim.world.terrain import Terrain
 
 
 class Telemetry:
-    """The autopilots' estimates, and what the agents hear of them.
+    """The autopilots' estimates, and the telemetry received by the agents.
 
-    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them. told_s: when
-    each agent has last heard of its vehicle, since the start of the simulation.
+    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them. told_s:
+    time of each agent's last telemetry, since the start of the simulation.
     """
 
     def __init__(

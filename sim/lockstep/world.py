@@ -1,4 +1,4 @@
-"""The whole of a flight in lockstep, tick by tick: the simulated world, and the agents in it."""
+"""A flight in lockstep, tick by tick: the simulated world, and the agents in it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class World:
     """The complete state of the simulated world and its agents."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot]) -> None:
-        """Errors as in ``flight.fly``. ``make``: makes pilots, as ``Pilot``."""
+        """Errors as in ``flight.fly``. ``make``: factory of pilots, as ``Pilot``."""
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)
@@ -114,7 +114,7 @@ class World:
 
     @property
     def pilots(self) -> list[Pilot]:
-        """The pilots of all drones; of a dead agent the last one."""
+        """Return the pilots of all drones; of a dead agent the last one."""
         return self._crew.pilots
 
     def close(self) -> None:
@@ -123,11 +123,11 @@ class World:
 
     @property
     def time_s(self) -> float:
-        """Seconds since the start of the simulation."""
+        """Return the seconds since the start of the simulation."""
         return self.ticks * TICK_NS * 1e-9
 
     def moment(self) -> Moment:
-        """The world after the last tick."""
+        """Return the world after the last tick."""
         motion, agents = self._multirotors, self._crew.agents
         return Moment(
             time_s=self.time_s,
@@ -145,11 +145,11 @@ class World:
         )
 
     def describe(self) -> str:
-        """The stage of the first drone, and the swarm's source estimate."""
+        """Return the stage of the first drone, and the swarm's source estimate."""
         return self.recorder.describe()
 
     def tick(self) -> bool:
-        """Advance by one tick; True when the run has ended."""
+        """Advance by one tick; return True at the end of the run."""
         now_ns = EPOCH_NS + self.ticks * TICK_NS
         self._faults.advance(self.time_s)
         self._crew.advance(now_ns)
@@ -179,15 +179,15 @@ class World:
         return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, sources, error.position_error_m)
 
     def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
-        """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
+        """Step an agent: deliver its messages, publish its own, and pass on its command."""
         pilot, recovery, own_ns = agent.pilot, self._recovery, self._onboard.clocks.own_ns(drone, now_ns)
-        self._publish(drone, agent.readings, now_ns)  # before a peer can ask for them: it gets what all others have been told
+        self._publish(drone, agent.readings, now_ns)  # peers that ask get the versions already sent to all others
         burst = self._radio.receive(drone, now_ns)
         for key, payload in burst:
             if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
                 pilot.receive(key, payload, own_ns)
         if burst:
-            pilot.advance(own_ns)  # as its shell does after each burst, so the step does not have all of the work
+            pilot.advance(own_ns)  # as its shell does after each burst, which takes work off the step
         step = pilot.step(own_ns)
         self._publish(drone, step.publications, now_ns)
         agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
@@ -197,7 +197,7 @@ class World:
         self._autopilots[drone].command(step.command)
 
     def _publish(self, drone: int, publications: Sequence[tuple[str, bytes]], now_ns: int) -> None:
-        """Send messages of a drone to all others, with what liars and forgers make of them."""
+        """Send messages of a drone to all others, with the changes and additions of liars and forgers."""
         for key, payload in publications:
             for to, told in self._tellers.tell(drone, key, payload):
                 self._radio.send(drone, key, told, now_ns, to)
@@ -210,7 +210,7 @@ class World:
                 self.recorder.take(drone, self._computing.read(key, payload))
 
     def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
-        """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
+        """Pass telemetry, fixes, sightings and readouts to the pilots; return the publications of each."""
         self._onboard.vehicles.step()
         self._telemetry.tell(now_ns, self.pilots, self._autopilots)
         published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
@@ -245,7 +245,7 @@ class World:
             published[drone] += self.pilots[drone].observe_sightings(self._onboard.clocks.restamped_sightings(drone, seen))
 
     def _command(self, now_ns: int, drones: Sequence[int], action: Action) -> bytes | None:
-        """The operator commands some drones; what was sent."""
+        """Give the operator's command to some drones; return the payload sent."""
         if not drones:
             return None
         own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
@@ -256,11 +256,11 @@ class World:
         return payload
 
     def _again(self, now_ns: int, drone: int, payload: bytes) -> None:
-        """A command that was sent before arrives once more."""
+        """Deliver an earlier command once more."""
         self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
-        """The pilot of a drone's agent that has been started so many times before."""
+        """Make the pilot of a drone's agent after this number of earlier starts."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]
@@ -269,18 +269,18 @@ class World:
         return self._make(*given, nonce_key=nonce_key, computing=self._computing)
 
     def _gone(self, drone: int) -> None:
-        """An agent has died, or begins."""
+        """Reset radio and recovery of an agent that has died, or begins."""
         self._radio.silence(drone)
         if self._recovery is not None:
             self._recovery.begin_anew(drone)
 
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
-        flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
+        flat = self._terrain.flat and not self._frames.moving  # in a frame that moves vertically, home is not at ground level
         heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
         told = zip(self._autopilots, self._telemetry.estimated_m, heights, self._telemetry.velocity_mps, strict=True)
         for autopilot, estimated, height_m, velocity in told:
-            autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
+            autopilot.step(estimated, estimated[2] - height_m, velocity)  # lands on the true ground, not at its estimate
         targets = [autopilot.target for autopilot in self._autopilots]
         setpoints = in_world(targets, [target.position for target in targets], self._frames, error.yaw_error_rad)
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])

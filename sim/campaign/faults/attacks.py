@@ -1,4 +1,4 @@
-"""Missions with one attack each, or one reset of an autopilot: kinds that random missions leave out.
+"""Missions with one attack each, or one reset of an autopilot: kinds left out of random missions.
 
 These missions have a random stream of their own, so that a new kind changes no mission of the other courses.
 """
@@ -14,7 +14,7 @@ from sim.campaign.faults.dealt import OF_SATELLITES, Card, strike
 from sim.campaign.faults.missions import draw_mission
 
 _STREAM = 1_000_008
-# A thief that says in every way at once that the drone is not where it is, twenty times a second and always a little later.
+# A thief that publishes a wrong place of the drone in every way at once, twenty times a second, with stamps slightly ahead.
 LANDED: Card = ("copied-key", {"boot": "same", "stage": "landed", "epochs": 1, "lead_s": 0.09, "period_s": 0.05})
 ANYHOW: Card = ("copied-key", {})
 ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the same drone at the same time
@@ -39,7 +39,7 @@ def attack(seed: int, course: Course) -> dict[str, Any]:
     names = [drone["id"] for drone in drones]
     needs_satellites = any(kind in OF_SATELLITES for kind, _ in cards)
     able = [drone["id"] for drone in drones if drone.get("localization") != "slam"] if needs_satellites else names
-    able = able or names  # where all fly by vision there is nothing to strike
+    able = able or names  # where all fly by vision there is no vehicle to strike
     target = able[int(rng.integers(len(able)))]
     faults = [strike(rng, card, names, target, course) for card in cards]
     together = {"at_s": faults[0]["at_s"]}

@@ -25,7 +25,7 @@ Fly = Callable[[Mission], Verdict]
 
 @dataclass(frozen=True, slots=True)
 class FaultCampaign:
-    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ...; ``first``: each ends when it violates anything."""
+    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ...; ``first``: each ends at its first violation."""
 
     runs: int
     seed: int = 0
@@ -39,14 +39,14 @@ class FaultCampaign:
             raise ConfigError(f"--seed {self.seed}: give 0 or more")
 
     def missions(self) -> list[Mission]:
-        """All of them, in order."""
+        """Return all missions, in order."""
         until = ANY if self.first else None
         return [Mission(seed, self.course, until=until) for seed in range(self.seed, self.seed + self.runs)]
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """The verdicts by seed, and the missions that could not be judged because their worker died."""
+    """The verdicts by seed, and the missions without a verdict because their worker died."""
 
     verdicts: tuple[Verdict, ...]
     failures: tuple[Outcome[Mission, Verdict], ...]
@@ -59,9 +59,9 @@ def fly_faults(
     fly: Fly = fly_mission,
     watch: Watch = lambda done, total, outcome: None,
 ) -> Flown:
-    """Fly those missions that are missing in the folder. Each is on disk as soon as it is flown; the same call resumes.
+    """Fly the missions that are missing in the folder. Each is on disk as soon as it is flown; the same call resumes.
 
-    More missions may be flown into the same folder; others than these must not be in it.
+    More missions may be flown into the same folder, but no other missions.
 
     Raises:
         ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
@@ -89,12 +89,12 @@ def fly_faults(
 
 
 def replay_line(seed: int, course: Course) -> str:
-    """The command that flies a seed of this course again."""
+    """Return the command that repeats a seed of this course."""
     return f"radron-sim {_COMMANDS[course]} --seed {seed} --runs 1"
 
 
 def _closing(outcomes: Iterator[Outcome[Mission, Verdict]]) -> Iterator[Outcome[Mission, Verdict]]:
-    """The same, and its workers stop with whoever reads it."""
+    """Yield the outcomes; the workers stop when the reader stops."""
     try:
         yield from outcomes
     finally:
@@ -107,14 +107,14 @@ def _runs(campaign: FaultCampaign, folder: Path) -> RunFile:
     manifest: dict[str, Any] = {
         "radron": version("radron"),
         "seed": campaign.seed,
-        "course": msgspec.json.decode(msgspec.json.encode(campaign.course)),  # as it is read back
+        "course": msgspec.json.decode(msgspec.json.encode(campaign.course)),  # in the form in which it is read back
     } | ({"first": True} if campaign.first else {})
     claim(folder / "campaign.json", manifest, RUNS)
     return RunFile(folder / RUNS)
 
 
 def _read(runs: RunFile) -> Sequence[Verdict]:
-    """The missions flown already. Raises ConfigError where a line is none."""
+    """Read the missions flown already. Raises ConfigError for a line without a mission."""
     verdicts = []
     for number, line in enumerate(runs.lines, 1):
         try:

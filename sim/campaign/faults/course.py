@@ -1,4 +1,4 @@
-"""The course of a random mission: when its faults come, when the network heals, and how long it may take."""
+"""The course of a random mission: times of the faults, of the network's recovery (heal), and of the end."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 class Course:
     """Times in seconds since the start of the simulation.
 
-    Safety: faults come from ``first_s`` on, and all that do not stay for good are over by ``heal_s``. Liveness: from ``heal_s``
-    on. ``track_s``: range of the mission's tracking time; ``search_s``: it returns after a search of this time. ``end_s``: the
-    flight is stopped here if it has not ended. ``side_m``: range of the sides of the area, ``margin_m``: of the fence's margin;
-    ``most_drones``: of three at least.
+    Safety: faults begin from ``first_s`` on, and all but the permanent ones end by ``heal_s``. Liveness: from ``heal_s`` on.
+    ``track_s``: range of the mission's tracking time; ``search_s``: duration of the search before the return. ``end_s``: stop
+    of a flight that has not ended. ``side_m``: range of the sides of the area, ``margin_m``: of the fence's margin;
+    ``most_drones``: upper limit, at least three.
     """
 
     first_s: float = 5.0
@@ -38,7 +38,7 @@ DEALT = Course(
     side_m=(26.0, 36.0),
     margin_m=(6.0, 12.0),
     most_drones=4,
-)  # five faults at a time, and a fence that circles reach
+)  # five faults at a time, and a fence within reach of the circles
 LIVE = Course(
     first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=120.0, side_m=(26.0, 36.0), most_drones=3
 )  # in real time

@@ -1,14 +1,14 @@
-"""Missions to which the faults are dealt instead of drawn, so that few of them have every kind.
+"""Missions with faults dealt from a deck instead of drawn, so that few missions cover every kind.
 
-Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
-swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
-without any: in one the frames have to be estimated, in the other one a strong source goes round as fast as any. Where a
-localisation jumps or a clock is wrong, frames have to be estimated, too, by all kinds of localisation; and where a clock is
-wrong, the source moves, and the autopilot's link is down while it is set back: else hardly anything follows from them. In one of
-ten the drones fly by satellites alone, and do not see each other: there places are as uncertain as they ever are.
+Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, as are the
+swarm, its area and the source (``draw``). Two missions of ten have no fault at all, as faults would hide other errors: one
+has estimated frames, the other a strong source on a circle at full speed. Missions with jumps of a localisation or a wrong
+clock also have estimated frames, with all kinds of localisation. With a wrong clock the source moves, and the autopilot's
+link is down during a step backward; otherwise these faults have hardly any effect. In one mission of ten the drones fly by
+satellites alone, without sightings of each other: there positions are most uncertain.
 
-Live missions take two minutes of real time each. Three of them have all kinds that are dealt there, in hands that are always the
-same, so that what an agent must notice does not strike one that is dead then; and in each somebody disarms a drone.
+Live missions take two minutes of real time each. Three of them cover all kinds dealt there. Their hands are always the same,
+so that faults to be noticed by an agent do not strike a dead agent; and in each a person disarms a drone.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from sim.campaign.faults.missions import PACE_MPS, draw_mission
 from sim.campaign.faults.strengths import STRENGTHS, Strike
 from sim.faults.kinds import KINDS
 
-Card = tuple[str, dict[str, Any]]  # a kind, and numbers that are not left to chance
+Card = tuple[str, dict[str, Any]]  # a kind, and its fixed numbers
 
 _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
-_CALM = 2  # missions of ten that have none
+_CALM = 2  # missions of ten without faults
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
 _WITHOUT_END = (
@@ -38,18 +38,18 @@ _WITHOUT_END = (
     "heading-reset",
     "camera-dead",
 )  # a dead camera: an agent needs a while to be sure
-_SEEN_BY_FRAMES = {"position-jump", "clock"}  # they matter most where frames are estimated
-_SEEN_BY_TIME = {"clock"}  # and these where the source moves
-_UNHEARD_S = (1.5, 3.0)  # before and after a clock is set back
-OF_SATELLITES = ("position-jump", "heading-reset", "satellites-lost", "spoofed")  # these strike a drone that flies by satellites
+_SEEN_BY_FRAMES = {"position-jump", "clock"}  # matter most with estimated frames
+_SEEN_BY_TIME = {"clock"}  # matter most with a moving source
+_UNHEARD_S = (1.5, 3.0)  # before and after a clock step backward
+OF_SATELLITES = ("position-jump", "heading-reset", "satellites-lost", "spoofed")  # for drones that fly by satellites
 OLD_COMMAND: Card = ("old-command", {})
-LITTLE_AHEAD: Card = ("clock", {"jump_s": 1.5})  # so little that what is measured then still counts
-JUMPED: Card = ("position-jump", {"announced": True})  # of drones that do not see each other
-_UNDISTURBED = (OLD_COMMAND, LITTLE_AHEAD)  # these show nothing on a drone whose agent is dead then
+LITTLE_AHEAD: Card = ("clock", {"jump_s": 1.5})  # so little that measurements with these stamps still count
+JUMPED: Card = ("position-jump", {"announced": True})  # of drones without sightings of each other
+_UNDISTURBED = (OLD_COMMAND, LITTLE_AHEAD)  # without effect on a drone with a dead agent
 _WANDERING = {"motion": "wander", "speed_mps": PACE_MPS}
 _ROUND = {"motion": "circle", "speed_mps": PACE_MPS, "circle_radius_m": 7.0, "activity_bq": 1e10}
-_ROUND_S = 60.0  # of tracking: the lag behind it is known to a tenth of a second then
-LIVE_HANDS: tuple[tuple[Card, ...], ...] = (  # those of a hand strike two drones in turn, so that none hides another one
+_ROUND_S = 60.0  # of tracking: enough to know the lag behind the source to a tenth of a second
+LIVE_HANDS: tuple[tuple[Card, ...], ...] = (  # the faults of a hand strike two drones in turn, so that none hides another one
     (("late", {"at_s": LIVE.first_s}), ("freeze", {}), ("kill", {}), ("cut", {}), ("partition", {})),
     (
         ("takeover", {}),
@@ -66,7 +66,7 @@ LIVE_HANDS: tuple[tuple[Card, ...], ...] = (  # those of a hand strike two drone
         ("slow-cpu", {}),
     ),
 )
-DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who refuse what they must
+DECK: tuple[Card, ...] = (  # no wrong content in the logs of agents that refuse invalid entries
     ("kill", {}),
     ("revoked", {}),
     ("freeze", {}),
@@ -89,11 +89,11 @@ DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who
     OLD_COMMAND,
     LITTLE_AHEAD,
     ("clock", {"jump_s": -20.0}),
-    ("position-jump", {"announced": True, "jump_m": 2.0, "turn_deg": 45.0}),  # as of a filter whose heading is reset
+    ("position-jump", {"announced": True, "jump_m": 2.0, "turn_deg": 45.0}),  # as after a heading reset of the filter
     ("battery", {"at_s": 0.0, "level": 0.15}),
     ("mavlink-loss", {}),
 )
-MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then on less can be demanded of the others
+MISLEADING: tuple[Card, ...] = (  # wrong content in the logs, or vehicles off course: less can be demanded of the others
     ("lie", {"what": "pose"}),
     ("lie", {"what": "plan"}),
     ("equivocating", {}),
@@ -101,7 +101,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("satellites-lost", {"for_s": 1.8}),  # for longer, and its autopilot has landed it before its position is confirmed
+    ("satellites-lost", {"for_s": 1.8}),  # any longer, and the autopilot has landed it before its position is confirmed
     JUMPED,
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
@@ -113,7 +113,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
 
 
 def deal(seed: int, course: Course) -> dict[str, Any]:
-    """The scenario document of a seed's mission, with its faults in order of time."""
+    """Return the scenario document of a seed's mission, with its faults in order of time."""
     live = course == LIVE
     missions = len(LIVE_HANDS) if live else _CALM + (len(DECK) + len(MISLEADING)) // HAND
     turn = seed % missions
@@ -142,20 +142,20 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
 
 
 def _hand(shuffled: int, turn: int) -> list[Card]:
-    """The cards of a turn, of the two decks, which are shuffled anew each time."""
+    """Return the cards of a turn, from the two decks, which are shuffled anew each time."""
     rng = np.random.default_rng(np.random.SeedSequence(shuffled, spawn_key=(_DECK_STREAM,)))
     cards = [deck[place] for deck in (DECK, MISLEADING) for place in rng.permutation(len(deck)).tolist()]
     return cards[turn * HAND :][:HAND]
 
 
 def _target(kind: str, place: int, whom: Sequence[str], follow: Sequence[str]) -> str:
-    """The drone that a card strikes: one after the other; ``follow``: those whose vehicles follow satellites."""
+    """Return the drone that a card strikes: one after the other; ``follow``: drones with satellite positions."""
     turns = [whom[(place + k) % len(whom)] for k in range(len(whom))]
     return next(name for name in turns if kind not in OF_SATELLITES or name in follow)
 
 
 def _unheard(clock: dict[str, Any]) -> dict[str, Any]:
-    """The autopilot's link is down while a clock is set back: what is known of the vehicle must not seem to be new."""
+    """Return a loss of the autopilot's link during a clock step backward, so that old telemetry does not seem new."""
     at_s = round(clock["at_s"] - _UNHEARD_S[0], 2)
     return {"kind": "mavlink-loss", "at_s": at_s, "for_s": sum(_UNHEARD_S), "probability": 1.0, "target": clock["target"]}
 

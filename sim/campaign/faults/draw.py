@@ -1,7 +1,7 @@
-"""Random missions from seeds: each draws which kinds of faults there are at all, then the faults (swarm testing).
+"""Random missions from seeds: each draws its kinds of faults first, then the faults (swarm testing).
 
-Leaving kinds out at random finds more than drawing from all of them each time: some suppress what others would show (Groce et
-al., "Swarm testing", ISSTA 2012).
+Leaving kinds out at random finds more than drawing from all of them each time: some faults suppress the effects of others
+(Groce et al., "Swarm testing", ISSTA 2012).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ _STAYS = 0.3
 _AT_THE_HEAL = 0.4  # share of the network's faults that end with the heal
 _ONE, _TWO = 0.7, 0.9  # cumulated shares of faults that strike one drone, and two; the others strike all
 _NEVER_STAY = ("freeze", "late")  # a frozen process is killed by its watchdog: to stay, it is "kill"
-_ONE_ONLY = ("kill", "late", "motor", "takeover", "equivocating", "revoked")  # else there would often be nobody left
+_ONE_ONLY = ("kill", "late", "motor", "takeover", "equivocating", "revoked")  # else often no drone would be left
 _WITHOUT_END = ("late", "motor", "revoked")
 _WITHOUT_TARGET = ("partition",)
-_SHARE_RETURN, _SHARE_HOLD = 0.7, 0.15  # of the missions: what autopilots do without setpoints; in the others they land
+_SHARE_RETURN, _SHARE_HOLD = 0.7, 0.15  # of the missions: autopilots' action without setpoints; in the others they land
 _FLOOD_S = 5.0  # each second of it costs as much as ten others
 
 
 def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
-    """The scenario document of a seed's mission, with its faults in order of time."""
+    """Return the scenario document of a seed's mission, with its faults in order of time."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     document = draw_mission(rng, f"faults-{seed}", course)
     names = [drone["id"] for drone in document["mission"]["drones"]]
@@ -46,19 +46,19 @@ def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
 
 
 def _agent_lost(seed: int) -> Literal["return", "hold", "land"]:
-    """What autopilots do without their agents; mostly the default. By a stream of its own: faults stay those of the seed."""
+    """Draw the autopilots' action without agents, mostly the default. A separate stream keeps the faults of each seed."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM, 1)))
     drawn = float(rng.random())
     return "return" if drawn < _SHARE_RETURN else "hold" if drawn < _SHARE_RETURN + _SHARE_HOLD else "land"
 
 
 def as_toml(document: dict[str, Any]) -> str:
-    """The scenario file of a mission, which ``radron-sim run`` flies too."""
+    """Return the scenario file of a mission; ``radron-sim run`` flies it too."""
     return tomli_w.dumps(document)
 
 
 def _enabled(rng: np.random.Generator) -> list[str]:
-    """The kinds of this seed, at least one."""
+    """Draw the kinds of this seed, at least one."""
     families: dict[Family, list[str]] = {}
     for name, kind in KINDS.items():
         if issubclass(kind, DEALT_ONLY):
@@ -97,7 +97,7 @@ def _target(rng: np.random.Generator, kind: str, names: list[str]) -> list[str]:
 
 
 def _duration_s(rng: np.random.Generator, kind: str, left_s: float) -> float:
-    """At least 0.5 s, until the heal at most."""
+    """Draw a duration: at least 0.5 s, until the heal at most."""
     until_heal = rng.random() < _AT_THE_HEAL and KINDS[kind].family == "network"
     duration_s = float(np.exp(rng.uniform(np.log(0.5), np.log(left_s))))
     if kind == "flood":

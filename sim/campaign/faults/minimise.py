@@ -1,4 +1,4 @@
-"""The smallest scenario that still violates an invariant: without all that the violation does not need."""
+"""The smallest scenario that still violates an invariant."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _EXACT = ("localization", "origin_sigma_m", "yaw_sigma_deg")  # keys of a drone 
 def minimise(
     mission: Mission, fly: Callable[[Mission], Verdict] = fly_mission, tell: Callable[[str], None] = lambda text: None
 ) -> tuple[Document, Violation] | None:
-    """Take away from a mission what the violation of its first invariant does not need.
+    """Remove from a mission all that the violation of its first invariant does not need.
 
-    One thing after another is taken away, and put back where the same invariant is not violated any more, until nothing more can
-    be taken away: faults, drones, the errors of poses and frames, the source's motion; at last faults are shortened.
+    One thing after another is removed, and restored if the same invariant holds without it, until nothing more can be
+    removed: faults, drones, the errors of poses and frames, the source's motion; at last faults are shortened.
 
-    Returns: the smallest scenario document, and how it violates the invariant; None where the mission violates none.
+    Returns: the smallest scenario document and its violation; None for a mission without a violation.
     """
     verdict = fly(mission)
     if not verdict.violations:
@@ -53,7 +53,7 @@ def _violation(verdict: Verdict, invariant: str) -> Violation | None:
 
 
 def _smaller(document: Document) -> Iterator[tuple[str, Document]]:
-    """The mission with one thing less, the largest things first; each with its name."""
+    """Yield the mission with one thing less, the largest things first; each with its name."""
     faults = document.get("fault", [])
     for place, fault in enumerate(faults):
         yield _name(fault), document | {"fault": [*faults[:place], *faults[place + 1 :]]}
@@ -82,7 +82,7 @@ def _name(fault: dict[str, Any]) -> str:
 
 
 def _with_drones(document: Document, drones: list[Document]) -> Document:
-    """With these drones only, also in the truth of how they localise themselves."""
+    """Return the mission with these drones only, also in the truth of their localisation."""
     names = [drone["id"] for drone in drones]
     changed = document | {"mission": document["mission"] | {"drones": drones}}
     vehicles = document.get("localization", {}).get("vehicles")
@@ -93,7 +93,7 @@ def _with_drones(document: Document, drones: list[Document]) -> Document:
 
 
 def _without(fault: dict[str, Any], drone: str) -> dict[str, Any] | None:
-    """The fault without a drone; None where that leaves nothing of it."""
+    """Return the fault without a drone; None if no target remains."""
     if "groups" in fault:
         groups = [[name for name in group if name != drone] for group in fault["groups"]]
         return fault | {"groups": [group for group in groups if group]}

@@ -26,13 +26,13 @@ from sim.scoring.moment import Hypothesis, Scene
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
-_DOCUMENTS = {DEALT: deal, LIVE: deal, ATTACKED: attack}  # the missions of the other courses are drawn
-_RECORDED_EVERY = 10  # of that many missions one drone of one is recorded and replayed
+_DOCUMENTS = {DEALT: deal, LIVE: deal, ATTACKED: attack}  # other courses draw their missions
+_RECORDED_EVERY = 10  # one drone is recorded and replayed in one mission of this many
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A job of a campaign. ``document``: flown instead of the one drawn from the seed; ``until``: see ``Judge``."""
+    """A job of a campaign. ``document``: flown instead of the mission drawn from the seed; ``until``: see ``Judge``."""
 
     seed: int
     course: Course = FULL
@@ -41,12 +41,12 @@ class Mission:
 
     @property
     def label(self) -> str:
-        """All that is needed to repeat it."""
+        """Return all that is needed to repeat the mission."""
         return f"seed {self.seed}"
 
     @property
     def drawn(self) -> dict[str, Any]:
-        """The scenario document that is flown."""
+        """Return the scenario document that is flown."""
         if self.document is not None:
             return self.document
         return _DOCUMENTS.get(self.course, draw)(self.seed, self.course)
@@ -55,11 +55,12 @@ class Mission:
 class Verdict(Struct, frozen=True, kw_only=True):
     """A line of ``missions.jsonl``.
 
-    faults: entries of the scenario. able: how many drones were able to finish the mission after the heal. located: their source
-    estimate was off by less than 2 m when the last of them ended its tracking; error_m: of the one that was off most, None where
-    one had no estimate or none was able. converged: all able drones held one log and one hypothesis after the heal.
-    min_separation_m: least distance between two vehicles in the air, without those whose own position or thrust was faulted; None
-    without such a pair. core_s: processor time, invariants included; drone_s: time in the air of all drones together.
+    faults: entries of the scenario. able: number of drones able to finish the mission after the heal. located: their source
+    estimates were off by less than 2 m at the end of the last tracking; error_m: the largest of these errors, None without
+    able drones or with a missing estimate. converged: all able drones held one log and one hypothesis after the heal.
+    min_separation_m: least distance between two vehicles in the air, except vehicles with a fault of their own position or
+    thrust; None without such a pair. core_s: processor time, invariants included; drone_s: time in the air of all drones
+    together.
     """
 
     seed: int
@@ -123,12 +124,12 @@ class Log:
 
     def __init__(self, drones: int) -> None:
         self.time_s = self.drone_s = 0.0
-        self.error_m: list[float | None] = [None] * drones  # of the source estimate, when last one of the able drones searched
+        self.error_m: list[float | None] = [None] * drones  # of the source estimate, at the last search of an able drone
 
     def see(self, moment: Scene, able: Collection[int] | None) -> bool:
-        """Take a moment; False: the flight goes on. ``able``: the able drones; None before they are known.
+        """Note a moment; always False: the flight continues. ``able``: the able drones; None before they are known.
 
-        One that has returned while it heard nobody holds the log again after the heal, and the estimate that follows from it.
+        A drone that has returned without link has the complete log again after the heal, and the estimate from it.
         """
         step_s, self.time_s = moment.time_s - self.time_s, moment.time_s
         self.drone_s += step_s * sum(map(moment.airborne, range(len(self.error_m))))
@@ -141,7 +142,7 @@ class Log:
         return False
 
     def largest_error_m(self, drones: Collection[int]) -> float | None:
-        """Of these drones' last estimates; None without drones, and where one has none."""
+        """Return the largest error of these drones' last estimates; None without drones, or with a missing estimate."""
         known = [error for drone in drones if (error := self.error_m[drone]) is not None]
         return max(known) if known and len(known) == len(drones) else None
 

@@ -1,4 +1,4 @@
-"""A random mission: the swarm, its area, the source, and how the drones localise themselves. Faults are drawn elsewhere."""
+"""A random mission: the swarm, its area, the source, and the kinds of localisation. Faults are drawn elsewhere."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.campaign.faults.course import Course
 _DATUM = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_m": 488.0}
 PACE_MPS = 0.8  # of the fastest source: the swarm circles at 3 m/s
 _APART_M = (5.0, 7.0)  # between the launch places
-_DEALT = (("gnss", False), ("slam", True))  # kinds of localisation after the first one's, and whether the heading is unknown
+_DEALT = (("gnss", False), ("slam", True))  # kind after the first drone's, and whether the heading is unknown
 _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velocity_mps", "climb_mps", "drift_m")
 
 
@@ -25,10 +25,10 @@ def draw_mission(
     dealt: bool = False,
     alone: bool = False,
 ) -> dict[str, Any]:
-    """A scenario document without faults.
+    """Return a scenario document without faults.
 
-    ``estimated``: whether the drones' frames have to be estimated; None: drawn, too. ``dealt``: then each kind of localisation is
-    there, also one that does not know its heading. ``alone``: then all fly by satellites, without a base, and none sees others.
+    ``estimated``: whether the drones' frames have to be estimated; None: random. ``dealt``: then each kind of localisation
+    occurs, also with an unknown heading. ``alone``: then all fly by satellites, without a base or sightings of other drones.
     """
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
     count = int(rng.integers(3, course.most_drones + 1))
@@ -64,7 +64,7 @@ def draw_mission(
 
 
 def _launch_places(rng: np.random.Generator, count: int, width_m: float, depth_m: float) -> list[list[float]]:
-    """In rows beside the south edge, or on a circle in the middle of it."""
+    """Place the drones in rows beside the south edge."""
     apart_m = float(rng.uniform(*_APART_M))
     columns = count if rng.random() < 0.6 else math.ceil(count / 2)
     while (columns - 1) * apart_m > width_m - 4.0:
@@ -74,7 +74,7 @@ def _launch_places(rng: np.random.Generator, count: int, width_m: float, depth_m
 
 
 def _outline(rng: np.random.Generator, width_m: float, depth_m: float) -> list[list[float]]:
-    """A rectangle, or one without a corner, as fields are."""
+    """Return a rectangle, or a rectangle without a corner, as fields are."""
     corners = [[0.0, 0.0], [width_m, 0.0], [width_m, depth_m], [0.0, depth_m]]
     if rng.random() < 0.3:
         cut = round(float(rng.uniform(0.2, 0.5)), 2)
@@ -93,7 +93,7 @@ def _source(rng: np.random.Generator, width_m: float, depth_m: float) -> dict[st
 
 
 def _estimate_frames(rng: np.random.Generator, document: dict[str, Any], *, dealt: bool, alone: bool) -> None:
-    """Each drone localises itself in its own way, and sees the others; or ``alone`` (``draw_mission``)."""
+    """Give each drone its own kind of localisation, and sightings of the others; or ``alone`` (``draw_mission``)."""
     vehicles = {}
     for k, drone in enumerate(document["mission"]["drones"]):
         kind = "rtk" if k == 0 else str(rng.choice(["gnss", "rtk", "slam"], p=[0.2, 0.5, 0.3]))

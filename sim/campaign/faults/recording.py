@@ -1,4 +1,4 @@
-"""The agents of one drone recorded in flight, and replayed after it: the same bits must come out."""
+"""The agents of one drone recorded in flight, and replayed after it: the results must be equal, bit for bit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LIMIT_MB = 1000  # far beyond a random mission
 
 
 class _Through:
-    """A sink behind which the recorder is not seen, whose waiting records are no memory of the pilot."""
+    """A sink that hides the recorder, so that its waiting records do not count as memory of the pilot."""
 
     def __init__(self, recorder: FlightRecorder) -> None:
         self.write = recorder.write
@@ -40,30 +40,30 @@ class _Recorded(RecordedPilot):
 
     @property
     def whereabouts(self) -> Whereabouts | None:
-        """See ``Pilot``."""
+        """Forward to ``Pilot``."""
         return self._pilot.whereabouts
 
     @property
     def reckoning(self) -> Reckoning | None:
-        """See ``Pilot``."""
+        """Forward to ``Pilot``."""
         return self._pilot.reckoning
 
     @property
     def backlog_s(self) -> float:
-        """See ``Pilot``."""
+        """Forward to ``Pilot``."""
         return self._pilot.backlog_s
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """See ``Pilot``."""
+        """Forward to ``Pilot``."""
         return self._pilot.problems
 
 
 class Recording:
-    """Makes the pilots of a flight (``sim.lockstep.flight.watched(make=...)``) and records those of one drone."""
+    """Makes the pilots of a flight (``sim.lockstep.flight.watched(make=...)``) and records the pilots of one drone."""
 
     def __init__(self, drone: str, folder: Path) -> None:
-        """``folder``: for the records; one folder in it for each start of the agent."""
+        """``folder``: for the records; one subfolder for each start of the agent."""
         self._drone, self._folder = drone, folder
         self._recorders: dict[Path, FlightRecorder] = {}
 
@@ -79,12 +79,12 @@ class Recording:
         nonce_key: bytes,
         computing: Computing = ALONE,
     ) -> Pilot:
-        """As ``Pilot``. The recorded one shares what it computes with the others; the replay computes on its own."""
+        """Make a pilot, as ``Pilot``. The recorded pilot shares computations with the others; the replay computes on its own."""
         pilot = Pilot(mission, drone, boot, listeners, memory, trust, nonce_key=nonce_key, computing=computing)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot
-        if folder in self._recorders:  # of a late agent, in whose place a pilot stood that was never flown
+        if folder in self._recorders:  # of a late agent: its placeholder pilot was never flown
             self._recorders.pop(folder).close()
             shutil.rmtree(folder)
         recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust, nonce_key=nonce_key))
@@ -92,7 +92,7 @@ class Recording:
         return cast(Pilot, _Recorded(pilot, recorder))
 
     def differences(self) -> list[str]:
-        """Replay all; what differs from the flight, in a line each."""
+        """Replay all records; return the differences from the flight, one per line."""
         found = []
         for folder, recorder in self._recorders.items():
             recorder.close()

@@ -1,4 +1,4 @@
-"""A random fault of each kind: whom it strikes, and how strongly. Strengths from hardly felt to what ends a drone's flight."""
+"""A random fault of each kind: targets and strength. Strengths range from hardly felt to the end of a drone's flight."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ V = TypeVar("V")
 
 
 class Strike(NamedTuple):
-    """The drones of the mission, those that are struck, and the random numbers."""
+    """The drones of the mission, the struck drones, and the random numbers."""
 
     rng: np.random.Generator
     drones: Sequence[str]
     target: Sequence[str]
 
     def uniform(self, low: float, high: float) -> float:
-        """A number to write into a file."""
+        """Draw a uniform number, rounded for a file."""
         return round(float(self.rng.uniform(low, high)), 3)
 
     def scale(self, low: float, high: float) -> float:
-        """A number whose logarithm is uniform, to three digits."""
+        """Draw a number with a uniform logarithm, to three digits."""
         return float(f"{np.exp(self.rng.uniform(np.log(low), np.log(high))):.3g}")
 
     def one(self, *values: V) -> V:
-        """One of them."""
+        """Choose one of the values."""
         return values[int(self.rng.integers(len(values)))]
 
 
@@ -36,7 +36,7 @@ def _none(_: Strike) -> Numbers:
 
 
 def _partition(strike: Strike) -> Numbers:
-    """Any split into two or three groups, each drone in one of them."""
+    """Draw a split into two or three groups, each drone in one group."""
     count = 2 if len(strike.drones) < 4 or strike.rng.random() < 0.7 else 3
     while True:
         places = strike.rng.integers(count, size=len(strike.drones))
@@ -46,7 +46,7 @@ def _partition(strike: Strike) -> Numbers:
 
 
 def _cut(strike: Strike) -> Numbers:
-    """The links with all others, or with one of them, so that a third one hears both."""
+    """Cut the links with all others, or with one of them, so that a third drone hears both."""
     direction, others = strike.one("both", "send", "receive"), [name for name in strike.drones if name not in strike.target]
     if not others or strike.rng.random() < 0.5:
         return {"direction": direction}

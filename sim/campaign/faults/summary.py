@@ -19,8 +19,8 @@ from sim.runfile import write_text
 
 
 class KindRow(Struct, frozen=True, kw_only=True):
-    """Missions in which a kind of fault came: how many, how many of them were violated, and of those with able drones (one or
-    more) how many located the source.
+    """Missions with a kind of fault: their number, the violated ones, and, of those with one able drone or more, the number
+    that located the source.
     """
 
     kind: str
@@ -33,9 +33,9 @@ class KindRow(Struct, frozen=True, kw_only=True):
 class Summary(Struct, frozen=True, kw_only=True):
     """``summary.json``. violations: of all invariants; collisions, separation_breaches, fence_breaches, exceptions: of these.
 
-    violated: missions with a violation. able: missions in which one or more drones were able; able_swarm: two or more. located
-    and located_swarm: those of them in which the source was located; converged: those in which the able drones agreed.
-    core_s, sim_s, drone_s: sums (see ``Verdict``). by_invariant: violations of each. kinds: by kind of fault.
+    violated: missions with a violation. able: missions with one able drone or more; able_swarm: two or more. located and
+    located_swarm: the able missions that located the source; converged: missions whose able drones agreed. core_s, sim_s,
+    drone_s: sums (see ``Verdict``). by_invariant: violations of each. kinds: by kind of fault.
     """
 
     missions: int
@@ -58,12 +58,12 @@ class Summary(Struct, frozen=True, kw_only=True):
 
     @property
     def core_s_per_drone_s(self) -> float:
-        """Processor time for each second that a drone is in the air."""
+        """Return the processor time for each second of a drone in the air."""
         return self.core_s / max(self.drone_s, 1.0)
 
 
 def summarise(verdicts: Sequence[Verdict]) -> Summary:
-    """The summary of these missions."""
+    """Return the summary of these missions."""
     count = Counter(violation.invariant for verdict in verdicts for violation in verdict.violations)
     able = [verdict for verdict in verdicts if verdict.able]
     swarm = [verdict for verdict in able if verdict.able > 1]
@@ -101,7 +101,7 @@ def _row(kind: str, verdicts: Sequence[Verdict]) -> KindRow:
 
 
 def table(summary: Summary) -> str:
-    """By kind of fault, in Markdown."""
+    """Return the table by kind of fault, in Markdown."""
     head = ("fault", "missions", "violated", "able", "located")
     counts = [(row.kind, row.missions, row.violated, row.able, row.located) for row in summary.kinds]
     counts.append(("all", summary.missions, summary.violated, summary.able, summary.located))
@@ -114,7 +114,7 @@ def table(summary: Summary) -> str:
 
 
 def sentences(summary: Summary) -> list[str]:
-    """What to say of them."""
+    """Return the summary in sentences."""
     return [
         f"{summary.missions} missions, {summary.violated} of them with {summary.violations} violations: "
         + (", ".join(f"{name} {number}" for name, number in summary.by_invariant.items()) or "none"),
@@ -127,7 +127,7 @@ def sentences(summary: Summary) -> list[str]:
 
 
 def told(verdict: Verdict, course: Course) -> list[str]:
-    """A line for each invariant that a mission violates, and one that flies it again; empty where none is."""
+    """Return a line for each violated invariant of a mission, and the command that repeats it; empty without a violation."""
     first = {violation.invariant: violation for violation in reversed(verdict.violations)}
     lines = [
         f"seed {verdict.seed}: {name} at {violation.time_s:.2f} s, {' '.join(violation.drones) or 'all'}: {violation.text}"
