@@ -1,1 +1,1 @@
-"""Where this drone is: its own pose over time and epochs, the frame it is in, and how far the swarm's clocks differ."""
+"""Localisation of this drone: its own pose over time and epochs, its frame, and the offsets of the swarm's clocks."""

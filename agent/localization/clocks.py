@@ -1,25 +1,26 @@
-"""How far the drones' clocks differ, from the delays of their status messages. No stamp of a log entry is ever corrected by it.
+"""Clock offsets between the drones, from the delays of their status messages. Stamps of log entries are never corrected by them.
 
 Two drones that hear each other know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
 difference is the clock offset, as in NTP (RFC 5905, section 8); its error is half the asymmetry of the two ways. The smallest
 delay of the last seconds is used, because queueing only ever makes a message later.
 
-No round trip takes less than no time. Where the two delays add up to less, one of the clocks has been set in these seconds, and
-the larger delay is from before that. Whose larger one it is finds that its newest delay fits, and forgets the others: so a clock
-that is set is known anew after an exchange of statuses, however long delays are kept, and a forged delay alone moves nothing.
+No round trip takes less than no time. If the two delays add up to less, one of the clocks has been set in these seconds, and the
+larger delay is from before that. The drone with the larger delay finds that its newest delay fits, and forgets the others. So the
+offset of a clock that was set is known again after one exchange of statuses, however long delays are kept, and a forged delay
+alone moves nothing.
 
-Where delays change, the smallest one of each way begins to count, and leaves the window, at another time than that of the other
-way. In between the two are not of one time, and half their difference is wrong by half of the change. But the offset of before is
-still possible by both, unless one of the clocks has been set. As long as it is, it holds for some seconds, until the delays of
-both ways are of one time again.
+When delays change, the smallest delays of the two ways enter and leave the window at different times. In between they belong to
+different times, and half their difference is wrong by half of the change. But the former offset is still possible by both, unless
+one of the clocks has been set. While possible, it holds for some seconds, until the delays of both ways belong to the same time
+again.
 
-Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not. Until they
-have heard a status with a new stamp, they go on to report a delay by the former clock, which moves along too.
+A step of the own clock does not move the others' clocks: all known offsets move along, with or without a link then. Until the
+others have received a status with a new stamp, they still report a delay by the former clock, which moves along too.
 
-Where most clocks are set back, so is the time that they agree on. A clock that was right by it before, and was not set back, has
-stamped measurements of that time, which were made elsewhere: until it has come again to where it was, whoever measures then is
-wrong by the step, even if its clock is right by the new time. Without such a clock all that was stamped by the former time is
-void (``sensing.numbering``): the hypothesis follows the common time back.
+A backward step of most clocks is one of the common time as well. A clock that was right before, and was not set back, has stamped
+measurements at those times, made elsewhere. Until the common time has reached them again, all new measurements are wrong by the
+step, even by a clock that is right by the new time. Without such a clock all stamps of the former time are void
+(``sensing.numbering``): the hypothesis follows the common time back.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ from protocol.messages import Plan, Pose, Status
 N = TypeVar("N", bound=Pose | Plan | Status)
 
 WINDOW_NS = 10_000_000_000
-HEARD_NS = 3_000_000_000  # three periods of the statuses: who is silent for longer is not heard any more
+HEARD_NS = 3_000_000_000  # three periods of the statuses; after a longer silence the link is lost
 LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the uncertainty of its position
-MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays whose mean is larger are not believed
+MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays with a larger mean are not used
 MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
 _LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
-# An offset that is possible still holds against another one for this long: statuses come once a second, so that the smallest
-# delays of the two ways are at most a second apart, and one may be lost and the next one late.
+# How long a still possible offset holds against a new value. Statuses come once a second, so the smallest delays of the two ways
+# are at most a second apart; one may be lost, and the next one late.
 _HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
 _AGAIN_NS = 2_000_000_000  # statuses come once a second, and tell until when a clock was right at least
@@ -53,14 +54,14 @@ _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
 class _Held(Struct, frozen=True):
-    """How far the own clock is ahead of another one, and since when (own clock) the delays have told something else."""
+    """The lead of the own clock over another one, and since when (own clock) the delays have stated another value."""
 
     ahead_ns: int
     doubted_ns: int | None = None
 
 
 class Clocks:
-    """What one drone has heard of the other drones' clocks."""
+    """The other drones' clocks as known to one drone."""
 
     def __init__(self, drone: str, others: Iterable[str]) -> None:
         self._drone = drone
@@ -70,19 +71,20 @@ class Clocks:
         self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
         self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
         self._set_ns = 0
-        self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
+        self._since_ns: dict[str, int] = {}  # step of the own clock, by drone that may report a delay by the former clock
         self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
         self._agreed_ns: dict[str, int] = {}  # the common time at which each clock was last right by it
-        self._back_s = 0.0  # by how much that was set back, while one that was right by it stamps what was measured elsewhere
+        self._back_s = 0.0  # backward step of that, while a clock that was right by it stamps measurements made elsewhere
         self._followed_ns = 0
-        # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
-        # nobody can tell which half is right: then the offset from the other half, on both sides.
+        # Offset of the own clock from the median of all known clocks, its own included. If the clocks split into halves (two
+        # drones), neither half is known to be right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
 
     def hear(self, status: Status, now_ns: int) -> bool:
-        """Take a status that arrived at ``now_ns``, own clock. Duplicates and late ones do no harm: the smallest delay counts.
+        """Take a status that arrived at ``now_ns``, own clock. Duplicates and late statuses do no harm: the smallest delay
+        counts.
 
-        Returns whether it shows that one of the clocks has been set: then the other drone waits for the new delay.
+        Returns whether the status shows a step of one of the clocks: then the other drone waits for the new delay.
         """
         name, delay_ns = status.drone, now_ns - status.stamp_ns
         heard = self._heard.get(name)
@@ -90,7 +92,7 @@ class Clocks:
             return False
         if heard and now_ns < heard[-1][0]:  # the own clock was set back: earlier measurements are void
             heard.clear()
-        while heard and heard[-1][1] >= delay_ns:  # they can never be the smallest again
+        while heard and heard[-1][1] >= delay_ns:  # never the smallest again
             heard.pop()
         heard.append((now_ns, delay_ns))
         set_anew = False
@@ -107,9 +109,9 @@ class Clocks:
         return set_anew
 
     def _by_own_clock(self, name: str, returned_ns: int, delay_ns: int) -> int:
-        """This drone's delay as another one reports it, by the own clock as it is now.
+        """Return this drone's delay as another one reports it, converted to the present own clock.
 
-        It may be by the former one: of both, that by which the round trip is possible, and the shorter one.
+        The report may be by the former clock: of both readings the possible round trip counts, and the shorter.
         """
         by_former_ns = returned_ns - self._since_ns.get(name, 0)
         possible = [one_ns for one_ns in (returned_ns, by_former_ns) if one_ns + delay_ns >= _LEAST_TRIP_NS]
@@ -139,15 +141,15 @@ class Clocks:
         self._ahead_ns = {name: round(-1e9 * offset_s) for name, offset_s in known.items() if abs(offset_s) > LIMIT_S}
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
-        set_s = self._set_ns * 1e-9  # alone, another one is believed only where this explains the difference
+        set_s = self._set_ns * 1e-9  # a single other clock counts only if this explains the difference
         if len(known) == 1:
             outvoted_s = self.offset_s if abs(self.offset_s - set_s) <= LIMIT_S else 0.0
-        else:  # of two halves the one that is behind, on both sides: else each would take the other one's time
+        else:  # the half that is behind, on both sides: else the halves would swap their times
             outvoted_s = median_high(offsets_s)
         self._outvoted_s = outvoted_s if abs(outvoted_s) > LIMIT_S else 0.0
 
     def _watch_common(self, now_ns: int) -> None:
-        """Note where the common time is set back, as far as it is known."""
+        """Note a backward step of the common time, as far as known."""
         common_ns = self.common_ns(now_ns)
         offsets_s = {self._drone: 0.0, **self._known}
         right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
@@ -170,7 +172,7 @@ class Clocks:
         return {name: 1e-9 * self._held[name].ahead_ns for name in both if name in self._held}
 
     def _hold(self, now_ns: int) -> None:
-        """Note the offsets that the delays tell, or hold those of before."""
+        """Note the offsets by the delays, or hold the former ones."""
         both = self._both_ns(now_ns)
         self._held |= {name: _held(self._held.get(name), *delays_ns, now_ns) for name, delays_ns in both.items()}
 
@@ -191,11 +193,11 @@ class Clocks:
         return found
 
     def own_stamp_ns(self, drone: str, stamp_ns: int) -> int:
-        """A stamp of another drone by the own clock, as far as it is known that the two differ."""
+        """Convert a stamp of another drone to the own clock, by the known offset."""
         return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
 
     def by_own_clock(self, message: N) -> N:
-        """Another drone's message with its stamp by the own clock (``own_stamp_ns``). Where the difference is known, a pose is as
+        """Return another drone's message with its stamp by the own clock (``own_stamp_ns``). With a known offset a pose is as
         certain as that drone's localisation, whichever of the two clocks is wrong.
         """
         stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
@@ -204,8 +206,8 @@ class Clocks:
         return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
 
     def _sigma_m_of(self, pose: Pose) -> float:
-        """1 sigma of another drone's position at its stamp by the own clock. Where the difference is not known, or in doubt,
-        either clock may be wrong.
+        """1 sigma of another drone's position at its stamp by the own clock. With an unknown or doubtful offset either clock may
+        be wrong.
         """
         held = self._held.get(pose.drone)
         if pose.drone in self._known and (held is None or held.doubted_ns is None):
@@ -213,16 +215,16 @@ class Clocks:
         return hypot(pose.position_sigma_m, self.sigma_m(hypot(*pose.velocity_mps)))
 
     def common_ns(self, now_ns: int) -> int:
-        """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's.
+        """Return the time now by the clocks of the others, if the own clock is known to be wrong; else by the own clock.
 
-        Where the clocks split into halves, all take the time of the half that is behind: so hypotheses are comparable, and no
-        entry comes late by as much as the clocks differ.
+        If the clocks split into halves, all drones take the time of the half that is behind: hypotheses stay comparable, and no
+        entry is late by the offset.
         """
         return now_ns - round(1e9 * self._outvoted_s)
 
     def followed_ns(self, now_ns: int) -> int:
-        """The common time as the hypothesis follows it, which stands still where it is set back to stamps that somebody else has
-        measured at, or by no more than estimates of it differ.
+        """Return the common time as the hypothesis follows it. It stands still after a backward step to stamps that already have
+        measurements of another drone, and after a step within the error of its estimates.
         """
         common_ns = self.common_ns(now_ns)
         back_ns = self._followed_ns - common_ns
@@ -251,9 +253,9 @@ class Clocks:
 
 
 def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _Held:
-    """The offset by these two delays, or the one of before.
+    """Return the offset by these two delays, or the former one.
 
-    No way takes less than no time: the offset is the own delay at most, and at least the other one's with the sign reversed.
+    No way takes less than no time: the offset is the own delay at most, and at least the other delay with the sign reversed.
     """
     told = _Held((own_ns - returned_ns) // 2)
     if before is None or abs(told.ahead_ns - before.ahead_ns) <= 1e9 * LIMIT_S:

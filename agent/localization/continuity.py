@@ -11,12 +11,12 @@ import numpy as np
 from agent.frames.transform import Transform
 from agent.geometry import Quaternion, Vector3, yaw_of
 
-# 1 sigma of what is assumed of the two poses and of the motion between them: position of each axis, and heading.
+# 1 sigma of the assumptions on the two poses and the motion between them: position of each axis, and heading.
 POSES_M, POSES_RAD = 0.3, 0.03  # the two poses; a filter that was reset slides for a moment
 STAMPS_S = 0.02  # their stamps, which matter by the speed
-VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of what the vehicles do
+VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of the vehicles' limits
 TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
-ANY_TURNING_RPS = 0.5  # one that is not
+ANY_TURNING_RPS = 0.5  # an unknown turn rate
 # A vehicle that is not heard is not taken to fly straight on for longer than this. Without its agent it stops, so many seconds of
 # its velocity ahead; if only the radio is interrupted it may have turned anywhere.
 ONWARD_S = 1.5
@@ -51,17 +51,17 @@ class Posed(Protocol):
 
 
 def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning_rps: float | None = None) -> Transform:
-    """The frame of the epoch that begins with a jump, until the log yields a better one.
+    """Return the frame of the epoch that begins with a jump, until the log yields a better one.
 
-    Its covariance is that of the old frame at the place of the jump (where that is known exactly: of the localisation in it), and
-    what the motion since then adds: the longer ago and the faster the vehicle, the more. It has not gone straight on for longer
-    than ``ONWARD_S``: one whose agent stood still for 9 s, and that hovered, was expected 9 m further on, and flown into.
+    Its covariance is the sum of the old frame's at the place of the jump (of the localisation in it, if the frame is known
+    exactly) and of the motion since then, which grows with time and speed. Straight motion is assumed for at most ``ONWARD_S``: a
+    hovering vehicle whose agent stood still for 9 s was expected 9 m further on, and flown into.
 
     Args:
         mission_from_old: frame of the epoch before.
         before: the last pose in the old epoch.
         after: the first one in the new epoch.
-        turning_rps: rate of the heading at ``before``; None where it is not known.
+        turning_rps: rate of the heading at ``before``; None if not known.
     """
     elapsed_s = max(0, after.stamp_ns - before.stamp_ns) * 1e-9
     axis_m, yaw_rad = spread(before, after, turning_rps)

@@ -37,7 +37,7 @@ class PoseHistory:
         self._since_ns = 0  # the first telemetry after the last gap
 
     def add(self, state: VehicleState) -> None:
-        """Append telemetry; what is not newer than the newest is ignored."""
+        """Append telemetry, unless it is no newer than the newest."""
         if self._stamps and state.stamp_ns <= self._stamps[-1]:
             return
         if not self._stamps or state.stamp_ns - self._stamps[-1] > GAP_NS:

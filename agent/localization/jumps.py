@@ -63,8 +63,9 @@ class JumpDetector:
         return f"its localisation {self._jump} without announcing it"
 
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
-        """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain, or, of a
-        frame whose axes are not fixed, a turn that differs from the one before by more than a vehicle can do and 3 sigma explain.
+        """Compare successive telemetry. A jump is a step that differs from the integrated velocity by more than maximum speed and
+        3 sigma. In a frame with free axes it is also a turn that differs from the one before by more than vehicle and 3 sigma
+        allow.
         """
         step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
         if step_s <= 0.0:  # the clock was set back: how long it took is not known
@@ -85,17 +86,17 @@ class JumpDetector:
             self._recent.append((state.stamp_ns, jump_m))
 
     def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
-        """By how much a heading has jumped; 0 where the vehicle may have turned so.
+        """Return the jump of a heading, rad; 0 if the vehicle may have turned so.
 
-        Where the clock was set in between, the step took as long as the one before, and not as long as the stamps tell. A turn
-        may end at once, or become slower, however fast it was: a vehicle without control spins until it hits the ground.
+        After a clock step in between, the duration is that of the step before, not the difference of the stamps. A turn may end
+        at once, or become slower, however fast it was: a vehicle without control spins until it hits the ground.
         """
         turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
         before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
         if before is None or self._turning is None:
             return 0.0
         rate_rps, over_s = before
-        if step_s < _SHORT * over_s:  # it tells nothing of the rate: it may have taken longer
+        if step_s < _SHORT * over_s:  # no measure of the rate: it may have taken longer
             self._turning = rate_rps, step_s
         jump_rad = min(_beyond(turned_rad, rate_rps * took_s) for took_s in (step_s, over_s))
         sigma_rad = max(last.yaw_sigma_rad, state.yaw_sigma_rad)
@@ -109,5 +110,5 @@ class JumpDetector:
 
 
 def _beyond(turned_rad: float, onward_rad: float) -> float:
-    """How far a turn is outside of those between none and the one that goes on as before."""
+    """Return how far a turn is outside of the range from none to the unchanged rate, rad."""
     return max(0.0, min(0.0, onward_rad) - turned_rad, turned_rad - max(0.0, onward_rad))

@@ -16,21 +16,21 @@ LARGEST_DOUBT_M = 7.0  # of its place, above which a drone leaves the mission
 NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
 _PART = 0.25  # a jump back over a gap may miss the other place by this share of the doubt, if the motion explains it
 _SIGMAS = 3.0
-# A position that jumps may have slid away by as much until then, at any speed. Of a slide at this speed, or faster, all that was
-# measured meanwhile is taken back, of a slower one the last part. The slower, the more of what was right would be lost otherwise.
+# A position that jumps may have slid away by as much until then, at any speed. After a slide at this speed, or faster, all
+# measurements of that time are taken back, after a slower one the last part: with a lower limit more correct measurements would
+# be lost.
 SLIDE_MPS = 1.0
-_LONGEST_S = 30.0  # taken back at most: one that jumps by hundreds of metres is rather wrong from then on
+_LONGEST_S = 30.0  # taken back at most: after a jump by hundreds of metres the position is rather wrong from then on
 
 
 class KnownFrame:
-    """What becomes of such a frame when the localisation jumps.
+    """An exactly known frame over jumps of the localisation.
 
-    A jump that was announced begins another frame, which continues the motion. One that was not has two explanations: the
-    position is wrong from then on, or it was wrong until then, as that of a vehicle whose satellites are not spoofed any more;
-    nothing can tell which. The drone flies on by continuity, but may as well be where its localisation says, ``otherwise`` (None:
-    no such doubt), and takes back what it measured while it may have slid away (``elsewhere``). An announced jump with which a
-    localisation that was not trusted finds its satellites again, by no more than it had stated as its error, puts that right: the
-    frame is what it was. So it is where nothing has jumped, as when it loses them.
+    An announced jump begins another frame, which continues the motion. An unannounced jump has two explanations that cannot be
+    distinguished: the position is wrong from then on, or was wrong until then, as at the end of satellite spoofing. The drone
+    flies on by continuity. The position by its localisation is the alternative hypothesis, ``otherwise`` (None: no such doubt).
+    Measurements during a possible slide are taken back (``elsewhere``). The frame stays after an announced jump with which an
+    untrusted localisation finds its satellites again, within its stated error, and without a jump, as at their loss.
     """
 
     def __init__(self) -> None:
@@ -40,10 +40,11 @@ class KnownFrame:
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
     ) -> Transform | None:
-        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``. None after an announced jump in a
-        gap in flight that is too long for the motion to tell: where the vehicle is since then, nobody knows.
+        """Return the frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``. None after an announced
+        jump in a gap in flight that is too long for continuity: the position is unknown since then.
 
-        ``last`` has the errors that the localisation states, and no doubt of the agent: by that, any jump would put things right.
+        ``last`` has the errors stated by the localisation, without the agent's own doubt: with it, any jump would count as a
+        correction.
         """
         onward = carried_on(_as_unsure(old, last), last, vehicle, turning_rps)
         if announced and not last.position_trusted and self._is_put_right(onward, old, last, vehicle):
@@ -58,7 +59,7 @@ class KnownFrame:
             otherwise = carried_on(_as_unsure(otherwise, last), last, vehicle, turning_rps)
         same_m, same_rad = SAME_M + min(spread_m, _PART * doubt_m), SAME_RAD + min(spread_rad, _PART * doubt_rad)
         if _apart_m(onward, otherwise, vehicle) < same_m and abs(_turned_rad(onward, otherwise)) < same_rad:
-            self.otherwise = self.elsewhere = None  # the jump has undone the one before it
+            self.otherwise = self.elsewhere = None  # the jump has undone the previous one
             return otherwise
         self.otherwise = otherwise
         if not announced:
@@ -72,8 +73,8 @@ class KnownFrame:
         return 0.0 if self.otherwise is None or frame is None else _apart_m(frame, self.otherwise, vehicle)
 
     def doubted(self, frame: Transform, vehicle: VehicleState) -> Transform:
-        """The frame with the doubt in its covariance: both explanations are equally likely, so the RMS difference from the one
-        that is flown by.
+        """Return the frame with the doubt in its covariance: both explanations are equally likely, so the RMS difference from the
+        frame in use.
         """
         if self.otherwise is None:
             return frame

@@ -1,10 +1,10 @@
-"""The own local frames, one for each epoch, in the mission frame: as the log tells them, by continuity, or as known before.
+"""The own local frames, one for each epoch, in the mission frame: by the log, by continuity, or as known before.
 
-After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame, the
-one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent, or where none of its
-entries counts any more, the one known before; all drift. A frame that the mission knows exactly is known so for its first epoch
-only (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them (``carried``), so that
-everybody places that alike.
+A jump of the localisation does not move the drone. Until the log yields an estimate of the new epoch's frame, the frame that
+continues the motion is used (``agent.localization.continuity``). After a restart of the agent, or if none of its entries counts
+any more, the frame known before is used. All of these drift. A frame that the mission gives exactly is known so for its first
+epoch only (``agent.localization.knownframe``); later frames are published with the measurements in them (``carried``), so that
+all drones place these alike.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class OwnFrames:
     """
 
     def __init__(self, member: DroneInMission, frames: FrameGraph, drift: Drift) -> None:
-        """``member``: this drone in the mission's launch layout; ``frames``: those of all drones by the log; ``drift``: of what
-        the log does not tell.
+        """``member``: this drone in the mission's launch layout; ``frames``: of all drones, by the log; ``drift``: of frames
+        without an estimate by the log.
         """
         self.is_estimated = not member.is_exact
         self.is_left_out = False
@@ -67,7 +67,9 @@ class OwnFrames:
         return self.known.stated(self.at(vehicle.epoch), vehicle)
 
     def left_out(self, vehicle: VehicleState | None) -> None:
-        """What this drone measures counts no more: it goes on by the last frame. ``vehicle``: its newest telemetry, if any."""
+        """Continue with the last frame: this drone's measurements do not count any more. ``vehicle``: its newest telemetry, if
+        any.
+        """
         self.is_left_out = True
         if vehicle is not None:
             self._kept = self._kept_at(vehicle)
@@ -75,7 +77,7 @@ class OwnFrames:
     def remember(self, kept: KeptFrame, vehicle: VehicleState | None) -> None:
         """Take the plausible frame stored before a restart; ``vehicle``: the newest telemetry, if any."""
         transform = kept.mission_from_local
-        assert transform is not None  # it is plausible
+        assert transform is not None  # plausible
         untold = Untold(kept.epoch, transform, kept.stamp_ns)
         if vehicle is not None:
             untold = untold.drifted(self._drone, vehicle, self._drift)
@@ -94,7 +96,7 @@ class OwnFrames:
         return None if untold is None else untold.transform
 
     def undoubted(self, epoch: int) -> Transform | None:
-        """The frame of an epoch without the doubt, which a frame that was carried on has in its covariance as it is told."""
+        """Return the frame of an epoch without the doubt that the published covariance of a continued frame includes."""
         continued = self._continued
         if not self.is_estimated and continued is not None and continued.epoch == epoch:
             return continued.transform
@@ -105,8 +107,8 @@ class OwnFrames:
         return self._frames.surest(self._drone, epoch, stamp_ns, position_m)
 
     def carried(self, epoch: int) -> CarriedFrame | None:
-        """How the frame of a recent epoch lies in that of the launch, for a drone whose frame the mission knows exactly; None
-        where the frame is that of the launch, or estimated.
+        """Return the frame of a recent epoch in the launch frame, for a drone whose frame the mission gives exactly; None for the
+        launch frame itself, and for an estimated one.
         """
         return self._carried.get(epoch)
 

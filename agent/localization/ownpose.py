@@ -1,4 +1,4 @@
-"""The own pose: the one place that takes telemetry, decides its epoch, and says where this drone is and was.
+"""The own pose: the only place that takes telemetry, decides its epoch, and gives the present and past poses of this drone.
 
 Everything that needs the own pose asks here, so that all answers change together when the localisation jumps: the newest
 telemetry, the poses of the last seconds, the epoch, and the transform from the local frame to the mission frame.
@@ -28,7 +28,7 @@ from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
 from protocol.entries import CarriedFrame, Entry, Sighting
 
-SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
+SET_BACK = 5  # as many messages in a row older than known, but newer than each other: a backward clock step
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
 _NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
@@ -42,8 +42,8 @@ class LocalFrame(Struct, frozen=True):
 
 
 class Whereabouts(Struct, frozen=True):
-    """Where a drone takes itself to be, mission frame: place and heading (of its body, from east), each with 1 sigma; that of the
-    place is of the horizontal distance.
+    """Own position estimate of a drone, mission frame: position and heading (of its body, from east), each with 1 sigma; the
+    position's is of the horizontal distance.
     """
 
     place_m: Vector3
@@ -53,11 +53,11 @@ class Whereabouts(Struct, frozen=True):
 
 
 class OwnPose:
-    """Where one drone is and was, in its local frame and in the mission frame.
+    """Present and past poses of one drone, in its local frame and in the mission frame.
 
-    ``history``: telemetry of the last seconds, with the epoch that each belongs to; only this class adds to it.
-    ``is_unplaced``: nothing relates the heading of the local frame to the mission frame yet: this drone has neither seen another
-    one nor been seen. How its frames follow each other is ``agent.localization.ownframes``.
+    ``history``: telemetry of the last seconds, with the epoch of each; only this class adds to it. ``is_unplaced``: the heading
+    of the local frame in the mission frame is not known yet: this drone has neither seen another drone nor been seen. The
+    sequence of its frames: ``agent.localization.ownframes``.
     """
 
     def __init__(
@@ -70,15 +70,15 @@ class OwnPose:
         drift: Drift,
         epoch_offset: int = 0,
     ) -> None:
-        """A drone of which no telemetry is known yet.
+        """Begin without telemetry.
 
         Args:
             member: this drone in the mission's launch layout.
             frames: the local frames of all drones as estimated from the log.
-            clocks: by how much the own clock is wrong.
-            counters: where dropped telemetry is counted.
-            speed_mps: no vehicle of this swarm flies faster.
-            drift: of the frames that the log does not tell.
+            clocks: the error of the own clock.
+            counters: of dropped telemetry.
+            speed_mps: maximum speed of the vehicles of this swarm.
+            drift: of frames without an estimate by the log.
             epoch_offset: epochs that the agent before a restart had added to the vehicle's.
         """
         self._drone = member.id
@@ -95,8 +95,8 @@ class OwnPose:
     def take(self, state: VehicleState) -> VehicleState | None:
         """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position for others.
 
-        What is not newer than known, not finite or out of range is counted and dropped: None. Where the own clock was set back,
-        everything known is of another time, and forgotten.
+        Telemetry that is no newer than known, not finite or out of range is counted and dropped: None. After a backward step of
+        the own clock everything known is of another time, and forgotten.
         """
         last = self.vehicle
         if not _plausible(state):
@@ -118,7 +118,7 @@ class OwnPose:
         return vehicle
 
     def _set_back(self, stamp_ns: int) -> bool:
-        """Whether telemetry older than known shows that the clock was set back: then what is known from before is void."""
+        """Whether telemetry older than known shows a backward clock step: then all knowledge of before is void."""
         self._older = self._older + 1 if stamp_ns > self._older_ns else 1
         self._older_ns = stamp_ns
         if self._older < SET_BACK:
@@ -133,13 +133,13 @@ class OwnPose:
             self.is_unplaced = False
 
     def left_out(self) -> None:
-        """What this drone measures counts no more, so that the log will not tell its frame: it goes on by the last one."""
+        """Continue with the last frame: this drone's measurements do not count any more, so the log yields none."""
         self._frames.left_out(self.vehicle)
 
     @property
     def tells_frame(self) -> bool:
-        """Whether the others know its frame by its poses in the log only: it is estimated, or told with them after a jump, as
-        soon as its position can be trusted.
+        """Whether the others know this drone's frame by its poses in the log only: estimated, or published with them after a
+        jump, as soon as its position can be trusted.
         """
         vehicle = self.vehicle
         return self._frames.is_estimated or (
@@ -158,8 +158,8 @@ class OwnPose:
 
     @property
     def kept_frame(self) -> KeptFrame | None:
-        """The present frame, without a doubt, and as it is otherwise, for an agent that is restarted in flight; None where it is
-        not known, or the mission tells it.
+        """Return the present frame without the doubt, and its alternative, for an agent restarted in flight; None if not known,
+        or given by the mission.
         """
         vehicle = self.vehicle
         if vehicle is None:
@@ -235,15 +235,15 @@ class OwnPose:
         return 0.0 if vehicle is None else self._frames.known.doubt_m(self._frames.at(vehicle.epoch), vehicle)
 
     def elsewhere(self) -> tuple[int, int] | None:
-        """Stamps between which this drone may have been elsewhere than its localisation said, as that has then jumped without
-        announcing it: told once for each such jump; None without any.
+        """Return the stamps between which the localisation may have been wrong, because it then jumped unannounced: once for each
+        such jump; None without one.
         """
         told_once, self._frames.known.elsewhere = self._frames.known.elsewhere, None
         return told_once
 
     def carried(self, epoch: int) -> CarriedFrame | None:
-        """How the frame of a recent epoch lies in that of the launch, for a drone whose frame the mission knows exactly; None
-        where the frame is that of the launch, or estimated.
+        """Return the frame of a recent epoch in the launch frame, for a drone whose frame the mission gives exactly; None for the
+        launch frame itself, and for an estimated one.
         """
         return self._frames.carried(epoch)
 
@@ -256,12 +256,12 @@ class OwnPose:
         return known[0] if known is not None else transform.apply_point(position_m) if transform is not None else None
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Vector3, float] | None:
-        """Such a place, and its 1 sigma (m), by the log alone; None while that does not tell it."""
+        """Return the position in the mission frame and its 1 sigma (m) by the log alone; None until the log yields it."""
         known = self._frames.surest(epoch, stamp_ns, position_m)
         return (known[0].apply_point(position_m), known[1]) if known is not None else None
 
     def motion_at(self, stamp_ns: int) -> PeerState | None:
-        """Where this drone was at a stamp of the last seconds, and how fast, mission frame; None where that is not known."""
+        """Return position and velocity of this drone at a stamp of the last seconds, mission frame; None if not known."""
         span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
         if state is None or span_ns is None or stamp_ns < span_ns[0]:
             return None
@@ -271,7 +271,7 @@ class OwnPose:
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What is not believed of its telemetry: jumps that it did not announce, landings that are none, motion on the ground."""
+        """Problems of implausible telemetry: unannounced jumps, false reports of a landing, motion on the ground."""
         doubt_m = self.doubt_m
         doubted = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped" if doubt_m else None
         told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns), self._resting.problem())
@@ -283,7 +283,7 @@ class OwnPose:
 
 
 def _plausible(state: VehicleState) -> bool:
-    """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
+    """Whether telemetry is usable: all numbers finite, and within what a message can carry."""
     sigmas = state.position_sigma_m + state.yaw_sigma_rad
     if not isfinite(sigmas + state.height_m) or sigmas < 0.0 or not abs(hypot(*state.quaternion) - 1.0) < _NORM_ERROR:
         return False

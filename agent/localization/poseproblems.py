@@ -12,7 +12,7 @@ NO_PLACE = "where it is in the mission frame is not known: its localisation has 
 
 
 def pose_problems(drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames, now_ns: int, flying: bool) -> tuple[str, ...]:
-    """One line for each problem, the own ones before those of others. Before a flight an unknown frame is no problem."""
+    """Return one line for each problem, the own ones first. Before a flight an unknown frame is no problem."""
     told = [problem for problem in (clocks.problem(now_ns), *own.problems(now_ns)) if problem is not None]
     if not flying:
         return tuple(told)

@@ -1,4 +1,4 @@
-"""Whether a vehicle that has landed stays where it is: one that seems to move is carried away, or its localisation is wrong."""
+"""Watch a landed vehicle for motion: it is carried away, or its localisation is wrong."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from agent.geometry import Vector3
 from agent.vehicle.interface import VehicleState
 
-# A standing receiver's position wanders by a metre or two (multipath, the constellation); one that is spoofed, or whose filter
-# diverges, goes on. With this and the stated errors nothing that is right is taken for wrong.
+# A standing receiver's position wanders by a metre or two (multipath, the constellation); with spoofing, or a diverging filter,
+# it moves on and on. This limit and the stated errors avoid false alarms.
 MOVED_M = 3.0
 _SIGMAS = 3.0
 
@@ -23,13 +23,13 @@ class Resting:
 
     def __init__(self) -> None:
         self._has_flown = False
-        self._place: tuple[int, Vector3, float] | None = None  # where it came down: epoch, position, 1 sigma
+        self._place: tuple[int, Vector3, float] | None = None  # of the landing: epoch, position, 1 sigma
         self.moved_m = 0.0  # since then, if more than errors explain
 
     def take(self, state: VehicleState, *, reports_down: bool) -> VehicleState:
-        """The telemetry with what is believed of its position.
+        """Return the telemetry; its position is untrusted after a motion on the ground.
 
-        ``reports_down``: the autopilot says so, which ``state`` may not follow yet: what it does must be confirmed first.
+        ``reports_down``: the autopilot reports a landing; ``state`` shows it only once it is confirmed.
         """
         if not reports_down:
             self._has_flown = self._has_flown or state.in_air
@@ -41,7 +41,7 @@ class Resting:
         return replace(state, position_trusted=False, position_sigma_m=max(state.position_sigma_m, self.moved_m))
 
     def problem(self) -> str | None:
-        """What the operator is told of a vehicle that seems to have moved."""
+        """Return the message to the operator on a vehicle that seems to have moved."""
         if not self.moved_m:
             return None
         return f"has moved by {self.moved_m:.0f} m since it landed, if its localisation is right: what it measures is not used"
@@ -50,7 +50,7 @@ class Resting:
         if self._place is None or (self._place[0] != state.epoch and not self.moved_m):
             self._place = state.epoch, state.position_m, state.position_sigma_m
         epoch, place, sigma_m = self._place
-        if epoch != state.epoch:  # it has jumped, too
+        if epoch != state.epoch:  # it has jumped as well
             return
         moved_m = dist(place[:2], state.position_m[:2])
         self.moved_m = moved_m if moved_m > MOVED_M + _SIGMAS * max(sigma_m, state.position_sigma_m) else 0.0

@@ -11,14 +11,14 @@ from agent.vehicle.interface import VehicleState
 
 
 class Untold(Struct, frozen=True):
-    """The frame of an epoch, mission from local, as it is at ``stamp_ns``: by continuity, or as it was known last."""
+    """The frame of an epoch, mission from local, at ``stamp_ns``: by continuity, or as last known."""
 
     epoch: int
     transform: Transform
     stamp_ns: int
 
     def drifted(self, drone: str, vehicle: VehicleState, drift: Drift) -> Untold:
-        """As it is at this telemetry; anew once a second."""
+        """Return the frame at this telemetry; renewed once a second."""
         seconds = (vehicle.stamp_ns - self.stamp_ns) * 1e-9
         if vehicle.epoch != self.epoch or 0.0 <= seconds < 1.0:
             return self
