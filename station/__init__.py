@@ -1,1 +1,1 @@
-"""The operator's side: what the swarm knows, live and from its records, as a page in a browser."""
+"""The operator's side: the swarm's state and findings, live and from records, as a page in a browser."""

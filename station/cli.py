@@ -221,7 +221,7 @@ def _require(option: str, library: str) -> None:
 
 
 def _foxglove_doors(hub: Hub, layout_file: Path) -> Doors:
-    """Foxglove's socket; its layout is written when it is served."""
+    """Return the doors with Foxglove's socket; the layout is written when the socket is served."""
     _require("foxglove", "foxglove")
     from agent.outputs import replacing  # noqa: PLC0415
     from station.viewers.layout import layout  # noqa: PLC0415

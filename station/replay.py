@@ -1,4 +1,4 @@
-"""From flight records to the pages: the same picture, by the times in the records."""
+"""Replay of flight records to the pages: the same picture, by the times in the records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from station.picture.history import FRAME_MS
 
 HEARD_NS = 2_000_000_000  # a drone heard within this time counts as alive: records hold no liveliness tokens
 KNOWN_NS = 30_000_000_000
-REPLACED = ("pose", "plan", "frame", "estimate")  # kinds of which the newest is all that counts, and that come often
+REPLACED = ("pose", "plan", "frame", "estimate")  # frequent kinds: only the newest message counts
 _SLICE_S = 0.02  # of work, before pages are served
 _TELL_S = 0.5
 
@@ -39,8 +39,8 @@ class Heard(NamedTuple):
 class Records:
     """The records of one mission by one or more of its drones.
 
-    ``mission``: of all; ``verifier``: of the log's signatures, None in a swarm without certificates. ``judges_exposures``: see
-    ``FlightHeader``.
+    ``mission``: of all records; ``verifier``: of the log's signatures, None in a swarm without certificates.
+    ``judges_exposures``: see ``FlightHeader``.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -64,7 +64,7 @@ class Records:
 
     @property
     def share(self) -> float:
-        """How much has been read."""
+        """Share of the records read so far, 0 to 1."""
         size = sum(flight.size_bytes for flight in self._flights)
         return sum(flight.read_bytes for flight in self._flights) / size if size else 1.0
 
@@ -75,17 +75,17 @@ class Records:
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """What the records lack, by file; known once they have been read."""
+        """Missing parts of the records, by file; known after reading."""
         return tuple(flaw for flight in self._flights for flaw in flight.incomplete)
 
     def messages(self) -> Iterator[Heard]:
-        """All messages that the drones received and sent, in the order of their times; what several recorded comes once."""
+        """Yield all messages received and sent by the drones, in the order of their times; repeated messages come once."""
         once = _Once()
         return merge(*(_messages(flight, once) for flight in self._flights), key=lambda heard: heard.at_ns)
 
 
 class _Once:
-    """Tells what is not known yet of what came in the last ``KNOWN_NS``: later, the log itself knows its entries."""
+    """Filter of messages repeated within ``KNOWN_NS``: after that time, the log itself recognises its entries."""
 
     def __init__(self) -> None:
         self._known: set[bytes] = set()
@@ -93,7 +93,7 @@ class _Once:
         self._turn_ns = 0
 
     def is_new(self, data: bytes, at_ns: int) -> bool:
-        """Whether this has not come yet; it has from now on."""
+        """Return whether a message is new, and remember it."""
         if data in self._known or data in self._older:
             return False
         if at_ns > self._turn_ns:
@@ -107,7 +107,7 @@ async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
     began_s = told_s = monotonic()
     picture, shown_ns, now_ns = hub.picture, 0, 0
     last_ns: dict[str, int] = {}
-    newest: dict[str, Heard] = {}  # of what is replaced by newer ones: only what the next frame shows is decoded
+    newest: dict[str, Heard] = {}  # of the replaced kinds: only messages for the next frame are decoded
     for heard in records.messages():
         now_ns = heard.at_ns
         if not shown_ns:
@@ -138,7 +138,7 @@ async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
 
 
 def _settle(hub: Hub, now_ns: int) -> None:
-    """Complete the estimate of a time."""
+    """Complete the estimate for a time."""
     hub.picture.advance(now_ns)
     while hub.picture.log.pending:
         hub.picture.advance(now_ns)
@@ -150,5 +150,5 @@ def _messages(flight: RecordedFlight, once: _Once) -> Iterator[Heard]:
         latest_ns = max(latest_ns, record.log_ns)
         if once.is_new(record.data, latest_ns):
             key, payload = decode_message(record.data)
-            with contextlib.suppress(ProtocolError):  # the drones did not take it either
+            with contextlib.suppress(ProtocolError):  # the drones rejected the message, too
                 yield Heard(latest_ns, *as_today(key, payload))

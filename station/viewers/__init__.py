@@ -1,1 +1,1 @@
-"""What the station knows, for other programs: Foxglove and TAK."""
+"""Views of the station's picture in other programs: Foxglove and TAK."""

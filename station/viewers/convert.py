@@ -42,7 +42,7 @@ def posed(place: geometry.Vector3, attitude: geometry.Quaternion = LEVEL) -> Pos
 
 
 def turned(yaw_rad: float, attitude: geometry.Quaternion) -> geometry.Quaternion:
-    """An attitude in a frame that is turned by a yaw."""
+    """Return an attitude in a frame turned by a yaw."""
     c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
     w, x, y, z = attitude
     return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w

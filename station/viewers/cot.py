@@ -1,6 +1,6 @@
 """The swarm as Cursor on Target events (CoT 2.0, as TAK reads them): drones, each source with its region and its cordon.
 
-The region is drawn as a polygon ("u-d-f"): clients disagree about what the angle of an ellipse means.
+The region is drawn as a polygon ("u-d-f"): clients disagree about the meaning of an ellipse's angle.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from station.picture.shapes import CORDON_USVPH, cordon_radius_m, region
 DRONE, SPOT, POLYGON, CIRCLE = "a-f-A-M-H-Q", "b-m-p-s-m", "u-d-f", "u-d-c-c"  # friendly rotary-wing drone; marks and drawings
 DRONE_STALE_S, SOURCE_STALE_S = 5.0, 15.0
 REGION_POINTS = 24
-_UNKNOWN = "9999999.0"  # CoT's for a height or error that nobody knows
+_UNKNOWN = "9999999.0"  # CoT's value for an unknown height or error
 _BLACK, _RED, _ORANGE, _CLEAR = "-16777216", "-65536", "-23296", "0"  # signed ARGB
 _NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # characters that XML 1.0 cannot hold
 Place = tuple[float, float, float]
 
 
 class CursorOnTarget:
-    """Events of one mission, whose frame lies on Earth."""
+    """Makes the events of one mission with a datum."""
 
     def __init__(self, datum: DatumConfig, about: MissionFrame) -> None:
         self._datum = datum
         self._prefix = f"radron.{about.swarm}.{about.id}"
 
     def drones(self, frame: Frame) -> Iterator[bytes]:
-        """Each drone that is heard; one that is not becomes stale on the receivers' maps."""
+        """Yield an event for each drone in contact; a drone out of contact becomes stale on the receivers' maps."""
         for drone in frame.drones:
             if drone.place is not None and not drone.stale:
                 yield self._drone(drone, drone.place, frame.at_ms)
 
     def sources(self, frame: Frame) -> Iterator[bytes]:
-        """Each source, its region and its cordon; nothing where there is no estimate."""
+        """Yield each source, its region and its cordon; nothing without an estimate."""
         for source in (frame.source, *frame.others):
             if source is not None:
                 yield from self._source(source, frame.at_ms)
@@ -57,7 +57,7 @@ class CursorOnTarget:
 
     def _drone(self, drone: DroneFrame, place: Place, at_ms: int) -> bytes:
         event, detail = self._event(drone.id, DRONE, place, at_ms, DRONE_STALE_S, drone.sigma_m)
-        course_deg = math.degrees(0.5 * math.pi - drone.yaw) % 360.0  # the nose's; the picture has no other
+        course_deg = math.degrees(0.5 * math.pi - drone.yaw) % 360.0  # of the nose: the picture has no course over ground
         _child(detail, "contact", callsign=drone.id)
         _child(detail, "track", course=f"{course_deg:.1f}", speed=f"{drone.speed_mps:.2f}")
         if drone.battery is not None:
@@ -114,7 +114,7 @@ class CursorOnTarget:
         sigma_m: float | None = None,
         height_m: float | None = None,
     ) -> tuple[ElementTree.Element, ElementTree.Element]:
-        """An event and its detail. ``sigma_m``, ``height_m``: 1-sigma errors, horizontal and of the height."""
+        """Return an event and its detail. ``sigma_m``, ``height_m``: 1-sigma errors, horizontal and of the height."""
         event = ElementTree.Element("event", version="2.0", uid=f"{self._prefix}.{uid}", type=kind, how="m-g")
         event.set("time", _time(at_ms))
         event.set("start", _time(at_ms))

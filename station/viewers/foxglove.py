@@ -1,4 +1,4 @@
-"""From the picture to Foxglove's messages: for an MCAP file or a live view alike."""
+"""The picture as Foxglove's messages, for an MCAP file and a live view alike."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from station.viewers.onearth import OnEarth
 from station.viewers.scene import Scene, moment
 
 SLOW_NS = 1_000_000_000  # interval of everything but poses and plans
-AREA_NS = 2_000_000_000  # area and fence are repeated for those who connect later
+AREA_NS = 2_000_000_000  # area and fence are repeated for later connections
 SPECTRUM_NS = 10_000_000_000  # over which a spectrum is summed
 TRAIL_POINTS = 60  # seconds
 MOST_WAITING = 4096  # exposures between two calls
@@ -38,24 +38,24 @@ class Encodable(Protocol):
     """A message of Foxglove's library."""
 
     def encode(self) -> bytes:
-        """As Protocol Buffers."""
+        """Encode as Protocol Buffers."""
 
 
 class Message(NamedTuple):
-    """A message of a topic, and when the station had it (UTC); what it holds is made only if somebody wants it, and at once."""
+    """A message of a topic. ``log_ns``: the station's time (UTC); ``content``: made only for a subscriber, and at once."""
 
     topic: str
     log_ns: int
     content: Callable[[], Encodable | topics.Table]
 
     def encode(self) -> bytes:
-        """As bytes."""
+        """Encode by the topic's encoding: JSON for tables, else Protocol Buffers."""
         content = self.content()
         return _encode_table(content) if isinstance(content, topics.Table) else content.encode()
 
 
 class Foxglove:
-    """What a station's picture holds, as messages of Foxglove's schemas; ``topics``: all that can come."""
+    """Converts a station's picture to messages of Foxglove's schemas; ``topics``: all possible topics."""
 
     def __init__(self, picture: Picture) -> None:
         self._picture = picture
@@ -65,7 +65,7 @@ class Foxglove:
         self.topics = topics.topics(self._about.drones, datum is not None)
         self._ground = Ground.from_config(picture.mission)
         self._scene = Scene(self._ground)
-        self._poses: dict[str, int] = {}  # stamps of the newest that were sent
+        self._poses: dict[str, int] = {}  # stamp of the newest pose sent, by drone
         self._plans: dict[str, int] = {}
         self._trails: defaultdict[str, deque[Vector3]] = defaultdict(lambda: deque(maxlen=TRAIL_POINTS))
         self._cones: deque[ConeCurve] = deque()
@@ -75,7 +75,7 @@ class Foxglove:
         picture.on_entry.append(self._hear)
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> Iterator[Message]:
-        """All messages about a frame; to be called with each, and read to the end."""
+        """Yield all messages about a frame; to be called with each frame, and read to the end."""
         now_ns = frame.at_ms * 1_000_000
         self._cones.extend(cones)
         while self._cones and self._cones[0].at_ms < frame.at_ms - CONES_MS:
@@ -98,7 +98,7 @@ class Foxglove:
             yield from self._seconds(frame, now_ns)
 
     def event(self, event: Event) -> Message:
-        """An event, in the page's words."""
+        """Return an event in the page's words."""
         at_ns = event.at_ms * 1_000_000
         level = LogLevel.Warning if event.level == "warning" else LogLevel.Info
         text = _TEXTS.get(f"event {event.text}", event.text).format(**event.values)
@@ -110,7 +110,7 @@ class Foxglove:
             self._waiting.append(entry)
 
     def _motion(self, drone: DroneFrame, now_ns: int) -> Iterator[Message]:
-        """Frames, pose and plan of a drone, where there are new ones; the pose exactly as the drone has published it."""
+        """Yield new frames, pose and plan of a drone; the pose exactly as published by the drone."""
         member = self._picture.members[drone.id]
         pose = member.pose
         local = self._local(drone.id, pose.epoch) if pose is not None else None

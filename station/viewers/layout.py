@@ -1,6 +1,6 @@
 """The layout in which Foxglove shows a mission ("Layouts", "Import from file"): 3D view and map, plots, spectra, events, numbers.
 
-It is written in the form that Foxglove exports and imports in all its versions; "RosOut" is in it the log panel's name.
+The form is Foxglove's export and import format of all versions; "RosOut" is its name of the log panel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Split = dict[str, object] | str
 
 
 def layout(about: MissionFrame) -> str:
-    """The layout of a mission's drones, as JSON."""
+    """Return the layout for a mission's drones, as JSON."""
     panels: Panels = {
         "3D!scene": _scene(about),
         "Plot!source": _plot("Uncertainty of the source (1 sigma), m", [("rms", f"{topics.SOURCE}.rms_m", _hex(RED))]),
@@ -92,7 +92,7 @@ def _plot(title: str, paths: list[tuple[str, str, str]]) -> dict[str, object]:
 
 
 def _spectrum(about: MissionFrame) -> dict[str, object]:
-    """Counts over energy: an axis for each drone's own message, which all have the same energies."""
+    """Counts over energy: an axis for each drone's own message, all with the same energies."""
     plot = _plot("Spectrum of the last 10 s: counts over keV", _of_drones(about, topics.SPECTRUM, "counts[:]"))
     axis = {"value": f"{topics.SPECTRUM.format(about.drones[0])}.energy_kev[:]", "enabled": True}
     return {**plot, "xAxisVal": "currentCustom", "xAxisPath": axis, "isSynced": False}

@@ -1,8 +1,7 @@
-"""The swarm live for Foxglove: its WebSocket protocol (foxglove.sdk.v1, foxglove.websocket.v1), as far as a source of messages
-needs it.
+"""The swarm live for Foxglove: the part of its WebSocket protocol (foxglove.sdk.v1, foxglove.websocket.v1) for message sources.
 
-Foxglove's own server is not used: it asks neither for the name by which it is called nor for the site that calls it, and has no
-token, so that any page open in a browser of this computer could read the flight.
+Foxglove's own server is not used: it checks neither the host name nor the origin of a request, and has no token, so that any
+page open in a browser of this computer could read the flight.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from station.picture.frame import ConeCurve, Event, Frame, Raster
 from station.viewers.foxglove import Foxglove, Message
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-SITE = "https://app.foxglove.dev"  # from which Foxglove is loaded in a browser
+SITE = "https://app.foxglove.dev"  # origin of Foxglove in a browser
 MOST_WAITING = 4000  # messages for a client that reads too slowly: some seconds of a large swarm
 _DATA = struct.Struct("<BIQ")  # opcode, subscription, time (ns)
 _OPCODE = 1
@@ -30,19 +29,19 @@ _encode = msgspec.json.Encoder().encode
 
 
 def is_foxglove(origin: str) -> bool:
-    """Whether a request may be Foxglove's: from its site, or from an installed program (file:// and the like)."""
+    """Return whether a request may be Foxglove's: from its site, or from an installed program (file:// and the like)."""
     return origin == SITE or urlsplit(origin).scheme not in ("", "http", "https")
 
 
 class Subscription(Struct, frozen=True):
-    """``id``: chosen by the client; ``channel``: of those advertised."""
+    """A client's subscription. ``id``: chosen by the client; ``channel``: an advertised channel."""
 
     id: int
     channel: int = msgspec.field(name="channelId")
 
 
 class Request(Struct, frozen=True):
-    """What a client asks for; requests that need a capability which is not offered are without effect."""
+    """A client's request; requests for a capability that is not offered are without effect."""
 
     op: str
     subscriptions: tuple[Subscription, ...] = ()
@@ -50,7 +49,7 @@ class Request(Struct, frozen=True):
 
 
 class Client:
-    """A connected Foxglove. ``subscribed``: its subscriptions' numbers by channel; ``gone``: it reads too slowly."""
+    """A connected Foxglove. ``subscribed``: its subscriptions' ids by channel; ``gone``: to be disconnected."""
 
     def __init__(self) -> None:
         self.subscribed: dict[int, int] = {}
@@ -58,25 +57,25 @@ class Client:
         self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
 
     def send(self, data: bytes) -> None:
-        """Send a message, unless the client is far behind: then it is let go."""
+        """Send a message; a client far behind is disconnected instead."""
         try:
             self._waiting.put_nowait(data)
         except asyncio.QueueFull:
             self.gone = True
 
     def leave(self) -> None:
-        """Let the client go; it connects again by itself."""
+        """Disconnect the client; Foxglove connects again by itself."""
         self.gone = True
         if self._waiting.empty():
             self._waiting.put_nowait(_encode({"op": "status", "level": 0, "message": "another mission"}))
 
     async def next(self) -> bytes:
-        """The next message."""
+        """Return the next message."""
         return await self._waiting.get()
 
 
 class LiveFoxglove:
-    """An outlet of a hub for the connected Foxgloves, the ``clients``."""
+    """An outlet of a hub for the connected Foxgloves (``clients``)."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -90,7 +89,7 @@ class LiveFoxglove:
 
     @contextmanager
     def joined(self) -> Iterator[Client]:
-        """A client, which is told what it can subscribe to; text messages begin with a brace."""
+        """Yield a new client, after sending it the channels; text messages begin with a brace."""
         client = Client()
         client.send(_encode({"op": "serverInfo", "name": self._picture.mission.name, "capabilities": [], "metadata": {}}))
         client.send(_encode({"op": "advertise", "channels": [self._about(name) for name in self._channels]}))
@@ -101,10 +100,10 @@ class LiveFoxglove:
             self.clients.remove(client)
 
     def ask(self, client: Client, text: str) -> None:
-        """Obey a client's message.
+        """Carry out a client's request.
 
         Raises:
-            MsgspecError: it is none of the protocol.
+            MsgspecError: no message of the protocol.
         """
         request = msgspec.json.decode(text, type=Request)
         if request.op == "subscribe":
@@ -114,7 +113,7 @@ class LiveFoxglove:
             client.subscribed = {channel: one for channel, one in client.subscribed.items() if one not in request.ended}
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
-        """Send what is new in a frame; to clients of another mission than the hub's, that they must connect again."""
+        """Send the news of a frame. After a change of the hub's mission all clients are disconnected, to connect again."""
         if self._hub.picture is not self._picture:
             self._begin()
             for client in self.clients:

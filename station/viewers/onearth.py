@@ -21,13 +21,13 @@ _BLACK, _RED = "#111111", "#a33b00"
 
 
 class OnEarth:
-    """Of one mission."""
+    """Converter for the places of one mission."""
 
     def __init__(self, datum: DatumConfig, about: MissionFrame) -> None:
         self._datum, self._about = datum, about
 
     def fix(self, drone: DroneFrame, mission_from_local: Transform, pose: Pose) -> LocationFix:
-        """Where a drone is."""
+        """Return a drone's place on Earth."""
         variance = pose.position_sigma_m**2
         place = mission_from_local.apply_point(pose.position_m)
         latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, place)
@@ -43,7 +43,7 @@ class OnEarth:
         )
 
     def source_fix(self, source: SourceFrame, at_ns: int) -> LocationFix:
-        """Where the source is."""
+        """Return the source's place on Earth."""
         xx, xy, xz, yy, yz, zz = source.covariance_m2
         latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, source.place)
         if source.position_deg is not None:  # not rounded
@@ -59,7 +59,7 @@ class OnEarth:
         )
 
     def outlines(self, sources: Iterable[SourceFrame]) -> GeoJson:
-        """Outlines of the area, and each source with its region and its cordon."""
+        """Return outlines of the area, and each source with its region and its cordon."""
         outlines: list[tuple[str, str, Sequence[Point]]] = [("area", _BLACK, self._about.area)]
         for source in sources:
             outlines.append((f"source{numbered(source)}", _BLACK, [source.place[:2]]))

@@ -19,16 +19,16 @@ from station.viewers.foxglove import Foxglove, Message
 from station.viewers.layout import layout
 from station.viewers.topics import Topic
 
-STEP_MS = 100  # interval of the frames: that of the drones' poses
+STEP_MS = 100  # interval of the frames, equal to the drones' poses
 
 
 def export(paths: Sequence[Path], out: Path, progress: Callable[[float], None]) -> tuple[list[Path], tuple[str, ...]]:
     """Write one MCAP file from the records of one mission, and the layout for it beside it.
 
-    Returns both paths, and why records could not be read to their ends.
+    Returns both paths, and the reasons why records could not be read to their ends.
 
     Raises:
-        FlightRecordError: they cannot be read, or are of several missions; or the new file would replace one of them.
+        FlightRecordError: records are unreadable, or of several missions; or the new file would replace a record.
         OSError: the file cannot be written.
     """
     records = Records(paths)
@@ -49,7 +49,7 @@ def export(paths: Sequence[Path], out: Path, progress: Callable[[float], None]) 
 
 
 class _Recording:
-    """Writes what a hub shows."""
+    """Writes the hub's frames and events to a file."""
 
     def __init__(self, file: BinaryIO, foxglove: Foxglove) -> None:
         self._foxglove = foxglove

@@ -1,5 +1,5 @@
-"""The mission as shapes in Foxglove's 3D view. Each update replaces the one before on its topic, so that any second of a record
-can be shown without those before it.
+"""The mission as shapes in Foxglove's 3D view. Each update replaces the last update of its topic, so that any second of a record
+can be shown without the seconds before.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from station.viewers.topics import BODY, MISSION
 BLACK, GREY, RED, YELLOW = (0.07, 0.07, 0.07), (0.45, 0.45, 0.45), (0.64, 0.23, 0.0), (0.94, 0.89, 0.26)
 # colour-blind-safe (Okabe and Ito 2008)
 COLOURS = ((0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65), (0.9, 0.62, 0.0), (0.34, 0.71, 0.91))
-_ABOVE_M = 0.05  # lines on the ground are drawn so far above it
+_ABOVE_M = 0.05  # height of lines above the ground
 _UPRIGHT = Quaternion(w=1.0)
 Colour = tuple[float, float, float]
 
 
 def colour_of(index: int, drone: DroneFrame | None = None) -> Colour:
-    """A drone's colour; grey for one that is not heard."""
+    """Return a drone's colour; grey for a drone out of contact."""
     return GREY if drone is not None and drone.stale else COLOURS[index % len(COLOURS)]
 
 
 def shade(colour: Colour, opacity: float = 1.0) -> Color:
-    """A colour for Foxglove."""
+    """Return a colour for Foxglove."""
     red, green, blue = colour
     return Color(r=red, g=green, b=blue, a=opacity)
 
 
 def moment(at_ns: int) -> Timestamp:
-    """A time for Foxglove."""
+    """Return a time for Foxglove."""
     return Timestamp(*divmod(at_ns, 1_000_000_000))
 
 
@@ -78,7 +78,7 @@ class Scene:
         return _update(at_ns, entities)
 
     def sources(self, sources: Iterable[SourceFrame], at_ns: int) -> SceneUpdate:
-        """Each source, the region that holds it with 90 %, and its cordon."""
+        """Each source, its region of 90 % probability, and its cordon."""
         return _update(at_ns, [entity for source in sources for entity in self._source(source, at_ns)])
 
     def _source(self, source: SourceFrame, at_ns: int) -> Iterator[SceneEntity]:
@@ -97,7 +97,7 @@ class Scene:
             yield self._outline(name, circle(source.place, radius_m), RED, 4.0, at_ns)
 
     def cones(self, cones: Iterable[ConeCurve], drones: Sequence[str], at_ns: int) -> SceneUpdate:
-        """Where the last seconds' cones meet the ground."""
+        """Curves of the last seconds' cones on the ground."""
         curves: dict[str, list[list[Vector]]] = {drone: [] for drone in drones}
         for cone in cones:
             curves[cone.drone] += [self._on_ground(curve) for curve in cone.curves]

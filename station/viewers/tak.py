@@ -15,17 +15,17 @@ from station.picture.frame import ConeCurve, Event, Frame, Raster
 from station.picture.picture import Picture
 from station.viewers.cot import CursorOnTarget
 
-with warnings.catch_warnings():  # of the parts of pytak that need further packages
+with warnings.catch_warnings():  # from the parts of pytak that need further packages
     warnings.simplefilter("ignore")
     import pytak
 for _part in ("classes", "client_functions"):
-    logging.getLogger(f"pytak.{_part}").setLevel(logging.CRITICAL)  # what matters is told on the page
+    logging.getLogger(f"pytak.{_part}").setLevel(logging.CRITICAL)  # the page reports the state of the link
 
 SCHEMES = ("udp", "tcp", "tls")
 DRONES_MS, SOURCE_MS = 1000, 5000  # intervals
 MOST_WAITING = 400  # events for a link that is too slow or lost: the oldest are dropped
 RETRY_S = 5.0
-SETTINGS = "PYTAK_"  # what the environment variables with certificates and keys begin with
+SETTINGS = "PYTAK_"  # prefix of the environment variables with certificates and keys
 NEEDED = ("PYTAK_TLS_CLIENT_CERT", "PYTAK_TLS_CLIENT_KEY")  # for TLS
 
 
@@ -37,18 +37,18 @@ class Tak:
     """An outlet of a hub."""
 
     def __init__(self, picture: Picture, url: str, tell: Callable[[str, bool], None]) -> None:
-        """``tell``: called with what becomes of the link, and whether that is a warning.
+        """``tell``: called with each change of the link, and whether it is a warning.
 
         Raises:
-            TakError: no address of TAK, or a mission that lies nowhere on Earth.
+            TakError: no address of TAK, or a mission without a datum.
         """
         if picture.mission.datum is None:
             raise TakError("--tak: the mission has no [datum], so nobody knows where its places are on Earth")
         self._cot = CursorOnTarget(picture.mission.datum, picture.about(replay=False))
         self._url, self._target, self._tell = url, _checked(url), tell
         self._queue: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
-        self._news: list[tuple[str, bool]] = []  # that wait for the next frame, whose time they get
-        self._trouble = ""  # the last that was told
+        self._news: list[tuple[str, bool]] = []  # link changes that wait for the next frame, for its time
+        self._trouble = ""  # the last reported reason
         self._drones_ms = self._source_ms = 0
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
@@ -63,18 +63,18 @@ class Tak:
 
     @property
     def waiting(self) -> int:
-        """How many events wait for the link."""
+        """Number of events that wait for the link."""
         return self._queue.qsize()
 
     def note(self, event: Event) -> None:
-        """Events of the timeline are not sent."""
+        """Ignore an event of the timeline."""
 
     async def run(self) -> None:
-        """Keep the link, until cancelled."""
+        """Keep the link up, until cancelled."""
         while True:
             try:
                 await self._keep()
-            except (OSError, ValueError, SyntaxError, SystemError) as error:  # all of pytak's
+            except (OSError, ValueError, SyntaxError, SystemError) as error:  # all that pytak raises
                 reason = str(error.__cause__ or error) or type(error).__name__
                 if reason != self._trouble:
                     self._trouble = reason
@@ -82,7 +82,7 @@ class Tak:
             await asyncio.sleep(RETRY_S)
 
     async def _keep(self) -> None:
-        """One connection, until it is lost; what a server sends is read and dropped."""
+        """Send events over one connection until it is lost; data from a server is read and dropped."""
         config = {key: value for key, value in os.environ.items() if key.startswith(SETTINGS)}
         config["COT_URL"] = self._target
         reader, writer = await pytak.protocol_factory(config)
@@ -117,7 +117,7 @@ async def _drain(reader: asyncio.StreamReader) -> None:
 
 
 def _checked(url: str) -> str:
-    """The address as pytak takes it; over UDP nothing is received."""
+    """Return the address in pytak's form, write-only for UDP. Raises TakError."""
     try:
         parts = urlsplit(url)
         port = parts.port

@@ -12,7 +12,7 @@ from foxglove.messages import FrameTransforms, GeoJson, Grid, LocationFix, Log, 
 from msgspec import Struct
 
 MISSION = "mission"  # Foxglove's name of the mission frame
-BODY, LOCAL = "{drone}", "{drone}/local"  # those of a drone's body, and of the frame in which it localises itself
+BODY, LOCAL = "{drone}", "{drone}/local"  # names of a drone's body frame and of its local frame
 
 TRANSFORMS = "/tf"
 AREA, SWARM_SCENE, SOURCE_SCENE, CONES = "/scene/area", "/scene/drones", "/scene/source", "/scene/cones"
@@ -23,11 +23,11 @@ POSE, PLAN, FIX, STATE, COUNTS, SPECTRUM = "/{}/pose", "/{}/plan", "/{}/fix", "/
 
 
 class Table(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A message of plain fields: numbers, texts, lists of them. What is not known is left out: Foxglove reads no null."""
+    """A message of plain fields: numbers, texts and lists. Unknown values are left out: Foxglove reads no null."""
 
 
 class DroneTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """A drone's state; the fields are those of ``DroneFrame``. ``heard``: whether it is being heard."""
+    """A drone's state, with the fields of ``DroneFrame``. ``heard``: whether the drone is in contact."""
 
     stage: str
     heard: bool
@@ -46,7 +46,7 @@ class DroneTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class CountsTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """An exposure of the log, which ended at ``end_s`` (UTC). ``singles``, ``coincident``: events by bins of energy."""
+    """An exposure of the log. ``end_s``: its end (UTC). ``singles``, ``coincident``: events by bins of energy."""
 
     end_s: float
     live_time_s: float
@@ -66,7 +66,7 @@ class SpectrumTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SourceTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """A source of the estimate, mission frame; the fields are those of ``SourceFrame``."""
+    """A source of the estimate, mission frame, with the fields of ``SourceFrame``."""
 
     number: int
     x_m: float
@@ -89,14 +89,14 @@ class SourceTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SearchTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The search before there is an estimate: probability that there is no source; stronger ones are excluded."""
+    """The search before an estimate. ``none``: probability of no source; ``excluded_bq``: stronger sources are excluded."""
 
     none: float
     excluded_bq: float | None = None
 
 
 class LogTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The log's size and digest, and what the drones have concluded."""
+    """The log's size and digest, and the drones' conclusion."""
 
     entries: int
     digest: str
@@ -104,7 +104,7 @@ class LogTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Topic(typing.NamedTuple):
-    """``encoding``: of its messages, as MCAP and Foxglove's WebSocket protocol name it."""
+    """A topic. ``encoding``: of its messages, by the names of MCAP and Foxglove's WebSocket protocol."""
 
     name: str
     encoding: str
@@ -112,7 +112,7 @@ class Topic(typing.NamedTuple):
 
 
 def topics(drones: Sequence[str], on_earth: bool) -> list[Topic]:
-    """All topics of a swarm; places on Earth only where the mission has a datum."""
+    """Return all topics of a swarm; places on Earth only for a mission with a datum."""
     own: dict[str, Schema] = {
         TRANSFORMS: FrameTransforms.get_schema(),
         **{name: SceneUpdate.get_schema() for name in (AREA, SWARM_SCENE, SOURCE_SCENE, CONES)},
@@ -135,7 +135,7 @@ def topics(drones: Sequence[str], on_earth: bool) -> list[Topic]:
 
 
 def _schema_of(table: type[Table]) -> Schema:
-    """JSON schema of a table: Foxglove reads neither references nor alternatives, so not msgspec's."""
+    """Return the JSON schema of a table; not msgspec's: Foxglove reads neither references nor alternatives."""
     hints = typing.get_type_hints(table)
     properties = {name: next(_properties(hints[name])) for name in table.__struct_fields__}
     name = f"radron.{table.__name__.removesuffix('Table')}"

@@ -29,18 +29,18 @@ from station.web.talk import talk
 PAGE = Path(__file__).parent.parent / "page"
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".svg": "image/svg+xml"}
 MAX_PAGES = 32
-MAX_REQUEST_CHARACTERS = 16_384  # of a message from a page: a mission's area may have 256 corners
+MAX_REQUEST_CHARACTERS = 16_384  # in a page's message: a mission's area may have 256 corners
 TOO_OLD = f"refused, it was given more than {MAX_COMMAND_AGE_S:g} s ago: give it again"
-_DRAFT_COST = 10.0  # of a mission that is to be checked, in messages: tens of milliseconds
+_DRAFT_COST = 10.0  # of a mission's check, in messages: tens of milliseconds
 
 
 class Wish(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a page asks for: to follow the present (``live``), to see a time, to command the drones (none: all), to have a mission
-    checked, or to ``upload`` it.
+    """A page's request: to follow the present (``live``), to see a time, to command the drones (none: all), to check a mission,
+    or to ``upload`` it.
 
-    ``drawn``: the newest frame that it got has been drawn. ``beat``: its heartbeat, with its own time, which the answer repeats.
-    An order, which is a command or an upload, has a ``number``, which the answer repeats, and the newest ``stamp`` of the station
-    that the page has heard (``station.web.beat``).
+    ``drawn``: the newest received frame has been drawn. ``beat``: the page's heartbeat, with the page's time, repeated in the
+    answer. An order (command or upload) has a ``number``, repeated in the answer, and the newest ``stamp`` of the station
+    received by the page (``station.web.beat``).
     """
 
     live: bool = False
@@ -56,17 +56,17 @@ class Wish(Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_operators(self) -> bool:
-        """Whether the operator asks, not the page by itself."""
+        """Whether the operator asks, and not the page by itself."""
         return self.live or self.at_ms is not None or self.command is not None or self.draft is not None
 
 
 def application(hub: Hub, guard: Guard, doors: Sequence[WebSocketRoute] = ()) -> Starlette:
-    """The application of one hub; ``doors``: sockets of other programs."""
+    """Return the application of one hub; ``doors``: sockets of other programs."""
     files = {f"/{path.relative_to(PAGE).as_posix()}": path for path in sorted(PAGE.rglob("*")) if path.suffix in TYPES}
     files["/"] = PAGE / "index.html"
 
     async def serve_file(request: Request) -> Response:
-        """A file of the page, of a fixed list: no path comes from the request. They hold nothing of the mission."""
+        """Return a file of the page, from a fixed list: no path comes from the request. The files hold nothing of the mission."""
         path, misled = files.get(request.url.path), guard.misled(request.headers)
         if misled is not None:
             return PlainTextResponse(misled, 403, HEADERS)
@@ -92,7 +92,7 @@ async def _send(socket: WebSocket, page: Page) -> None:
 
 
 async def _listen(socket: WebSocket, page: Page, hub: Hub) -> None:
-    """Obey a page, until it closes, floods, or says what no page says."""
+    """Carry out a page's requests until it closes, floods, or sends an invalid message."""
     credit = Credit()
     with contextlib.suppress(WebSocketDisconnect, msgspec.MsgspecError, KeyError):
         while True:
@@ -118,14 +118,14 @@ async def _listen(socket: WebSocket, page: Page, hub: Hub) -> None:
 
 
 def _answer(hub: Hub, page: Page, wish: Wish, refused: str) -> None:
-    """Answer an order; a refusal is told to all pages too."""
+    """Answer an order; all pages see a refusal."""
     if refused:
         hub.tell(refused, True, "upload" if wish.command is None else "command")
     page.send(encode({"kind": "answer", "number": wish.number, "refused": refused}))
 
 
 def _edit(hub: Hub, page: Page, wish: Wish, draft: Draft) -> None:
-    """Check a mission, and upload one without flaws."""
+    """Check a mission, and upload it if requested and without flaws."""
     if hub.upload is None:
         _answer(hub, page, wish, "refused, this station may not upload a mission")
         return
@@ -141,7 +141,7 @@ def _edit(hub: Hub, page: Page, wish: Wish, draft: Draft) -> None:
 
 
 def _command(hub: Hub, wish: Wish, action: Action) -> str:
-    """Carry out a command; why not, if it is refused."""
+    """Carry out a command. Returns why it is refused; empty: it is not."""
     if hub.command is None:
         refused = "refused, this station may not command"
     elif not set(wish.drones) <= set(hub.picture.members):

@@ -1,8 +1,8 @@
-"""The age of what a page asks for, by the station's clock alone.
+"""The age of a page's command, by the station's clock alone.
 
-The station answers each heartbeat of a page with a stamp; a command carries the newest stamp that its page has heard. So its age
-is at least that of the stamp, however long either of them was held back in a stalled link, by a stopped station or browser, or by
-a computer that slept; the page's clock does not matter.
+The station answers each heartbeat of a page with a stamp; a command carries the newest stamp received by the page. The stamp's
+age is an upper limit of the command's age, however long the answer or the command was held back in a stalled link, by a stopped
+station or browser, or by a computer that slept; the page's clock does not matter.
 """
 
 from __future__ import annotations
@@ -18,6 +18,6 @@ def stamp() -> int:
 
 
 def age_s(given: int) -> float | None:
-    """Return how long ago a command with this stamp was given, at most (s); None: it is too old, or its stamp is none of here."""
+    """Return the greatest possible age (s) of a command with this stamp; None: too old, or not a stamp of this station."""
     age = (stamp() - given) * 1e-3
     return age if 0.0 <= age <= MAX_COMMAND_AGE_S else None

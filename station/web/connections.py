@@ -1,6 +1,6 @@
-"""A bound on the connections that have asked for nothing yet: whoever opens many cannot take the file descriptors of the station.
+"""A bound on the open HTTP connections: a client that opens many cannot exhaust the station's file descriptors.
 
-Pages and Foxglove have sockets, which are not counted here: their connections leave HTTP with the token.
+The sockets of pages and Foxglove are not counted here: their connections leave HTTP with the token.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ MAX_CONNECTIONS = 64  # a browser opens six at once
 
 
 class BoundedHttp(H11Protocol):
-    """HTTP of uvicorn, of whose connections the one that has been silent for the longest gives way to a new one."""
+    """HTTP of uvicorn; above the bound, a new connection ends the connection with the longest silence."""
 
-    heard_s = 0.0  # when it was last heard (monotonic clock)
+    heard_s = 0.0  # time of the last data (monotonic clock)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn narrows it
-        """Take a connection; too many: end another one."""
+        """Take a connection; above ``MAX_CONNECTIONS``, abort the longest silent connection."""
         self.heard_s = time.monotonic()
         super().connection_made(transport)
         others = [one for one in self.connections if isinstance(one, BoundedHttp) and one is not self]
@@ -30,6 +30,6 @@ class BoundedHttp(H11Protocol):
             silent.transport.abort()
 
     def data_received(self, data: bytes) -> Any:
-        """Take what it says."""
+        """Take received data."""
         self.heard_s = time.monotonic()
         return super().data_received(data)

@@ -1,4 +1,4 @@
-"""What the page fetches besides its own files: the report on demand, and what lies under the map."""
+"""Further content of the page besides its own files: the report on demand, and the layers under the map."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from station.hub import Hub
 from station.web.guard import HEADERS, Guard
 
 KEPT = {**HEADERS, "Cache-Control": "private, max-age=3600"}  # by the browser, while the map is moved
-NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'  # where there is no tile
+NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'  # in place of a missing tile
 _PLACE = re.compile(r"(\d{1,2})/(\d{1,8})/(\d{1,8})")
 Answer = Callable[[Request], Awaitable[Response]]
 
 
 def content(hub: Hub, guard: Guard) -> list[Route]:
-    """The routes."""
+    """Return the routes of report, layers and tiles."""
     reporting = False
 
     async def report(_: Request) -> Response:
-        """The findings as they are now, one report at a time."""
+        """Return the present findings; one report at a time."""
         nonlocal reporting
         if hub.findings is None or reporting:
             return PlainTextResponse("there is no report" if hub.findings is None else "a report is being made", 503, HEADERS)

@@ -1,4 +1,4 @@
-"""How much the other end of a socket may say."""
+"""Rate limit for the messages received on a socket."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _BURST = 100.0
 
 
 class Credit:
-    """Of one socket."""
+    """The remaining messages of one socket: a token bucket."""
 
     def __init__(self) -> None:
         self._left, self._since_s = _BURST, time.monotonic()
 
     def spend(self, messages: float = 1.0) -> bool:
-        """Count a message, or one that costs as much as several; False: there have been too many."""
+        """Count a message, at the cost of several if so given; False: the rate limit is exceeded."""
         now_s = time.monotonic()
         self._left = min(_BURST, self._left + _PER_SECOND * (now_s - self._since_s)) - messages
         self._since_s = now_s

@@ -1,4 +1,4 @@
-"""Foxglove's socket on the page's server, guarded as the page is."""
+"""Foxglove's socket on the page's server, with the page's guard."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_CLIENTS = 8
 
 
 def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
-    """The route /foxglove."""
+    """Return the route /foxglove."""
 
     async def serve(socket: WebSocket) -> None:
         refusal = guard.refusal(socket.headers, socket.query_params, is_foxglove)
@@ -43,7 +43,7 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 
 async def _listen(socket: WebSocket, client: Client, live: LiveFoxglove) -> None:
-    """Obey a client, until it closes, floods, or says what is not of the protocol."""
+    """Carry out a client's requests until it closes, floods, or breaks the protocol."""
     credit = Credit()
     with contextlib.suppress(WebSocketDisconnect, msgspec.MsgspecError, KeyError):
         while credit.spend():

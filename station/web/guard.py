@@ -1,4 +1,4 @@
-"""Access to the page: with its token, under its own name, and by its own scripts alone."""
+"""Access to the page: only with the page's token, host name and scripts."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _DEFAULT_PORTS = {"http": 80, "https": 443}
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """``hosts``: the names by which the page may be called: others are those of a site whose name was made to point here (DNS
-    rebinding). With ``scheme`` and ``port`` they make the origins of the page's own scripts. ``token``: of every request for what
-    the station knows, and of every socket: other processes and users of this computer do not have it.
+    """``hosts``: the page's own host names; any other name may be a foreign site's that was made to point here (DNS rebinding).
+    With ``scheme`` and ``port`` the hosts make the origins of the page's own scripts. ``token``: of every request for the
+    station's data, and of every socket: other processes and users of this computer do not have it.
     """
 
     token: str
@@ -32,7 +32,7 @@ class Guard:
     hosts: tuple[str, ...] = LOCAL
 
     def misled(self, headers: Headers, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
-        """Why a request is refused, whatever it is for; None where it is allowed. ``welcome``: other origins that may ask too."""
+        """Return why a request of any kind is refused; None if it is allowed. ``welcome``: accepts further origins."""
         if _name(headers.get("host", "")) not in self.hosts:
             return f"this page is served as {' or '.join(self.hosts)} only"
         origin = headers.get("origin")
@@ -41,7 +41,7 @@ class Guard:
         return None
 
     def refusal(self, headers: Headers, query: QueryParams, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
-        """The same for a request that needs the token."""
+        """Return the same for a request that needs the token."""
         if misled := self.misled(headers, welcome):
             return misled
         if not hmac.compare_digest(query.get("token", "").encode(), self.token.encode()):
@@ -49,7 +49,7 @@ class Guard:
         return None
 
     def _is_own(self, origin: str) -> bool:
-        """Whether scheme, name and port of an origin are those served."""
+        """Return whether scheme, host name and port of an origin are the page's own."""
         try:
             parts = urlsplit(origin)
             port = parts.port or _DEFAULT_PORTS.get(parts.scheme)

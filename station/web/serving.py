@@ -18,17 +18,17 @@ from station.web.connections import MAX_CONNECTIONS, BoundedHttp
 from station.web.guard import LOCAL, Guard
 from station.web.token import token_from
 
-MAX_MESSAGE_BYTES = 65_536  # of any socket: Foxglove subscribes to all topics of 30 drones at once
+MAX_MESSAGE_BYTES = 65_536  # received on a socket: Foxglove subscribes to all topics of 30 drones at once
 Doors = Callable[[Guard], Sequence[WebSocketRoute]]
 
 
 class StationError(RadronError):
-    """The station cannot be served, or cannot see what it was asked to show."""
+    """The station cannot be served, or its mission, mesh or records cannot be shown."""
 
 
 class Place(Struct, frozen=True, kw_only=True):
-    """Where the page is served. Beyond this computer only by TLS (``certificate`` and ``key``, PEM). ``token_file``: with the
-    token of all requests, made if it is missing; None: a new token, which only the address has.
+    """Address of the page's server. Beyond this computer only with TLS (``certificate`` and ``key``, PEM). ``token_file``: with
+    the token of all requests, made if it is missing; None: a new token, only in the printed address.
     """
 
     host: str = "127.0.0.1"
@@ -39,15 +39,15 @@ class Place(Struct, frozen=True, kw_only=True):
 
     @property
     def is_local(self) -> bool:
-        """Whether only this computer can connect."""
+        """Whether the host is local: only this computer can connect."""
         return self.host in LOCAL
 
 
 class Serving:
-    """A page that is being served. ``address``: to open in a browser, with the token; ``port``: where it is."""
+    """The page's server. ``address``: to open in a browser, with the token; ``port``: the port taken."""
 
     def __init__(self, hub: Hub, place: Place, doors: Doors | None = None) -> None:
-        """Take the port. ``doors``: sockets of other programs, which the guard protects too.
+        """Take the port. ``doors``: sockets of other programs, protected by the same guard.
 
         Raises:
             StationError: the port is in use, or the page would be open to others without TLS.
@@ -69,7 +69,7 @@ class Serving:
             uvicorn.Config(
                 application(hub, guard, doors(guard) if doors is not None else ()),
                 http=BoundedHttp,
-                backlog=MAX_CONNECTIONS,  # as many are taken at once
+                backlog=MAX_CONNECTIONS,  # taken at once
                 ws_max_size=MAX_MESSAGE_BYTES,
                 log_level="warning",
                 access_log=False,
@@ -81,19 +81,19 @@ class Serving:
         )
 
     def shown(self, socket: str = "") -> str:
-        """The address to print, or that of a socket: without the token where a file has it, as what is printed may be logged."""
+        """Return the address to print, of the page or a ``socket``; without a file's token, because the output may be logged."""
         page, _, token = self.address.partition("?")
         address = f"{page.replace('http', 'ws', 1)}{socket}" if socket else page
         return f"{address}?{token}" if self._token_file is None else f"{address} (with ?token= from {self._token_file})"
 
     async def run(self, work: Awaitable[None]) -> None:
-        """Serve until interrupted, and do the work that fills the pages meanwhile; errors of both are raised."""
+        """Serve until interrupted, and run the work that fills the pages meanwhile; errors of both are raised."""
         serving = asyncio.create_task(self._server.serve([self._socket]))
         working = asyncio.ensure_future(work)
         try:
             await asyncio.wait((serving, working), return_when=asyncio.FIRST_COMPLETED)
             if working.done():
-                working.result()  # a record that has been read stays open
+                working.result()  # a record stays open after its end
                 await serving
         finally:
             working.cancel()

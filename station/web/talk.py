@@ -1,4 +1,4 @@
-"""A socket's two directions, which end together."""
+"""The two directions of a socket, with a common end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from station.outbox import LET_GO
 
 
 async def talk(socket: WebSocket, *directions: Coroutine[Any, Any, object], code: Callable[[], int] = lambda: LET_GO) -> None:
-    """Until one direction ends, or the server; then the others are ended and the socket is closed with a code."""
+    """Run all directions until a direction or the server ends; then end the others and close the socket with a code."""
     tasks = [asyncio.create_task(one) for one in directions]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -21,5 +21,5 @@ async def talk(socket: WebSocket, *directions: Coroutine[Any, Any, object], code
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it is closed already
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the socket is closed already
             await socket.close(code())

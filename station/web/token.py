@@ -1,4 +1,4 @@
-"""The page's token: a new one at each start, or the one in a file for scripts."""
+"""The page's token: new at each start, or from a file, for scripts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agent.errors import RadronError
 from protocol.access import shared_mode
 from protocol.issuing import write_file
 
-MIN_TOKEN_CHARACTERS = 22  # 128 bits, as token_urlsafe writes them
+MIN_TOKEN_CHARACTERS = 22  # 128 bits in the encoding of token_urlsafe
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{MIN_TOKEN_CHARACTERS},256}}")
 
 
@@ -19,7 +19,7 @@ class TokenError(RadronError):
 
 
 def token_from(file: Path | None) -> str:
-    """Return the token in a file, which is made if it is missing, readable by its owner only; without a file a new one.
+    """Return the token in a file; a missing file is made, readable by its owner only. Without a file, return a new token.
 
     Raises:
         TokenError: the file cannot be read or made, others can read it, or it holds no token.
