@@ -1,1 +1,1 @@
-"""What crosses a link between radron processes, and nothing else."""
+"""Messages, keys and signatures on the links between radron processes, and the mesh below them."""

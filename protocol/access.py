@@ -1,4 +1,4 @@
-"""Whether a file with a key can be read or changed by others: by its mode, and by its access control list where it has one."""
+"""Access of other users to a key file, by its mode and by its access control list, if any."""
 
 from __future__ import annotations
 
@@ -20,18 +20,20 @@ class _Tag(IntEnum):
 
 
 def shared_mode(file: Path) -> int | None:
-    """The mode of a file that others than its owner and this process's user can read or write; None: nobody else can.
+    """Return the mode of a file that other users can read or write; None if only its owner and this process's user can.
 
     Raises:
-        OSError: it cannot be examined.
+        OSError: the file cannot be examined.
     """
     mode = stat.S_IMODE(file.stat().st_mode)
     return mode if mode & 0o077 and not _listed_for_us_alone(file) else None
 
 
 def _listed_for_us_alone(file: Path) -> bool:
-    """As systemd hands a service its credentials: they are root's, and the list lets in the service's user. The group's bits of
-    the mode are then the list's mask, and say nothing of the group.
+    """Whether the access control list admits this process's user only, as for a service's credentials from systemd.
+
+    Root owns these files, and the list admits the service's user. The group bits of the mode are then the list's mask, not the
+    group's rights.
     """
     try:
         entries = struct.iter_unpack("<HHI", os.getxattr(file, _ACL)[_VERSION_BYTES:])

@@ -12,9 +12,7 @@ def is_unit(vector: Sequence[float]) -> bool:
 
 
 def flaw_of_covariance(rows: Sequence[Sequence[float]]) -> str | None:
-    """Why a square matrix is not a covariance: signs, symmetry, correlations; None if it is one. The tolerance is for
-    rounding.
-    """
+    """Return why a square matrix is no covariance (signs, symmetry, correlations), or None. The tolerance is for rounding."""
     if any(row[place] < 0.0 for place, row in enumerate(rows)):
         return "a variance is negative"
     for i, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""msgpack <-> message. Anything that violates the schema, the limits or the key raises ``ProtocolError``."""
+"""msgpack <-> message. Any violation of the schema, the limits or the key raises ``ProtocolError``."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def encode(message: Message) -> bytes:
 
 
 def written(message: M) -> tuple[bytes, M]:
-    """A serialised message, and what its receivers read. Raises as ``encode``."""
+    """Return the serialised message, and the message as its receivers read it. Raises as ``encode``."""
     reader = _READERS.get(type(message))
     if reader is None:
         raise ProtocolError(f"not a message: {type(message).__name__} is of no known kind")
@@ -63,14 +63,14 @@ def written(message: M) -> tuple[bytes, M]:
 
 
 def as_bytes(message: Message) -> bytes:
-    """A message that has been received, as :func:`encode` writes it."""
+    """Return a received message as :func:`encode` writes it."""
     return _WRITER.encode(message)
 
 
 def decode(payload: bytes) -> AnyMessage:
     """Decode any message. Unknown fields are ignored; missing required fields and duplicate fields are refused.
 
-    Every number of the schema has bounds, which NaN and infinity violate too.
+    Every number of the schema has bounds, which NaN and infinity violate, too.
 
     Raises:
         ProtocolError: for any error in the bytes.
@@ -86,11 +86,13 @@ def decode(payload: bytes) -> AnyMessage:
 
 
 def decode_as(kind: type[M], payload: bytes) -> M:
-    """Decode bytes again that were accepted as a message of this kind when they came: in a quarter of the time of :func:`decode`,
-    unless they were written otherwise than :func:`encode` does, such as binary as text.
+    """Decode bytes again that were accepted as a message of this kind at their arrival.
+
+    Takes a quarter of the time of :func:`decode`, unless the bytes were written differently from :func:`encode`, such as binary
+    as text.
 
     Raises:
-        ProtocolError: they are of another kind.
+        ProtocolError: the bytes are of another kind.
     """
     message = _fast(kind, payload) or decode(payload)
     if not isinstance(message, kind):
@@ -112,9 +114,9 @@ def decode_from(key: str, payload: bytes) -> AnyMessage:
 
 
 def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
-    """Decode a message written by :func:`encode`, in a third of the time; None where :func:`decode` is needed.
+    """Decode a message written by :func:`encode`, in a third of the time; None if :func:`decode` is needed.
 
-    Bytes that :func:`encode` reproduces have no duplicate field, nothing unknown, and no size beyond the schema's.
+    Bytes that :func:`encode` reproduces have no duplicate or unknown field, and no size beyond the schema's.
     """
     _check_size(payload, _limit_of(KINDS[kind]))
     message = _fast(KINDS[kind], payload)
@@ -125,9 +127,7 @@ def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
 
 
 def _fast(kind: type[Message], payload: bytes) -> AnyMessage | None:
-    """What the fast reader makes of the bytes, which takes neither everything that :func:`decode` does nor refuses all that it
-    refuses; None where it fails.
-    """
+    """Decode by the fast reader; None if it fails. Its accepted bytes and refusals differ from :func:`decode`'s."""
     try:
         return _READERS[kind].decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError, OverflowError):  # ValueError: text that is not UTF-8
@@ -135,7 +135,7 @@ def _fast(kind: type[Message], payload: bytes) -> AnyMessage | None:
 
 
 def _object(pairs: list[tuple[object, object]]) -> dict[object, object]:
-    """A map with unique keys: of a duplicate field, two readers could take different values."""
+    """Return a map with unique keys: two readers could take different values of a duplicate field."""
     fields = dict(pairs)
     if len(fields) != len(pairs):
         raise ValueError("a field is given twice")
@@ -147,7 +147,7 @@ def _refuse_extension(code: int, data: bytes) -> NoReturn:
 
 
 def size_limit(kind: str) -> int:
-    """Largest size of a message of this kind, bytes."""
+    """Return the maximum size of a message of this kind, bytes."""
     return _limit_of(KINDS[kind])
 
 

@@ -1,8 +1,8 @@
 """Ed25519 signatures (RFC 8032), made and verified by libsodium.
 
-It verifies in half the time that the library of the certificates takes, and lets other threads run meanwhile: in a swarm every
-batch of log entries is verified by all drones at once. Both decide alike, but that libsodium also refuses keys of small order
-and signatures whose nonce was zero, which only the holder of a key can make, and which keep no secret.
+libsodium verifies in half the time of the certificates' library, and lets other threads run meanwhile: in a swarm all drones
+verify every batch of log entries at once. Both libraries give the same result, with one exception: libsodium also refuses keys of
+small order and signatures with a zero nonce. Only the holder of a key can make these, and they keep no secret.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from protocol.entries import SIGNATURE_BYTES
 
 
 class Signer:
-    """Signs with a private key, which it shows nobody."""
+    """Signs with a private key, and does not disclose it."""
 
     __slots__ = ("_key",)
 
@@ -23,12 +23,12 @@ class Signer:
         self._key = SigningKey(key.private_bytes_raw())
 
     def __call__(self, data: bytes) -> bytes:
-        """The 64 bytes of a signature."""
+        """Return the signature of the data, 64 bytes."""
         return self._key.sign(data).signature
 
 
 class PublicKey:
-    """Verifies what a :class:`Signer` has signed."""
+    """Verifies the signatures of a :class:`Signer`."""
 
     __slots__ = ("_key",)
 

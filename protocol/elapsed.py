@@ -1,4 +1,4 @@
-"""A clock for the age of what must not be acted upon late."""
+"""A clock for the age of orders, which must not be executed late."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 def elapsed_s() -> float:
-    """Return the time since the computer's start (s). Unlike the monotonic clock it goes on while the computer sleeps."""
+    """Return the time since the computer's start (s). Unlike the monotonic clock, it continues while the computer sleeps."""
     return time.clock_gettime(_CLOCK)

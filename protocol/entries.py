@@ -1,6 +1,6 @@
 """Log entries: raw observations that every agent keeps for the whole mission.
 
-They have an identity, and are accepted or refused by their bytes alone, never by the receiver's clock. Units are in the names,
+Each entry has an identity, and is accepted or refused by its bytes alone, never by the receiver's clock. Units are in the names,
 limits in ``units``; frames as in ``messages``.
 """
 
@@ -43,8 +43,8 @@ from protocol.units import (
     Variance,
 )
 
-LONGEST_EXPOSURE_NS = 60_000_000_000  # that can be read: records of former releases may hold such
-MAX_EXPOSURE_NS = 2_000_000_000  # that a log takes
+LONGEST_EXPOSURE_NS = 60_000_000_000  # readable: records of former releases may hold exposures of this length
+MAX_EXPOSURE_NS = 2_000_000_000  # accepted by a log
 SIGNATURE_BYTES = 64  # Ed25519
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
@@ -65,16 +65,16 @@ class Entry(DroneMessage, frozen=True, kw_only=True):
     mission: MissionId
     boot: BootId
     sequence: Count
-    proof: Proof = b""  # that the publisher has signed it: see ``signing``
+    proof: Proof = b""  # of the publisher's signature: see ``signing``
 
     @property
     def entry_id(self) -> EntryId:
-        """The unique identity of this entry; its texts are shared by all identities, which logs keep by the hundred thousand."""
+        """The unique identity of this entry. All identities share their texts, as logs keep hundreds of thousands of them."""
         return EntryId(intern(self.mission), self.stamp_ns, intern(self.drone), intern(self.boot), self.sequence)
 
 
 class Credential(Entry, frozen=True, kw_only=True):
-    """The first entry of a boot, with sequence number 0: the certificate that the proofs of all its entries are verified with."""
+    """The first entry of a boot, with sequence number 0: the certificate that verifies the proofs of all entries of the boot."""
 
     certificate: Certificate
 
@@ -106,7 +106,7 @@ class Cone(Entry, frozen=True, kw_only=True):
     separation_mm: SeparationMm
 
     def flaw(self) -> str | None:
-        """The axes must be unit vectors, and the probabilities those of two exclusive alternatives."""
+        """The axes must be unit vectors, and the probabilities must fit two exclusive alternatives (sum at most 1)."""
         first, second = self.orders
         if not 0.0 < first.probability + second.probability < 1.000001:
             return "the probabilities of its orders add up to 0 or to more than 1"
@@ -122,10 +122,10 @@ class PoseSample(Struct, frozen=True, array_like=True):
 
 
 class CarriedFrame(Struct, frozen=True, array_like=True):
-    """The frame of an epoch in that of the same drone's first one, as its motion has carried it on over jumps of its
-    localisation: translation, then yaw about up.
+    """Pose of an epoch's frame in the frame of the same drone's first epoch: translation, then yaw about up.
 
-    ``covariance``: rows of the 4 x 4 matrix over (x m, y m, z m, yaw rad); None: the two frames are the same.
+    The drone's motion carries the frame over jumps of the localisation. ``covariance``: rows of the 4 x 4 matrix over (x m, y m,
+    z m, yaw rad); None: the two frames are the same.
     """
 
     translation_m: Position
@@ -142,10 +142,9 @@ class Counts(Struct, frozen=True, array_like=True):
 
 
 class Exposure(Entry, frozen=True, kw_only=True):
-    """Counts over [stamp_ns, end_ns), zeros included; at most ``MAX_EXPOSURE_NS``. Of a drone's exposures those that overlap do
-    not count.
+    """Counts over [stamp_ns, end_ns), zeros included; at most ``MAX_EXPOSURE_NS``. Overlapping exposures of a drone do not count.
 
-    ``carried``: of a drone whose first frame the mission knows exactly, in later epochs.
+    ``carried``: only in later epochs of a drone with an exactly known first frame.
     """
 
     epoch: Epoch
@@ -183,10 +182,10 @@ class Exposure(Entry, frozen=True, kw_only=True):
 
 
 class Sighting(Entry, frozen=True, kw_only=True):
-    """A relative observation of another drone by this one's sensors: direction (local frame), range, or both.
+    """A relative observation of another drone by this drone's sensors: direction (local frame), range, or both.
 
-    ``position_m``: this drone's position. A camera gives a direction, a radio a range; they identify the other drone by its
-    blinking or by the radio's name, which may be wrong.
+    ``position_m``: this drone's position. A camera gives a direction, a radio a range. The blinking or the radio's name
+    identifies the other drone, possibly wrongly.
     """
 
     epoch: Epoch
@@ -198,9 +197,7 @@ class Sighting(Entry, frozen=True, kw_only=True):
     range_sigma_m: SensorSigmaMetres | None = None
 
     def flaw(self) -> str | None:
-        """It must be of another drone and contain something, each measurement with its error; the direction must be a unit
-        vector.
-        """
+        """The target must be another drone; each measurement needs its error; at least one; directions are unit vectors."""
         if self.target == self.drone:
             return "it is of the drone itself"
         if (self.range_m is None) != (self.range_sigma_m is None):
@@ -213,8 +210,9 @@ class Sighting(Entry, frozen=True, kw_only=True):
 
 
 class Fix(Entry, frozen=True, kw_only=True):
-    """A satellite fix of this drone (WGS84, height above the ellipsoid) at the time when its own localisation gave
-    ``position_m``. The sigmas are horizontal and vertical distances, as reported by the receiver.
+    """A satellite fix of this drone (WGS84, height above the ellipsoid), and its own localisation's ``position_m`` at this time.
+
+    The sigmas are horizontal and vertical distances, as reported by the receiver.
     """
 
     epoch: Epoch
@@ -227,7 +225,7 @@ class Fix(Entry, frozen=True, kw_only=True):
 
 
 class Coverage(Entry, frozen=True, kw_only=True):
-    """A flown part of the survey: everything within ``swath_m / 2`` of the path is covered."""
+    """A flown part of the survey: the area within ``swath_m / 2`` of the path is covered."""
 
     epoch: Epoch
     path_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=256)]
@@ -235,16 +233,18 @@ class Coverage(Entry, frozen=True, kw_only=True):
 
 
 class Retraction(Entry, frozen=True, kw_only=True):
-    """The drone takes back its measurements with the numbers ``first`` to ``last`` of this boot: the clock that stamped them was
-    wrong, or its localisation may have been. They stay in the log, and do not count. Coverage is not taken back.
+    """A drone's retraction of its measurements with the numbers ``first`` to ``last`` of this boot.
+
+    Reasons: a wrong clock at their stamps, or a possibly wrong localisation. Retracted measurements stay in the log, and do not
+    count. Coverage is not retracted.
     """
 
     first: Count
     last: Count
 
     def flaw(self) -> str | None:
-        """It can only take back what was published before."""
+        """Only earlier entries can be retracted."""
         return None if self.first <= self.last < self.sequence else "it does not take back earlier entries"
 
 
-AnyEntry = Cone | Exposure | Sighting | Fix | Coverage  # measurements: what estimators can read
+AnyEntry = Cone | Exposure | Sighting | Fix | Coverage  # measurements, for estimators

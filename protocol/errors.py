@@ -2,7 +2,7 @@
 
 
 class ProtocolError(ValueError):
-    """A payload or key that this version of the protocol does not accept; the text says what and where."""
+    """A payload or key that this version of the protocol does not accept; the text names the fault and its place."""
 
 
 class MeshError(ProtocolError):

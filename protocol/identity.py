@@ -1,7 +1,7 @@
-"""Who somebody is: certificates of the swarm's members, signed by the swarm's own authority (X.509, Ed25519).
+"""Identities: certificates of the swarm's members, signed by the swarm's own authority (X.509, Ed25519).
 
 The common name (CN) and a DNS entry (SAN) are the member's name, the organisational unit (OU) is its role. One key pair serves
-TLS and signatures. Nothing here reads a clock: whether an old log entry is genuine must not depend on when somebody asks.
+TLS and signatures. No code here reads a clock: the verdict on an old log entry must not depend on the time of verification.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from protocol.errors import ProtocolError
 from protocol.units import DroneId
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, REVOKED_FILE = "ca.pem", "certificate.pem", "key.pem", "revoked.crl"
-REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643")  # in an entry of the revocation list: whose
+REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643")  # in an entry of the revocation list: its name
 MAY_REVOKE = ObjectIdentifier(
     "2.25.310625242103966218502359838253349438665"
 )  # in a certificate: the right to revoke others in flight
@@ -41,11 +41,11 @@ _UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, x509.DuplicateExtensi
 
 
 class IdentityError(ProtocolError):
-    """A certificate, key or revocation list that cannot be used; the text names it and says what to do."""
+    """An unusable certificate, key or revocation list; the text names the file and the remedy."""
 
 
 class Role(StrEnum):
-    """What a certificate entitles to."""
+    """Role of a member: the rights of its certificate."""
 
     DRONE = "drone"  # publishes under its own name
     OPERATOR = "operator"  # commands and queries
@@ -56,7 +56,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A certificate that the swarm's authority has signed. Times: UTC, nanoseconds; outside them it opens no links."""
+    """A certificate signed by the swarm's authority. Times: UTC, nanoseconds; outside them the certificate opens no links."""
 
     name: str
     role: Role
@@ -73,7 +73,7 @@ class Peer:
 
 
 class Authority:
-    """The swarm's certificate authority, as all members know it."""
+    """The swarm's certificate authority with its public certificate."""
 
     def __init__(self, certificate: x509.Certificate) -> None:
         """Use :meth:`read`."""
@@ -81,10 +81,10 @@ class Authority:
 
     @classmethod
     def read(cls, pem: bytes) -> Authority:
-        """The authority's certificate, signed by itself.
+        """Read the authority's self-signed certificate.
 
         Raises:
-            IdentityError: anything else.
+            IdentityError: no self-signed certificate of an authority with an Ed25519 key.
         """
         try:
             certificate = _loaded(x509.load_pem_x509_certificate, pem)
@@ -97,10 +97,10 @@ class Authority:
         return cls(certificate)
 
     def verify(self, der: bytes) -> Peer:
-        """Whose certificate this is. Its times are not looked at (``Peer.not_after_ns``), nor whether it was revoked.
+        """Return the member of a certificate. Neither its times (``Peer.not_after_ns``) nor a revocation are checked.
 
         Raises:
-            IdentityError: no certificate, one of another authority or signed by itself, or one without a proper name or role.
+            IdentityError: no certificate, a certificate of another authority or self-signed, or without a proper name or role.
         """
         if len(der) > MOST_BYTES:
             raise IdentityError(f"is too large for a certificate: {len(der)} bytes")
@@ -120,7 +120,7 @@ class Authority:
 
 @dataclass(frozen=True, slots=True)
 class Revoked:
-    """What the swarm's authority has revoked, as far as a member's folder tells."""
+    """Serial numbers and names revoked by the swarm's authority, from the list in a member's folder."""
 
     serials: frozenset[int] = frozenset()
     names: frozenset[str] = frozenset()
@@ -138,7 +138,7 @@ class Identity:
 
 
 def leave_no_core_file() -> None:
-    """Have the kernel write no memory of this process, nor of its children, to the disk when it crashes."""
+    """Prevent core files: the kernel writes no memory of this process or its children to the disk after a crash."""
     _, most = resource.getrlimit(resource.RLIMIT_CORE)
     resource.setrlimit(resource.RLIMIT_CORE, (0, most))
 
@@ -147,7 +147,7 @@ def load_identity(folder: Path) -> Identity:
     """Read ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if there is one, ``revoked.crl``; see ``leave_no_core_file``.
 
     Raises:
-        IdentityError: one that is missing, unreadable or not for the others, or a key that other users can read.
+        IdentityError: a missing or unreadable file, files that do not belong together, or a key that other users can read.
     """
     leave_no_core_file()
     authority_file, certificate_file, key_file = folder / AUTHORITY_FILE, folder / CERTIFICATE_FILE, folder / KEY_FILE
@@ -192,7 +192,7 @@ def _revoked(file: Path, authority: Authority) -> Revoked:
 
 
 def read_revoked(pem: bytes, authority: Authority) -> Revoked:
-    """The authority's list of revoked certificates.
+    """Read the authority's list of revoked certificates.
 
     Raises:
         IdentityError: not a list, or not signed by this authority.
@@ -219,10 +219,10 @@ def _revoked_name(extensions: x509.Extensions) -> str:
 
 
 def checked_name(name: object) -> str:
-    """A member's name: an identifier, and not the word that replaces a drone's id in the keys of operators.
+    """Return a member's name: an identifier, except the word that replaces a drone's id in the keys of operators.
 
     Raises:
-        IdentityError: anything else.
+        IdentityError: any other name.
     """
     try:
         return convert(name, DroneId)
@@ -256,7 +256,7 @@ def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
 
 
 def utc(at_ns: int) -> datetime:
-    """A time of day, as certificates have it."""
+    """Convert a time (nanoseconds UTC) to the date and time of certificates, in whole seconds."""
     return datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
 
 
@@ -272,7 +272,7 @@ def _der(pem: bytes) -> bytes:
 
 
 def _loaded(load: Callable[[bytes], x509.Certificate], data: bytes) -> x509.Certificate:
-    """A certificate. A serial number that is not positive, of which the library warns, is refused."""
+    """Load a certificate. A serial number that is not positive is refused; the library only warns of it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CryptographyDeprecationWarning)
         certificate = load(data)
@@ -282,7 +282,7 @@ def _loaded(load: Callable[[bytes], x509.Certificate], data: bytes) -> x509.Cert
 
 
 def _unread(error: Exception) -> str:
-    """Why a certificate could not be read: newer versions of the library read none with such a number."""
+    """Return why a certificate could not be read: newer versions of the library refuse non-positive serial numbers, too."""
     return _SERIAL if "serial number" in str(error) else "is not a certificate"
 
 
@@ -300,8 +300,9 @@ def _read(file: Path) -> bytes:
 
 
 def unusable(path: Path, error: OSError, owned: Path | None = None) -> IdentityError:
-    """The error of a file or folder that cannot be read or written, and what mends it. ``owned``: what this user should own for
-    it; None: the file itself.
+    """Return the error of an unreadable or unwritable file or folder, with its remedy.
+
+    ``owned``: the path that this user should own; None: the file itself.
     """
     closed = next((one for one in reversed(path.absolute().parents) if one.exists() and not os.access(one, os.X_OK)), None)
     try:
@@ -325,6 +326,6 @@ def _is_folder(path: Path) -> bool:
 
 
 def _with(file: Path, error: IdentityError, mend: str) -> IdentityError:
-    """The error with the file's name and what to do, unless it has them already."""
+    """Return the error with the file's name and the remedy, unless it has them already."""
     text = str(error)
     return error if text.startswith(str(file)) else IdentityError(f"{file}: {text}; {mend}")

@@ -1,4 +1,4 @@
-"""Making certificates: an authority with its key, and the folders of those to whom it issues."""
+"""Issue of certificates: an authority with its key, and the folders of its members."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from protocol.identity import (
 AUTHORITY_DAYS = 3650
 DAYS = {Role.DRONE: 30, Role.OPERATOR: 90, Role.OBSERVER: 90, Role.STATION: 365, Role.RELEASE: 365}
 EARLIER = timedelta(hours=1)  # certificates begin this much in the past: a drone's clock may be behind
-_LIST_DAYS = 3650  # until a list of revoked certificates should be replaced; nobody refuses an older one
+_LIST_DAYS = 3650  # until a list of revoked certificates should be replaced; members accept older lists, too
 _THROWAWAY_DAYS = 31  # so that no agent reminds of their end
-_NULL = b"\x05\x00"  # DER: that the extension is there says it all
+_NULL = b"\x05\x00"  # DER: the presence of the extension is its content
 
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What a member gets: its certificate and its key."""
+    """Certificate and key of a member."""
 
     peer: Peer
     key: Ed25519PrivateKey = field(repr=False)
@@ -54,7 +54,7 @@ class Issuer:
 
     @classmethod
     def new(cls, swarm: str, now_ns: int, days: int = AUTHORITY_DAYS, key: Ed25519PrivateKey | None = None) -> Issuer:
-        """A new authority; ``key`` None: with a new key."""
+        """Make a new authority, valid for ``days``; ``key`` None: with a new key. Raises IdentityError: an invalid name."""
         key = key or Ed25519PrivateKey.generate()
         name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{checked_name(swarm)} authority")])
         usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)  # signs certificates and lists
@@ -77,13 +77,12 @@ class Issuer:
         may_revoke: bool = False,
         key: Ed25519PrivateKey | None = None,
     ) -> Credentials:
-        """A certificate that is valid for ``days`` (none: ``DAYS``), at most as long as the authority's; ``key`` None: with a
-        new key.
+        """Issue a certificate that is valid for ``days`` (none: ``DAYS``), at most as long as the authority's.
 
-        ``may_revoke``: the right to revoke others in flight, which counts with an operator only.
+        ``may_revoke``: the right to revoke others in flight, effective for operators only. ``key`` None: with a new key.
 
         Raises:
-            IdentityError: a name that cannot be one.
+            IdentityError: an invalid name.
         """
         key = key or Ed25519PrivateKey.generate()
         attributes = ((NameOID.COMMON_NAME, checked_name(name)), (NameOID.ORGANIZATIONAL_UNIT_NAME, str(role)))
@@ -106,7 +105,7 @@ class Issuer:
         return Credentials(self.authority.verify(certificate.public_bytes(Encoding.DER)), key)
 
     def revocation_list(self, revoked: Mapping[int, str], now_ns: int) -> bytes:
-        """A list (CRL, PEM) of these certificates: from serial number to name; empty: the name may be used again."""
+        """Sign a list (CRL, PEM) of these certificates: from serial number to name; empty: the name may be used again."""
         builder = x509.CertificateRevocationListBuilder(
             self.authority.certificate.subject, utc(now_ns), utc(now_ns) + timedelta(days=_LIST_DAYS)
         )
@@ -120,7 +119,7 @@ class Issuer:
 
 
 def _serial(key: Ed25519PrivateKey) -> int:
-    """A serial number that follows from the certificate's key: positive, and as hard to guess as the key is random (RFC 5280)."""
+    """Return a serial number derived from the certificate's key: positive, and as unpredictable as the key (RFC 5280)."""
     return int.from_bytes(blake2b(key.public_key().public_bytes_raw(), digest_size=15).digest()) + 1
 
 
@@ -128,7 +127,7 @@ def write_identity(folder: Path, authority: Authority, credentials: Credentials,
     """Write a member's folder; other users cannot read its key.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     certificate = x509.load_der_x509_certificate(credentials.peer.der)
@@ -141,7 +140,7 @@ def write_identity(folder: Path, authority: Authority, credentials: Credentials,
 
 
 def write_file(file: Path, data: bytes, secret: bool = False) -> None:
-    """Write a file completely or not at all; a secret one is never readable by others, not even for a moment."""
+    """Write a file completely or not at all; other users cannot read a secret file at any moment."""
     descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}-")  # mode 600
     try:
         with os.fdopen(descriptor, "wb") as stream:
@@ -157,10 +156,11 @@ def write_file(file: Path, data: bytes, secret: bool = False) -> None:
 
 
 def throwaway(members: Mapping[Path, tuple[str, Role]], now_ns: int) -> None:
-    """Identities for one flight, by folder; operators may revoke. Their authority's key is forgotten: nobody else can join.
+    """Write identities for one flight, by folder; operators may revoke. The authority's key is discarded: no one else can join.
 
     Raises:
-        OSError: they cannot be written.
+        IdentityError: an invalid name.
+        OSError: a folder cannot be written.
     """
     issuer = Issuer.new("throwaway", now_ns, _THROWAWAY_DAYS)
     for folder, (name, role) in members.items():

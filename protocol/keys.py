@@ -1,7 +1,7 @@
 """Zenoh key expressions: ``radron/2/{swarm}/{drone}/{kind}``, and of operators ``radron/2/{swarm}/station/{name}/{kind}``.
 
-The number is the version of the protocol: drones of different versions do not read each other's messages. The liveliness tokens
-keep their place in every version, so that each can be named to the others.
+The number is the version of the protocol: drones of different versions do not read each other's messages. Liveliness tokens
+have the same key layout in every version, so that drones of another version can be reported.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _IDENTIFIER = re.compile(IDENTIFIER)
 
 
 class Key(str):
-    """A valid message key with its parts: read once where a message comes in, and passed on as what it is."""
+    """A valid message key with its parts, read once at the arrival of a message."""
 
     swarm: str
     sender: str  # a drone's id or a station's name
@@ -28,7 +28,7 @@ class Key(str):
 
 
 def drone_key(swarm: str, drone: str, kind: str) -> str:
-    """Key of a drone's messages of one kind, of its liveliness token (``alive``) or of its log (``log``)."""
+    """Return the key of a drone's messages of one kind, of its liveliness token (``alive``) or of its log (``log``)."""
     if kind not in DRONE_KINDS and kind not in ("alive", "log"):
         raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(DRONE_KINDS)}, alive, log")
     if drone == STATION:
@@ -37,24 +37,24 @@ def drone_key(swarm: str, drone: str, kind: str) -> str:
 
 
 def log_query_key(swarm: str, drone: str, asker: str) -> str:
-    """Key of a query of a drone's log: the certificate of ``asker`` permits this key only. ``station``: any operator."""
+    """Return the key of a query of a drone's log. The certificate of ``asker`` permits no other key; "station": any operator."""
     return f"{drone_key(swarm, drone, 'log')}/{_identifier(asker, 'asker')}"
 
 
 def command_key(swarm: str, station: str) -> str:
-    """Key of an operator's commands."""
+    """Return the key of an operator's commands."""
     return station_key(swarm, station, "command")
 
 
 def station_key(swarm: str, station: str, kind: str) -> str:
-    """Key of an operator's messages of one kind, or of the mission whose parts drones query (``mission``)."""
+    """Return the key of an operator's messages of one kind, or of a mission's parts for the drones' queries (``mission``)."""
     if kind not in STATION_KINDS and kind != "mission":
         raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(STATION_KINDS)}, mission")
     return f"{ROOT}/{_identifier(swarm, 'swarm')}/{STATION}/{_identifier(station, 'station')}/{kind}"
 
 
 def key_of(swarm: str, message: Message) -> str:
-    """The key under which this message is published."""
+    """Return the key of a message's publication."""
     kind = type(message).__name__.lower()
     if isinstance(message, StationMessage):
         return station_key(swarm, message.station, kind)
@@ -64,18 +64,18 @@ def key_of(swarm: str, message: Message) -> str:
 
 
 def token_keys(swarm: str) -> str:
-    """Key expression of the liveliness tokens of a swarm's drones, of every version of the protocol."""
+    """Return the key expression of the liveliness tokens of a swarm's drones, of every version of the protocol."""
     return f"radron/*/{_identifier(swarm, 'swarm')}/*/alive"
 
 
 def read_token(key: str) -> tuple[str, str]:
-    """The drone whose liveliness token this is, and the version of its protocol; "" for one that is not told as a number."""
+    """Return a liveliness token's drone and the version of its protocol; "" for a version that is no number."""
     _, version, _, drone, _ = key.split("/")
     return drone, version if version.isdecimal() and len(version) < 4 else ""
 
 
 def parse_key(key: str) -> Key:
-    """Read a message key; one that has been read already is returned as it is.
+    """Read a message key; a :class:`Key` is returned unchanged.
 
     Raises:
         ProtocolError: another version, another layout, an unknown kind or a name that is no identifier.

@@ -13,7 +13,7 @@ class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower
     stamp_ns: StampNs
 
     def flaw(self) -> str | None:
-        """The inconsistency of this message, though each field is within its range; None if there is none."""
+        """Return the inconsistency of this message, with each field within its range; None if there is none."""
         return None
 
 

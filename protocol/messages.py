@@ -1,14 +1,14 @@
 """Typed messages; units are in the names, limits in ``units``.
 
-World frames are ENU, body frames FLU (REP-103). A position is given in the publisher's own local frame of the given ``epoch`` (a
-new epoch begins where the localisation jumped); only ``Estimate`` and ``Frame`` refer to the mission frame. Quaternions are (w,
-x, y, z), local from body. Times are integer nanoseconds UTC.
+World frames are ENU, body frames FLU (REP-103). Positions refer to the publisher's own local frame of the given ``epoch`` (a new
+epoch begins at a jump of the localisation); only ``Estimate`` and ``Frame`` refer to the mission frame. Quaternions are (w, x, y,
+z), local from body. Times are integer nanoseconds UTC.
 
 Two families:
 
 - **log entries** (``entries``): raw observations that every agent keeps for the whole mission.
 - **news** (``Pose``, ``Plan``, ``Frame``, ``Estimate``, ``Status``, ``Command``, ``Upload``; ``Revoked`` and ``Revocation``, in
-  ``revocations``): the newest replaces the older.
+  ``revocations``): the newest message replaces the older messages.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ from protocol.units import (
 )
 
 _FASTEST_MPS = 200.0
-PART_BYTES = 256 * 1024  # of a mission that is uploaded, at most
+PART_BYTES = 256 * 1024  # of an uploaded mission, at most
 MOST_PARTS = 12
 MOST_SOURCES = 8  # of an estimate
 MOST_EXCLUDED = 64  # nuclides of an estimate
-MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from when it was given until a drone executes it
+MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from the operator's order to a drone's execution
 Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
@@ -92,8 +92,8 @@ class Action(StrEnum):
 class Pose(DroneMessage, frozen=True, kw_only=True):
     """Pose of a drone by its own localisation.
 
-    ``steered``: its vehicle follows the plans that it publishes; false where a pilot, a failsafe or the autopilot alone flies it.
-    ``in_air``: false once its autopilot has detected the landing.
+    ``steered``: its vehicle follows its published plans; false while a pilot, a failsafe or the autopilot alone flies it.
+    ``in_air``: false after its autopilot has detected the landing.
     """
 
     epoch: Epoch
@@ -114,8 +114,8 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
 class Plan(DroneMessage, frozen=True, kw_only=True):
     """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ...
 
-    ``unheard``: drones that may be in the air and that this one does not hear: whatever they publish, it was not planned with.
-    Left out where there are none.
+    ``unheard``: drones possibly in the air without a link to this drone: the plan accounts for none of their messages. Left out
+    if empty.
     """
 
     epoch: Epoch
@@ -150,8 +150,8 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
 class Source(Struct, frozen=True, kw_only=True):
     """One estimated source (mission frame).
 
-    ``evidence``: natural logarithm of the likelihood ratio of this source to none. ``lines_kev``: of a source whose spectrum none
-    of the candidates explains, and which has neither nuclide nor activity: the energies of the lines in it, ascending.
+    ``evidence``: natural logarithm of the likelihood ratio of this source to no source. ``lines_kev``: line energies in the
+    spectrum of an unknown source, ascending: no candidate nuclide explains its spectrum, and it has neither nuclide nor activity.
     """
 
     position_m: Position
@@ -166,16 +166,16 @@ class Source(Struct, frozen=True, kw_only=True):
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
-    """The hypothesis: all sources that the swarm knows of, and the digest of the log that they were computed from.
+    """The hypothesis: all known sources, and the digest of the log from which they were computed.
 
-    ``excluded_bq``: by nuclide, the activity from which on further sources are excluded in the area, but for what is outshone by
-    those that are known; without nuclides of which none is excluded. Of an estimator of several sources only.
+    ``excluded_bq``: exclusion limit by nuclide: the activity above which further sources are excluded in the area, except where
+    known sources outshine them. Nuclides without an exclusion limit are left out. Only from estimators of several sources.
     """
 
     mission: MissionId
     estimator: Identifier
     digest: Digest
-    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MOST_SOURCES)]  # the one that is tracked first
+    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MOST_SOURCES)]  # the tracked source first
     excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MOST_EXCLUDED)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
@@ -191,7 +191,7 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
 class Recognised(Struct, frozen=True, array_like=True):
     """The nuclide recognised in a camera's spectrum.
 
-    ``evidence``: natural logarithm of the likelihood ratio of that nuclide to none or to any other, whichever is less.
+    ``evidence``: natural logarithm of the likelihood ratio of this nuclide to none or to any other, the smaller of both.
     """
 
     nuclide: Nuclide
@@ -207,15 +207,16 @@ class Reaction(StrEnum):
 
 
 class Failsafe(Struct, frozen=True, array_like=True):
-    """What the vehicle's failsafe is going to do; ``height_m``: of a return, above the launch place."""
+    """The announced reaction of the vehicle's failsafe; ``height_m``: of a return, above the launch place."""
 
     reaction: Reaction
     height_m: Metres | None = None
 
 
 class Ticket(Struct, frozen=True, array_like=True):
-    """What a command to a drone needs, from the drone's newest status when the command is given: its nonce, which is valid for
-    ``MAX_ORDER_AGE_NS``, and a number above that of the last command carried out.
+    """The freshness data of a command to a drone, from the drone's newest status at the time of the command.
+
+    ``nonce``: valid for ``MAX_ORDER_AGE_NS``; ``number``: above the number of the last executed command.
     """
 
     nonce: Nonce
@@ -223,9 +224,9 @@ class Ticket(Struct, frozen=True, array_like=True):
 
 
 class Answer(Struct, frozen=True, array_like=True):
-    """What became of the last mission that an operator uploaded to a drone.
+    """A drone's answer to the last uploaded mission.
 
-    ``stamp_ns``: of the upload; ``refused``: why, empty while the drone takes it over.
+    ``stamp_ns``: of the upload; ``refused``: reason of the refusal, empty while the drone adopts the mission.
     """
 
     stamp_ns: StampNs
@@ -234,10 +235,10 @@ class Answer(Struct, frozen=True, array_like=True):
 
 
 class Obeyed(Struct, frozen=True, array_like=True):
-    """The last order that a drone has carried out since its agent's start, for stations that have no link to who gave it.
+    """A drone's last executed order since its agent's start, for stations without a link to the ordering station.
 
-    ``order``: name of the action, or ``upload``; ``station``: who signed it; ``stamp_ns``: its own; ``number``: of its ticket.
-    ``signature``: by the drone, of the whole status with this in it.
+    ``order``: name of the action, or ``upload``; ``station``: the signing station; ``stamp_ns``: of the order; ``number``: of its
+    ticket. ``signature``: by the drone, of the whole status with this order in it.
     """
 
     order: Identifier
@@ -250,14 +251,14 @@ class Obeyed(Struct, frozen=True, array_like=True):
 class Status(DroneMessage, frozen=True, kw_only=True):
     """A drone's stage, counters, problems, and the result of its search, if it has ended.
 
-    ``delays_ns``: for each drone heard in the last 3 s, the least recent difference between the own clock at the arrival of its
-    status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of
-    each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
-    command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
-    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends. ``disowns``: true
-    where it has lately heard news under its own id that it has not sent; else left out. ``upload``: the answer to
-    an upload since the agent's start; None: there was none. ``signature``: as that of a command, by the drone; of all but
-    ``obeyed``, which is left out where there is none, so that readers that do not know it can verify the rest.
+    ``delays_ns``: for each drone received in the last 3 s, the minimum of the recent differences between the own clock at the
+    arrival of its status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that
+    they report of each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for
+    the next command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: facts for the operator
+    before a start that do not prevent it: unencrypted links, a certificate close to its end. ``disowns``: true if the drone has
+    recently received news under its own id that it did not send; else left out. ``upload``: the answer to an upload since the
+    agent's start; None: no upload. ``signature``: by the drone, as of a command, of all fields except ``obeyed``. An empty
+    ``obeyed`` is left out, so that readers without this field can verify the rest.
     """
 
     mission: MissionId
@@ -281,10 +282,10 @@ class Status(DroneMessage, frozen=True, kw_only=True):
 
 
 class Order(StationMessage, frozen=True, kw_only=True):
-    """What an operator orders the drones in ``to``.
+    """Base of an operator's orders to the drones in ``to``.
 
-    ``signature``: of the whole message without it, by the key of ``certificate``, which is issued to the station. Both are empty
-    in a swarm without certificates.
+    ``signature``: of the message without its signature, by the key of ``certificate``, which is issued to the station. Both are
+    empty in a swarm without certificates.
     """
 
     mission: MissionId
@@ -300,7 +301,7 @@ class Command(Order, frozen=True, kw_only=True):
 
 
 class Upload(Order, frozen=True, kw_only=True):
-    """A new ``mission`` for drones on the ground, which fetch its content from the station: in parts, with these hashes."""
+    """A new ``mission`` for drones on the ground, which fetch its content from the station in ``parts`` with these hashes."""
 
     parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MOST_PARTS)]
 

@@ -1,4 +1,4 @@
-"""What an onboard computer tells of itself, as JSON: the agent to its computer's updater, and that to ``radron-deploy``."""
+"""Reports of an onboard computer, as JSON: from the agent to the computer's updater, and from there to ``radron-deploy``."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from msgspec import Struct
 from protocol.messages import Stage
 from protocol.stages import ON_GROUND
 
-COMPATIBLE = "radron-nuc"  # which computers a bundle is for
+COMPATIBLE = "radron-nuc"  # type of computer that accepts a bundle
 REPORT_FILE = "report.json"  # in the agent's RUNTIME_DIRECTORY
-MOST_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other one (grub.cfg counts to the same number)
+MOST_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other slot (grub.cfg counts to the same number)
 
 
 class Release(Struct, frozen=True, kw_only=True):
@@ -23,17 +23,17 @@ class Release(Struct, frozen=True, kw_only=True):
     build: str = ""
 
     def __str__(self) -> str:
-        """For people: version and commit."""
+        """Return version and commit, for display."""
         commit = self.build.partition("-")[2]
         return f"{self.version} ({commit})" if commit else self.version
 
     def is_older_than(self, other: Release) -> bool:
-        """By version, as semantic versioning has it; by the date of the source where the versions are equal."""
+        """Compare by version (semantic versioning); by the date of the source if the versions are equal."""
         return self._order < other._order
 
     @property
     def made_ns(self) -> int | None:
-        """The date of its source, UTC in nanoseconds; None: it is not known."""
+        """The date of its source, UTC in nanoseconds; None: unknown."""
         try:
             made = datetime.strptime(self.build.partition("-")[0], "%Y%m%dT%H%M%SZ")
         except ValueError:
@@ -47,9 +47,9 @@ class Release(Struct, frozen=True, kw_only=True):
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """What the agent tells its computer once a second. ``uptime_s``: when, by the computer's monotonic clock.
+    """The agent's report to its computer, once a second. ``uptime_s``: time of the report by the computer's monotonic clock.
 
-    ``mesh``: its session is open; ``alive``: the drones that it hears; ``autopilot``, ``camera``: they answer.
+    ``mesh``: its session is open; ``alive``: drones present in the mesh; ``autopilot``, ``camera``: true if they answer.
     """
 
     uptime_s: float
@@ -68,12 +68,12 @@ class Report(Struct, frozen=True, kw_only=True):
 
     @property
     def flies(self) -> bool:
-        """Whether its vehicle is armed, or a flight is under way."""
+        """Whether its vehicle is armed or in flight."""
         return self.armed or self.stage not in ON_GROUND
 
 
 class Needs(Struct, frozen=True, kw_only=True):
-    """What answered before an update, and must answer after it. ``alive``: at least one of these drones."""
+    """Devices and drones that answered before an update and must answer after it. ``alive``: at least one of these drones."""
 
     alive: tuple[str, ...] = ()
     autopilot: bool = False
@@ -81,12 +81,12 @@ class Needs(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, report: Report | None) -> Needs:
-        """What an agent has at present; nothing of one that does not report."""
+        """Return the answering devices and drones of an agent's present report; none without a report."""
         return cls() if report is None else cls(alive=report.alive, autopilot=report.autopilot, camera=report.camera)
 
 
 class Trial(Struct, frozen=True, kw_only=True):
-    """A slot that is to be booted, and to show that it works. ``lacking``: what it lacked at its last attempt."""
+    """A slot on trial: it must boot and show that it works. ``lacking``: unmet needs at its last attempt."""
 
     slot: str
     release: Release
@@ -97,7 +97,7 @@ class Trial(Struct, frozen=True, kw_only=True):
 
 
 class Outcome(Struct, frozen=True, kw_only=True):
-    """How the last update went. ``release``: the one to be installed; ``text``: for people; ``begun_ns``: of the trial."""
+    """Outcome of the last update. ``release``: the release to install; ``text``: for display; ``begun_ns``: of the trial."""
 
     kind: Literal["good", "fell back", "interrupted"]
     slot: str
@@ -108,12 +108,12 @@ class Outcome(Struct, frozen=True, kw_only=True):
 
 
 class Computer(Struct, frozen=True, kw_only=True):
-    """One onboard computer, as ``radron-update status`` tells it.
+    """Status of one onboard computer, from ``radron-update status``.
 
-    ``slot``: it runs from; empty: it has none, as the agent was installed on another system. ``slots``: releases in them, as far
-    as known; ``attempts``: boots of the present slot since it was last confirmed; ``busy``: an update is being installed;
-    ``clock_ns``: UTC; ``clock_offset_s``: from its time servers, None: none is reached;
-    ``certificate_ns``: end of the drone's certificate.
+    ``slot``: the running slot; empty: no slots, as the agent was installed on another system. ``slots``: releases in the slots,
+    as far as known; ``attempts``: boots of the present slot since its last confirmation; ``busy``: an update is being installed;
+    ``clock_ns``: UTC; ``clock_offset_s``: from its time servers, None: no time server reached; ``certificate_ns``: end of the
+    drone's certificate.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Signatures of log entries, statuses, commands and revocations (Ed25519, RFC 8032), verified with the members' certificates.
 
-Log entries that are published together have one signature: that of the root of their hash tree (BLAKE2b-128, as in RFC 6962 with
-different hashes for leaves and nodes). The proof of an entry is this signature, its place in the tree, and the hashes beside its
-way to the root. So each entry can be verified by itself, whoever relays or recovers it, and a batch costs one verification.
+Log entries published together have one signature, of the root of their hash tree (BLAKE2b-128, as in RFC 6962 with different
+hashes for leaves and nodes). The proof of an entry is this signature, its place in the tree, and the hashes beside its path to
+the root. Each entry can therefore be verified by itself, over any relay or recovery, and a batch costs one verification.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from protocol.message import StationMessage
 from protocol.messages import Action, Command, Obeyed, Order, Status, Upload
 from protocol.revocations import Obeying, Revocation
 
-MOST_IN_BATCH = 32  # of the place in a proof, and of its length
-MOST_ROOTS = 1024  # that are remembered as verified
-MOST_CERTIFICATES = 256  # that are remembered as read
+MOST_IN_BATCH = 32  # entries; limits the place in a proof, and the proof's length
+MOST_ROOTS = 1024  # kept as verified
+MOST_CERTIFICATES = 256  # kept as read
 MOST_OF_BOOT = 4  # certificates; an honest agent has one
 DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot program must not import: it handles dates
 _HASH_BYTES = 16
-# No signature counts as one of something else.
+# Signed prefixes: a signature of one kind of message is invalid for every other kind.
 _ENTRIES, _STATUS, _REVOCATION = b"radron 2 entries\0", b"radron 2 status\0", b"radron 2 revocation\0"
 _OBEYED, _OBEYING = b"radron 2 obeyed\0", b"radron 2 obeying\0"
 _ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
-Signed = tuple[bytes, bytes]  # a signature, and what it is one of
+Signed = tuple[bytes, bytes]  # a signature, and the signed bytes
 SignedRoot = Callable[[Entry, bytes], Signed | None]  # as ``signed_root``
 E = TypeVar("E", bound=Entry)
 S = TypeVar("S", bound=Order)
@@ -56,7 +56,7 @@ class Member(Protocol):
 
     @property
     def may_revoke(self) -> bool:
-        """Whether it has the right to revoke others in flight."""
+        """Whether this member has the right to revoke others in flight."""
         ...
 
     @property
@@ -66,12 +66,12 @@ class Member(Protocol):
 
     @property
     def not_before_ns(self) -> int:
-        """Beginning of its validity, UTC."""
+        """Beginning of its validity, nanoseconds UTC."""
         ...
 
     @property
     def not_after_ns(self) -> int:
-        """End of its validity, UTC."""
+        """End of its validity, nanoseconds UTC."""
         ...
 
     def verified(self, signature: bytes, data: bytes) -> bool:
@@ -80,17 +80,19 @@ class Member(Protocol):
 
 
 class Authority(Protocol):
-    """Whoever issues the certificates of a swarm."""
+    """The issuer of a swarm's certificates."""
 
     def verify(self, der: bytes) -> Member:
-        """Read a certificate; raises ProtocolError where this authority has not issued it."""
+        """Read a certificate. Raises ProtocolError: this authority has not issued it."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """What a member signs and verifies with: its key, in ``sign``, its own certificate (DER), and the swarm's authority, with its
-    own certificate (PEM) for whoever verifies later.
+    """A member's means to sign and verify.
+
+    Its key, in ``sign``; its own ``certificate`` (DER); and the swarm's ``authority``, with the authority's certificate (PEM) for
+    later verification.
     """
 
     name: str
@@ -98,17 +100,17 @@ class Trust:
     certificate: bytes
     authority: Authority
     authority_pem: str = ""
-    revoked: frozenset[int] = frozenset()  # serial numbers of certificates that command no more
+    revoked: frozenset[int] = frozenset()  # serial numbers of certificates without a right to command any more
 
 
 def sign_command(command: S, trust: Trust) -> S:
-    """A command, or another message of a station, with that station's certificate and signature."""
+    """Return a command, or another order of a station, with the station's certificate and signature."""
     bare, _ = written(replace(command, certificate=trust.certificate, signature=b""))
     return replace(command, certificate=trust.certificate, signature=trust.sign(_ORDERS[type(command)] + bare))
 
 
 def sign_status(status: Status, trust: Trust) -> Status:
-    """A status, as its receivers read it (``codec.written``), with certificate and signature of its drone."""
+    """Return a status with certificate and signature of its drone. It must be as its receivers read it (``codec.written``)."""
     bare = replace(status, certificate=trust.certificate, signature=b"")
     signature = trust.sign(_STATUS + _without_obeyed(bare))
     if bare.obeyed is UNSET:
@@ -118,18 +120,18 @@ def sign_status(status: Status, trust: Trust) -> Status:
 
 
 def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
-    """The revocation with certificate and signature of its station."""
+    """Return the revocation with certificate and signature of its station."""
     bare, _ = written(replace(revocation, certificate=trust.certificate, signature=b""))
     return replace(revocation, certificate=trust.certificate, signature=trust.sign(_REVOCATION + bare))
 
 
 def sign_obeying(revocation: Revocation, trust: Trust) -> Obeying:
-    """The word of the drone that is revoked that it obeys."""
+    """Return the revoked drone's confirmation that it obeys."""
     return Obeying(trust.name, trust.certificate, trust.sign(_OBEYING + revocation.signature))
 
 
 def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
-    """Entries that are published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
+    """Yield entries published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
     for start in range(0, len(entries), MOST_IN_BATCH):
         batch = entries[start : start + MOST_IN_BATCH]
         rows = _tree([_leaf(as_bytes(replace(entry, proof=b""))) for entry in batch])
@@ -140,10 +142,11 @@ def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
 
 
 def signed_root(entry: Entry, payload: bytes) -> Signed | None:
-    """The signature in an entry's proof, and what it must be a signature of; None where the proof is none, or where the entry, as
-    it is written, is not its ``payload``.
+    """Return the signature in an entry's proof and the bytes that it must cover.
+
+    None for a malformed proof, or if the encoded entry differs from its ``payload``.
     """
-    if as_bytes(entry) != payload:  # else a relay could add a field that no reader knows
+    if as_bytes(entry) != payload:  # else a relay could add an unknown field
         return None
     way = entry.proof[SIGNATURE_BYTES + 1 :]
     if len(entry.proof) <= SIGNATURE_BYTES or len(way) % _HASH_BYTES or len(way) > 5 * _HASH_BYTES:
@@ -157,14 +160,18 @@ def signed_root(entry: Entry, payload: bytes) -> Signed | None:
 
 
 class Verifier:
-    """Tells which entries, statuses, commands and revocations are what their publishers have signed. By their bytes alone: all
-    drones judge alike.
+    """Verifies signatures of entries, statuses, commands and revocations.
+
+    By their bytes alone: all drones come to the same verdict.
     """
 
     def __init__(
         self, authority: Authority, revoked: frozenset[int] = frozenset(), signed_root: SignedRoot = signed_root
     ) -> None:
-        """``revoked``: serial numbers of certificates that command no more; ``signed_root``: as the function, or from memory."""
+        """``revoked``: serial numbers of certificates without a right to command any more.
+
+        ``signed_root``: the function of this module, or a cache of it.
+        """
         self._authority, self._revoked, self._signed_root = authority, revoked, signed_root
         self._revoked_names: set[str] = set()
         self._read: OrderedDict[bytes, Member] = OrderedDict()
@@ -172,17 +179,17 @@ class Verifier:
         self._roots: OrderedDict[tuple[str, str, bytes, bytes], None] = OrderedDict()
 
     def knows(self, entry: Entry) -> bool:
-        """Whether the certificate that the entry is verified with is known: that of its drone in its boot, or its own."""
+        """Whether the verifying certificate of the entry is known: its drone's in this boot, or the credential's own."""
         return isinstance(entry, Credential) or (entry.drone, entry.boot) in self._boots
 
     def accepts_entry(self, entry: Entry, payload: bytes) -> bool:
-        """Whether its drone has signed just these bytes. A credential that is accepted counts from then on."""
+        """Whether the entry's drone has signed exactly these bytes. An accepted credential counts from then on."""
         signed = self._signed_root(entry, payload)
         if signed is None:
             return False
         boot = entry.drone, entry.boot
         member = self._of_credential(entry) if isinstance(entry, Credential) else None
-        if member is None and isinstance(entry, Credential):  # whatever else its drone has signed together with it
+        if member is None and isinstance(entry, Credential):  # even if its drone has signed other entries together with it
             return False
         if (*boot, *signed) in self._roots:
             self._roots.move_to_end((*boot, *signed))
@@ -198,38 +205,38 @@ class Verifier:
         return True
 
     def accepts_status(self, status: Status) -> bool:
-        """Whether its drone has signed a status. The times of its certificate do not matter: a status lasts for seconds."""
+        """Whether its drone has signed a status. The certificate's times do not matter: a status is valid for seconds."""
         member = self._member(status.certificate)
         if member is None or member.role != DRONE or member.name != status.drone:
             return False
         return member.verified(status.signature, _STATUS + _without_obeyed(status))
 
     def accepts_obeyed(self, status: Status) -> bool:
-        """Whether its drone has signed too which order it has obeyed. For a status that is accepted."""
+        """Whether the drone of an accepted status has also signed its obeyed order."""
         member = self._member(status.certificate)
         if member is None or status.obeyed is UNSET:
             return False
         return member.verified(status.obeyed.signature, _OBEYED + _with_obeyed(status, status.obeyed))
 
     def accepts_obeying(self, word: Obeying, revocation: Revocation) -> bool:
-        """Whether the drone that is revoked has signed that it obeys just this revocation, which is accepted."""
+        """Whether the revoked drone has signed a confirmation of exactly this accepted revocation."""
         member = self._member(word.certificate)
         if member is None or member.role != DRONE or not word.drone == member.name == revocation.member:
             return False
         return member.verified(word.signature, _OBEYING + revocation.signature)
 
     def signer(self, order: Order) -> Member | None:
-        """Whose certificate an order carries, whether valid or not; None: nobody's of this swarm."""
+        """Return the member of an order's certificate, valid or not; None: no certificate of this swarm."""
         return self._member(order.certificate)
 
     def revoke(self, name: str) -> None:
-        """An operator of this name commands no more."""
+        """Withdraw the right to command from operators of this name."""
         self._revoked_names.add(name)
 
     def refusal(self, command: Order, now_ns: int) -> str | None:
-        """Why a command is not what an operator of this swarm has signed; None where it is.
+        """Return why a command is not validly signed by an operator of this swarm; None if it is.
 
-        A certificate's time is judged on the ground only: the clock must not keep anybody from landing the swarm.
+        A certificate's times count on the ground only: a wrong clock must not prevent a landing of the swarm.
         """
         station = self._operator(command, command.certificate)
         if isinstance(station, str):
@@ -244,11 +251,11 @@ class Verifier:
         return None
 
     def revocation_refusal(self, revocation: Revocation, heard_ns: int) -> str | None:
-        """Why a revocation is not what an operator with the right to revoke has signed; None where it is.
+        """Return why a revocation is not validly signed by an operator with the right to revoke; None if it is.
 
-        Its own stamp decides whether the certificate was valid, and one operator's revocation of another does not undo those of
-        the other: the order of arrival must not matter. Whom the authority itself has revoked, revokes nobody. ``heard_ns``: when
-        it came from its station: the certificate must not have ended by then either.
+        The stamp of the revocation decides whether the certificate was valid, and revoking an operator does not undo that
+        operator's revocations: the order of arrival must not matter. An operator revoked by the authority itself cannot revoke.
+        ``heard_ns``: arrival from its station; the certificate must not have expired by then, either.
         """
         station = self._operator(revocation, revocation.certificate)
         if isinstance(station, str):
@@ -262,7 +269,7 @@ class Verifier:
         return None
 
     def _operator(self, message: StationMessage, certificate: bytes) -> Member | str:
-        """The operator whose message this may be, its signature apart; or why it is none."""
+        """Return the operator of a message, before the check of its signature; or why there is no such operator."""
         station = self._member(certificate)
         if station is None or station.name != message.station:
             return "without_valid_certificate"
@@ -271,7 +278,7 @@ class Verifier:
         return station if station.role == OPERATOR else f"by_a_{station.role}"
 
     def _of_credential(self, entry: Credential) -> Member | None:
-        """The member of a drone's certificate that was valid when the boot began."""
+        """Return the member of a drone's certificate; None unless the certificate was valid at the beginning of the boot."""
         member = self._member(entry.certificate)
         if member is None or member.role != DRONE or member.name != entry.drone or entry.sequence != 0:
             return None
@@ -293,17 +300,17 @@ class Verifier:
 
 
 def _without_obeyed(status: Status) -> bytes:
-    """What a status' signature is one of."""
+    """Return the bytes of a status that its signature covers."""
     return as_bytes(replace(status, obeyed=UNSET, signature=b""))
 
 
 def _with_obeyed(status: Status, obeyed: Obeyed) -> bytes:
-    """What the signature of the obeyed order in it is one of."""
+    """Return the bytes of a status that the signature of its obeyed order covers."""
     return as_bytes(replace(status, obeyed=replace(obeyed, signature=b""), signature=b""))
 
 
 def _tree(leaves: list[bytes]) -> list[list[bytes]]:
-    """The rows of a hash tree from the leaves to the root; the row of the leaves is filled up with zeros to a power of two."""
+    """Return the rows of a hash tree from the leaves to the root; zeros fill the row of leaves up to a power of two."""
     size = 1 << (len(leaves) - 1).bit_length()
     rows = [leaves + [bytes(_HASH_BYTES)] * (size - len(leaves))]
     while len(rows[-1]) > 1:

@@ -1,6 +1,6 @@
 """The coarse spectrum of an exposure: 32 bins from 40 to 1450 keV, of equal width in the square root of the energy.
 
-So a bin is 13 keV wide at 40 keV, 51 keV at 662 keV and 75 keV at the end, about in step with the resolution of a pixel detector.
+A bin is 13 keV wide at 40 keV, 51 keV at 662 keV and 75 keV at the end, about in step with the resolution of a pixel detector.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Spectrum = Annotated[tuple[SpectrumBin, ...], Meta(max_length=BINS)]  # bins wit
 
 
 def unknown_nuclide(lines_kev: Iterable[int]) -> str:
-    """How a nuclide that is none of the candidates is told, by the lines of its spectrum: "unknown, lines at 136, 265 keV"."""
+    """Return the text for a nuclide outside the candidates, by the lines of its spectrum: "unknown, lines at 136, 265 keV"."""
     lines = ", ".join(map(str, lines_kev))
     return f"unknown, lines at {lines} keV" if lines else "unknown, no clear lines"
 

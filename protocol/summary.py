@@ -1,8 +1,10 @@
-"""Summary of a log that a drone sends to a peer when it asks for missing entries (the payload of the ``log`` query).
+"""Summary of a drone's log, sent to a peer in a query for missing entries (the payload of the ``log`` query).
 
-msgpack: ``[mission, [[drone, boot, [first, last, first, last, ...], cut, [block, ...], hashes], ...]]``: ranges of sequence
-numbers in ascending order; the number from which on nothing counts, or nil; and hashes of some blocks of entries, 16 bytes each,
-so that a peer that holds other entries under the same numbers notices.
+msgpack: ``[mission, [[drone, boot, [first, last, first, last, ...], cut, [block, ...], hashes], ...]]``:
+
+- ranges of sequence numbers in ascending order;
+- the first number that does not count, nor its successors; or nil;
+- hashes of some blocks of entries, 16 bytes each, so that a peer with different entries under the same numbers notices.
 """
 
 from __future__ import annotations
@@ -19,17 +21,17 @@ from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import ProtocolError
 from protocol.units import BootId, Count, DroneId, MissionId
 
-BLOCK = 64  # sequence numbers: those of block k begin with k times so many
+BLOCK = 64  # sequence numbers; block k begins with the number k * BLOCK
 HASH_BYTES = 16
-MOST_BLOCKS = 64  # of all publishers together; the next summary has others
+MOST_BLOCKS = 64  # of all publishers together; the next summary has other blocks
 MOST_PUBLISHERS = 256  # one for each start of each agent
 MOST_RANGES = 2500  # of all publishers together: fits into a payload at 9 bytes a number
 
 
 class Held(NamedTuple):
-    """What a log holds of one publisher.
+    """Entries of one publisher in a log.
 
-    ``ranges``: first and last of the sequence numbers held. ``cut``: the first number that does not count, because two signed
+    ``ranges``: first and last of the held sequence numbers. ``cut``: the first number that does not count, because two signed
     entries contradict each other there (``agent.fusion.log``). ``blocks``: some of its blocks with their hashes.
     """
 
@@ -56,10 +58,10 @@ class _Document(Struct, frozen=True, array_like=True):
 
 
 def encode_summary(mission: str, summary: Summary) -> bytes:
-    """Encode; the result is accepted by :func:`decode_summary`.
+    """Encode a summary for :func:`decode_summary`.
 
-    Of a log with more gaps than fit, the oldest ranges are sent, evenly over the publishers. Entries left out of the summary are
-    sent again unnecessarily, but the oldest gaps close first, so that repeated queries obtain everything.
+    For a log with more gaps than fit, the oldest ranges are sent, evenly over the publishers. Entries left out of the summary are
+    sent again unnecessarily, but the oldest gaps close first, so that repeated queries obtain all entries.
     """
     publishers = list(summary.items())[:MOST_PUBLISHERS]
     share = MOST_RANGES // max(1, len(publishers))
@@ -68,7 +70,7 @@ def encode_summary(mission: str, summary: Summary) -> bytes:
 
 
 def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
-    """Mission id, and what is held by (drone, boot).
+    """Return the mission id, and the held entries by (drone, boot).
 
     Raises:
         ProtocolError: for any error in the bytes.
@@ -96,14 +98,14 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
 
 
 def _told(held: Held, share: int) -> tuple[list[int], int | None, list[int], bytes]:
-    """Of a publisher as many ranges as are its share, and the blocks that lie within them."""
+    """Return a publisher's oldest ranges, at most its share, its cut, and its blocks within these ranges with their hashes."""
     ranges, end = held.ranges[:share], held.ranges[share - 1][1] + 1 if len(held.ranges) > share else None
     blocks = [(block, told) for block, told in held.blocks if end is None or (block + 1) * BLOCK <= end]
     return list(chain.from_iterable(ranges)), held.cut, [block for block, _ in blocks], b"".join(told for _, told in blocks)
 
 
 def _blocks(entry: _Publisher) -> tuple[tuple[int, bytes], ...]:
-    """Blocks with their hashes, of which each must have one."""
+    """Return the blocks with their hashes. Raises ProtocolError: not one hash for each block."""
     if len(entry.hashes) != HASH_BYTES * len(entry.blocks):
         raise ProtocolError("not a summary: its blocks and hashes are not equally many")
     starts = range(0, len(entry.hashes), HASH_BYTES)
@@ -111,7 +113,7 @@ def _blocks(entry: _Publisher) -> tuple[tuple[int, bytes], ...]:
 
 
 def _ranges(bounds: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
-    """Pairs of bounds; they must be complete and in ascending order."""
+    """Return the pairs of bounds. Raises ProtocolError: incomplete, or not in ascending order."""
     if len(bounds) % 2:
         raise ProtocolError("not a summary: a range has no end")
     ranges = tuple(zip(bounds[::2], bounds[1::2], strict=True))

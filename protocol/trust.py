@@ -1,4 +1,4 @@
-"""From a member's identity on disk to what it signs and verifies with."""
+"""From a member's identity on disk to its keys for signatures and verification."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from protocol.signing import Trust
 
 
 def trust_of(identity: Identity | None) -> Trust | None:
-    """What a member with this identity signs and verifies with; None without one."""
+    """Return the keys of a member with this identity for signatures and verification; None without an identity."""
     if identity is None:
         return None
     pem = identity.authority.certificate.public_bytes(Encoding.PEM).decode()

@@ -1,6 +1,6 @@
 """Types of the messages' fields: names and numbers with their units and limits.
 
-Every number has bounds (which NaN and infinity violate too) and every text a pattern: impossible values are refused on reading.
+Every number has bounds (which NaN and infinity violate, too) and every text a pattern: impossible values are refused on reading.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-STATION = "station"  # replaces a drone's id in the keys of operators; no drone may have it
+STATION = "station"  # replaces a drone's id in the keys of operators; not allowed as a drone's id
 IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
 HEX_16 = r"^[0-9a-f]{16}\Z"
 

@@ -158,7 +158,7 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def close_session(session: zenoh.Session) -> None:
-    """Close a Zenoh session within ``CLOSE_S``, for any behaviour of its peers.
+    """Close a Zenoh session within ``CLOSE_S``, independently of its peers.
 
     A slower closing continues in its thread; a process that ends before this thread may abort.
     """
