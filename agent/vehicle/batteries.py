@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 STALE_S = 10.0  # PX4 tells it once a second or twice; a smart battery's bus may fail in flight
-ALL = -1  # number of what SYS_STATUS tells: of all batteries together
+ALL = -1  # number of the level in SYS_STATUS: of all batteries together
 
 
 class Batteries:
@@ -13,18 +13,18 @@ class Batteries:
         self._told: dict[int, tuple[float | None, float]] = {}  # level, and when it was told (s), by number, once it was known
 
     def take(self, number: int, percent: int, now_s: float) -> None:
-        """Take what is told of one battery, or of ``ALL``; negative: it does not know."""
+        """Take the reported level of one battery, or of ``ALL``; negative: not known."""
         if percent >= 0 or number in self._told:
             self._told[number] = percent / 100.0 if percent >= 0 else None, now_s
 
     def level(self, now_s: float) -> float | None:
-        """The lowest level, 0 .. 1, that is not stale; None: nobody tells."""
+        """The lowest level, 0 .. 1, that is not stale; None without a report."""
         fresh = (level for level, told_s in self._told.values() if now_s - told_s <= STALE_S)
         return min((level for level in fresh if level is not None), default=None)
 
     def problem(self, now_s: float) -> str | None:
-        """What is told to the operator: a level that was known is not told any more, and no return follows from it. SYS_STATUS
-        may go on with what it was before a battery was lost.
+        """Return the message to the operator: a known level is not reported any more, and no return follows from it. SYS_STATUS
+        may repeat the level of before the loss of a battery.
         """
         single = [one for number, one in self._told.items() if number != ALL] or list(self._told.values())
         if all(level is not None and now_s - told_s <= STALE_S for level, told_s in single):

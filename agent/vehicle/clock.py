@@ -15,20 +15,21 @@ class BootClock:
 
     Messages arrive late, never early, so the smallest difference between arrival and boot time is the closest to the true offset
     of the clocks. The window is short, so that the mapping follows a simulation that does not run in real time, or a pause; real
-    clocks drift by less than 0.1 ms within it. Where UTC is set it begins anew: stamps were as old as it was set on, for 2 s.
+    clocks drift by less than 0.1 ms within it. After a step of UTC the window begins anew: otherwise stamps would be wrong by the
+    step for 2 s.
     """
 
     def __init__(self) -> None:
         self._offsets: deque[tuple[int, int]] = deque()  # (arrival, offset), offsets ascending: the first is the smallest
         self._boot_ns = self._arrival_ns = 0
-        self._ahead_ns: int | None = None  # of UTC, of the clock that nobody sets
+        self._ahead_ns: int | None = None  # of UTC, over the clock that is never set
         self._before_ns, self._lower = 0, 0  # boot time before it went back, and how many have come since that are lower
         self.has_rebooted = False  # the autopilot, since the agent heard it first
 
     def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
         """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival.
 
-        ``steady_ns``: its arrival by a clock that nobody sets: it tells at once where UTC was set.
+        ``steady_ns``: its arrival by a clock that is never set; shows a step of UTC at once.
         """
         boot_ns, ahead_ns = boot_ms * 1_000_000, None if steady_ns is None else arrival_ns - steady_ns
         self._watch_boots(boot_ns)

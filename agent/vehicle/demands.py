@@ -1,4 +1,4 @@
-"""What a mission demands of the autopilot of one drone."""
+"""The demands of a mission on the autopilot of one drone."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from agent.config.mission import MissionConfig
 class Demands(Struct, frozen=True):
     """The demands; without a mission only the ceiling.
 
-    vehicle: how the autopilot is reached, and flies. agent_lost: what the others expect it to do without its agent (return,
-    land, hold; None: any of them). return_height_m: of its return, above the launch place (None: whatever it is set to); sets:
-    the agent sets it. farthest_m: from its launch place to where the mission may lead it.
+    vehicle: connection and flight limits of the autopilot. agent_lost: its reaction to a lost agent, as the others expect it
+    (return, land, hold; None: any of them). return_height_m: of its return, above the launch place (None: as set in the
+    autopilot); sets: the agent sets it. farthest_m: from its launch place to the farthest point of the mission.
     """
 
     vehicle: VehicleConfig

@@ -37,7 +37,7 @@ def ned_from_enu_position(position_m: Vector3, launch: LaunchPlace) -> Vector3:
 def enu_from_flu(quaternion: Quaternion) -> Quaternion:
     """The attitude ENU <- FLU from the autopilot's NED <- FRD.
 
-    It is (ENU <- NED) * q * (FRD <- FLU), with the half turns (0, 1, 1, 0) / sqrt(2) and (0, 1, 0, 0), multiplied out.
+    The product is (ENU <- NED) * q * (FRD <- FLU), with the half turns (0, 1, 1, 0) / sqrt(2) and (0, 1, 0, 0), multiplied out.
     """
     w, x, y, z = quaternion
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

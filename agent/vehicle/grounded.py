@@ -1,6 +1,6 @@
-"""Whether a vehicle that has flown is down: a report of it is confirmed by further ones, and by position and height.
+"""Confirmation of a landing: a report is confirmed by further reports, and by position and height.
 
-One faulty or forged packet must not end a flight: an agent that takes its vehicle for landed sends it nothing more.
+One faulty or forged packet must not end a flight: once the agent takes its vehicle for landed, it sends no more setpoints.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Grounded:
         self._refused_ns: int | None = None
 
     def take(self, state: VehicleState) -> VehicleState:
-        """The telemetry with what is believed of it."""
+        """Return the telemetry with the confirmed state."""
         self._healthy = state.healthy if state.armed or state.in_air else self._healthy
         falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
         self._since_ns = since(self._since_ns, state.stamp_ns, holds=falls)
@@ -45,7 +45,7 @@ class Grounded:
         return state
 
     def problem(self, now_ns: int) -> str | None:
-        """What the operator is told of reports that the motion contradicts."""
+        """Return the message to the operator on reports that the motion contradicts."""
         if self._refused_ns is None or not 0 <= now_ns - self._refused_ns < _TOLD_NS:
             return None
         return "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"

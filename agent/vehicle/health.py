@@ -8,7 +8,7 @@ from agent.vehicle.events import FAILSAFE, REPORT_BEGINS, REPORT_ENDS, FailedChe
 from agent.vehicle.interface import FlightMode
 from agent.vehicle.mavlink.messages import AutopilotVersion, Event, StatusText, SystemStatus
 
-# MAV_SYS_STATUS_SENSOR; they tell what is missing.
+# MAV_SYS_STATUS_SENSOR: names of missing parts.
 _SENSORS = {
     0x01: "gyroscope",
     0x02: "accelerometer",
@@ -27,7 +27,7 @@ MOST_TEXTS = 3
 
 
 def not_ready(status: SystemStatus) -> str | None:
-    """What keeps the autopilot from being armed, or None; its own prearm check decides."""
+    """Return the obstacle to arming, or None; the autopilot's own prearm check decides."""
     health = status.onboard_control_sensors_health
     if health & _PREARM:
         return None

@@ -40,14 +40,14 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     in_air: bool
     healthy: bool  # ready to arm, or flying without a failsafe
     battery: float | None = None  # 0 .. 1
-    clock_sigma_m: float = 0.0  # what a wrong clock adds for others, who know by the stamp alone when it was here
+    clock_sigma_m: float = 0.0  # error by a wrong clock, for others, which know the time by the stamp alone
     position_trusted: bool = True  # False: satellites lost or estimate inconsistent; the drone holds
     aided: bool = True  # False: it flies by its inertial sensors alone, as no satellites are received
     axes_fixed: bool = False  # by satellites: a heading that jumps corrects the attitude, and does not turn the frame
 
     @property
     def stamped_sigma_m(self) -> float:
-        """1 sigma of the position at the stamp, as others take it: with what a wrong clock adds."""
+        """1 sigma of the position at the stamp, as others take it: with the error by a wrong clock."""
         return hypot(self.position_sigma_m, self.clock_sigma_m)
 
 
@@ -84,7 +84,7 @@ class Setpoint(Struct, frozen=True):
 
 
 class Request(StrEnum):
-    """What the pilot requests of the autopilot; the shell brings it about, possibly after some time."""
+    """Requests of the pilot to the autopilot; the shell brings them about, possibly after some time."""
 
     STAY = "stay"  # on the ground, disarmed
     TAKEOFF = "takeoff"  # arm and climb to takeoff_height_m
@@ -93,7 +93,7 @@ class Request(StrEnum):
     RETURN = "return"
     LAND = "land"
     DISARM = "disarm"  # on the ground; an autopilot in the air refuses
-    RELEASE = "release"  # somebody else has taken over: send no commands
+    RELEASE = "release"  # released to a pilot, a ground station or a failsafe: send no commands
 
 
 class VehicleCommand(Struct, frozen=True):
@@ -105,12 +105,12 @@ class VehicleCommand(Struct, frozen=True):
 
 
 class LaunchPlace(Struct, frozen=True, kw_only=True):
-    """Where a drone's local frame lies in its autopilot's: the place of the launch in the autopilot's local NED frame.
+    """A drone's local frame in its autopilot's: the place of the launch in the autopilot's local NED frame.
 
     A restarted agent recognises the frame by its geodetic origin or, where there is none because the autopilot flies without
     satellites, by the boot time of the autopilot. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its
-    estimator's resets by then (None: not reported); ``flown``: whether the vehicle has been in the air since;
-    ``mission``: the one that it was launched for.
+    estimator's resets by then (None: not reported); ``flown``: whether the vehicle has been in the air since; ``mission``: id of
+    the mission of the launch.
     """
 
     north_m: float

@@ -1,4 +1,4 @@
-"""Where the drone's local frame lies in the autopilot's: measured on the ground, or stored over a restart of the agent."""
+"""The drone's local frame in the autopilot's: measured on the ground, or stored over a restart of the agent."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ _SAME_BOOT_NS = 2_000_000_000  # clock drift in a flight is smaller, and a reboo
 
 
 class LaunchSurvey:
-    """The mean of the autopilot's local position over the last seconds on the ground, frozen as soon as it is armed.
+    """The mean of the autopilot's local position over the last seconds on the ground, frozen at arming.
 
     After the first flight it never changes, also after a landing elsewhere: later measurements belong to the same frame.
 
-    An agent that starts with the vehicle armed has nothing to average, and one whose vehicle has flown meanwhile may find it
-    elsewhere: they use the stored place, provided that the autopilot's frame still has the same geodetic origin. A horizontal
+    An agent that starts with the vehicle armed has nothing to average, and after a flight meanwhile the vehicle may be elsewhere.
+    In both cases the stored place is used, provided that the autopilot's frame still has the same geodetic origin. A horizontal
     shift of the origin in flight invalidates the place: setpoints and cones would be wrong by as much. (The autopilot may correct
     the origin's altitude without moving its frame: a warning.)
 
     An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until it is rebooted;
     an origin that appears later, because a receiver has found satellites, does not move the frame.
 
-    A frame that jumps in flight begins a new epoch. Where the mission knows the frame exactly (``exact``), it knows that of the
-    first epoch only; so the jump is reported too.
+    A frame that jumps in flight begins a new epoch. An exact frame by the mission (``exact``) is that of the first epoch only; so
+    the jump is reported too.
     """
 
     def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
@@ -51,7 +51,7 @@ class LaunchSurvey:
 
     @property
     def place(self) -> LaunchPlace | None:
-        """Where the local frame lies in the autopilot's present one; None where that is not known."""
+        """The local frame in the autopilot's present one; None if not known."""
         return None if self._moved else self._place
 
     @property
@@ -90,8 +90,8 @@ class LaunchSurvey:
             self._average(now_s, position_m, booted_ns, resets)
 
     def _place_anyhow(self, now_s: float, flies: bool, booted_ns: int | None, resets: int | None) -> None:
-        """Of one that flies from a place that nobody knows the autopilot's origin counts as that, in an epoch of its own whose
-        frame only sightings and fixes can tell: else the agent would have no telemetry, take it to be on the ground, and refuse
+        """Use the autopilot's origin for a vehicle in flight from an unknown place, in an epoch of its own whose frame only
+        sightings and fixes determine. Otherwise the agent would have no telemetry, assume the vehicle on the ground, and refuse
         to land it.
         """
         unplaced = flies and self._place is None
@@ -186,8 +186,8 @@ class LaunchSurvey:
             self.problem = None
 
     def _may_have_landed_elsewhere(self, booted_ns: int | None) -> bool:
-        """Whether the vehicle has flown from the stored place, in a frame that is still the same. Where one that has jumped lies
-        is known by the motion in flight only; then the place is measured again.
+        """Whether the vehicle has flown from the stored place, in a frame that is still the same. After a jump the frame is known
+        by the motion in flight only; then the place is measured again.
         """
         stored = self._stored
         return stored is not None and stored.flown and stored.epoch == 0 and self._is_same_frame(stored, booted_ns)

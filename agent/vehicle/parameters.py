@@ -77,7 +77,7 @@ class Parameters:
             self._asked[message.param_id] = (MOST_ASKS, self._asked.get(message.param_id, (0, 0.0))[1])
 
     def forget(self) -> None:
-        """Start again: the autopilot may have been restarted, or be another one."""
+        """Start again: the autopilot may have been restarted, or replaced."""
         self._values.clear()
         self._sets = 0
         self._asked.clear()

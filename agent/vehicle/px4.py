@@ -36,7 +36,7 @@ from agent.vehicle.vision import Vision
 
 SET_UP_S = 1.0  # between requests for missing streams and values
 REFUSAL_S = 5.0  # a refusal counts as a problem for this long
-FIX_S = 0.9  # between two fixes: the errors of those in between are strongly correlated
+FIX_S = 0.9  # between two fixes: errors at shorter intervals are strongly correlated
 
 _TAKE_OFF, _LAND, _SET_MODE, _ARM = 22, 21, 176, 400  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
@@ -46,8 +46,8 @@ _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed
 class Px4Vehicle:
     """One PX4. Everything is called, and calls back, in the event loop's thread.
 
-    Nothing is pending between calls: what the autopilot does not show is requested again with the next heartbeat or command. So
-    an agent that hangs goes silent at once, and closing never waits.
+    Nothing is pending between calls: a request that the autopilot does not show fulfilled is repeated with the next heartbeat or
+    command. So an agent that hangs goes silent at once, and closing never waits.
     """
 
     def __init__(
@@ -63,8 +63,8 @@ class Px4Vehicle:
         """Not connected yet.
 
         Args:
-            demands: of the mission, with how the autopilot is reached.
-            launch: where the local frame lay before a restart in flight.
+            demands: of the mission, with the connection to the autopilot.
+            launch: of before a restart in flight.
             clock_ns: UTC.
             exact: the mission's local frame is known exactly, so that it has only one epoch.
             clock_s: a clock that never goes back.
@@ -73,7 +73,7 @@ class Px4Vehicle:
         self._config = config = demands.vehicle
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._link = link or Link(config.address, clock_ns, clock_s, config.system_id, config.source)
-        self.telemetry = self._telemetry = Telemetry(config, launch, exact)  # what it tells; to be read only
+        self.telemetry = self._telemetry = Telemetry(config, launch, exact)  # to be read only
         self.messages = self._messages = StatusMessages()  # as well
         self.parameters = Parameters(demands, others=config.parameters)
         self._requests, self._setpoints, self._streams = Requests(), SetpointStream(self._link), Streams(self._link)
@@ -110,12 +110,12 @@ class Px4Vehicle:
 
     @property
     def launch(self) -> LaunchPlace | None:
-        """Where the local frame lies in the autopilot's; None where that is not known."""
+        """The local frame in the autopilot's; None if not known."""
         return self._telemetry.launch.place
 
     @property
     def has_rebooted(self) -> bool:
-        """Whether the autopilot was booted again since the agent heard it first: its local frame is another one."""
+        """Whether the autopilot was booted again since the agent heard it first: its local frame is then new."""
         return self._telemetry.has_rebooted
 
     @property
@@ -125,7 +125,7 @@ class Px4Vehicle:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What prevents flying, one line each, with the autopilot's own messages."""
+        """Obstacles to flying, one line each, with the autopilot's own messages."""
         now_s = self._clock_s()
         problems = self._telemetry.problems(now_s)
         if self._telemetry.is_lost(now_s):
@@ -143,14 +143,14 @@ class Px4Vehicle:
 
     @property
     def exposure(self) -> str | None:
-        """Who else could command the autopilot: it obeys everybody who reaches its port."""
+        """The warning of other senders of commands: the autopilot obeys every sender that reaches its port."""
         return exposure(self._config.address, self._config.source, self._link.taken_from)
 
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""
         vision = [] if self._vision is None else [self._vision_finding()]
         parameters = self.parameters.findings()
-        if self._telemetry.is_lost(self._clock_s()):  # one that has not answered is not unknown to it
+        if self._telemetry.is_lost(self._clock_s()):  # a parameter without an answer is not unknown to the autopilot
             parameters = [Finding("parameters", "not yet", "not known without a link to the autopilot")]
         return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *parameters]
 
@@ -184,7 +184,7 @@ class Px4Vehicle:
         self._link.close()
 
     def _receive(self, burst: list[Received]) -> None:
-        """Take what has arrived, in order; of several states only the newest is passed on."""
+        """Take the messages received, in order; of several states only the newest is passed on."""
         state: VehicleState | None = None
         for received in burst:
             message, now_s = received.message, received.arrival_s
@@ -218,14 +218,14 @@ class Px4Vehicle:
             self._fix_callback(fix)
 
     def _begin_anew(self) -> None:
-        """The link is up for the first time or again: the autopilot may have been restarted, or be another one."""
+        """Begin with a link that is up for the first time or again: the autopilot may have been restarted, or replaced."""
         self._telemetry.begin_anew()
         self.parameters.forget()
         self._streams.begin_anew()
         self._set_up_s = float("-inf")
 
     def _set_up(self, now_s: float) -> None:
-        """Request what is missing, again and again: streams, home, origin, parameters.
+        """Request missing data, again and again: streams, home, origin, parameters.
 
         An autopilot without satellites has neither home nor origin; should it get them after all, it reports them by itself.
         """

@@ -1,23 +1,23 @@
 """Judges PX4's mode and state from its heartbeat, and chooses the next command that fulfils the pilot's request.
 
-Acknowledgements are not relied on (PX4 acknowledges a mode change before it has decided): what the heartbeat does not show is
-commanded again. A mode that was reached, or was active when the request came, and then changed to another one has been changed by
-somebody else, a human pilot or a failsafe: it is not commanded again until there is a new request.
+Acknowledgements are not relied on (PX4 acknowledges a mode change before it has decided): a command is repeated until the
+heartbeat shows its effect. A change away from a mode that was reached, or was active when the request came, is a takeover by a
+pilot or a failsafe: the mode is not commanded again until there is a new request.
 
-In a failsafe the heartbeat shows the mode of the failsafe, and CURRENT_MODE the one the autopilot goes back to when its cause is
-over. A mode that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it. But offboard is
-not: setpoints alone end the failsafe for want of them, and others are to be obeyed. After a release it is commanded for a moment,
-until acknowledged: an operator wants it, who can see that a failsafe flies. One for want of a ground station or battery, or at
-the fence, ends only by a mode that is chosen.
+In a failsafe the heartbeat shows the mode of the failsafe, and CURRENT_MODE the mode to go back to once its cause is over. A mode
+that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it. Offboard is an exception:
+setpoints alone end the failsafe for want of them, and other failsafes are to be obeyed. After a release offboard is commanded for
+a moment, until acknowledged, at the wish of an operator, who can see the failsafe. A failsafe for want of a ground station or
+battery, or at the fence, ends only by a chosen mode.
 
-Transitions by the autopilot itself count for nobody: after its takeoff it changes to hold, and a heartbeat that is up to a second
-old may still show the hold before that takeoff. After a landing it goes back to the previous mode, and cannot be armed in
+Transitions by the autopilot itself are no takeovers: after its takeoff it changes to hold, and a heartbeat up to a second old may
+still show the hold before that takeoff. After a landing the autopilot goes back to the previous mode, and cannot be armed in
 offboard: hold is commanded then.
 
-A human pilot who took over from one request keeps the vehicle also from the next one, until the pilot program has noticed and
-released the vehicle: only later requests take into account that a human flies. So does one who took over while nothing was heard:
-whatever the newest heartbeat said when the request came, a manual mode that it did not say is a takeover. Nothing is commanded
-for long to a vehicle that is not heard: its failsafe flies it by then, or a human pilot who would lose it again and again.
+After a takeover the pilot keeps the vehicle also against the next request, until the pilot program has noticed and released it:
+only later requests account for the takeover. The same holds for a takeover during a lost link: a manual mode that the newest
+heartbeat did not show when the request came is a takeover. After some time without a link nothing is commanded: by then a
+failsafe flies the vehicle, or a pilot, who would lose it again and again.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from agent.vehicle.interface import FlightMode, Request
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
 DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says otherwise: one forged packet is not believed
-# A command that ends offboard is sent again so soon until it is acknowledged, or for so long: no setpoints come any more, and
-# after a second without them PX4 returns.
+# Period and duration of repeating a command that ends offboard, until acknowledged: the setpoints have ended, and after a second
+# without them PX4 returns.
 UNACKED_S, _LOST_S = 0.2, 1.0
 # With neither a heartbeat nor a new request for so long, nothing is commanded: PX4 notices after a second that no setpoints come.
 BLIND_S = 3.0
@@ -54,8 +54,9 @@ class Act(Enum):
 
 
 class Seen(Struct, frozen=True):
-    """What the autopilot shows. ``heartbeat_s``: arrival of the newest heartbeat; ``intended``: the mode after a failsafe, None
-    where that is not reported."""
+    """The mode and state shown by the autopilot. ``heartbeat_s``: arrival of the newest heartbeat; ``intended``: the mode after a
+    failsafe, None if not reported.
+    """
 
     mode: FlightMode
     armed: bool
@@ -93,8 +94,8 @@ class Requests:
 
         Args:
             now_s: a clock that never goes back.
-            request: of the pilot program; the newest one wins.
-            seen: what the autopilot shows.
+            request: of the pilot program; the newest wins.
+            seen: mode and state shown by the autopilot.
             streaming: setpoints have been streamed for long enough to be accepted in offboard.
             altitude_set: the autopilot knows the height to take off to.
         """
@@ -139,7 +140,7 @@ class Requests:
         self._mode_before: FlightMode | None = None
         self._by_hand = by_hand  # a human pilot flew when the request came, and has ever since
         self._was_armed = self._reached = False
-        self._disarmed_s = float("inf")  # arrival of the first heartbeat that told so, of those in a row
+        self._disarmed_s = float("inf")  # arrival of the first of the heartbeats in a row that show it
         self._yielded = taken_over and request in TARGETS  # not once it is released
 
     def _is_taken_over(self, seen: Seen) -> bool:
@@ -148,7 +149,7 @@ class Requests:
         return self._request in TARGETS and seen.armed and seen.mode is FlightMode.MANUAL and had_it
 
     def _judge(self, seen: Seen) -> None:
-        """Whether the request has been reached, or somebody else has chosen otherwise."""
+        """Judge whether the request has been reached, or overruled by a takeover."""
         if not seen.armed:
             self._disarmed_s = min(self._disarmed_s, seen.heartbeat_s)
             if self._was_armed and seen.heartbeat_s >= self._disarmed_s + DISARMED_S:
@@ -180,7 +181,7 @@ class Requests:
         return _ACTS[request]
 
     def _is_there(self, seen: Seen) -> bool:
-        """Whether the requested mode is active, and in a failsafe also the one that it goes back to."""
+        """Whether the requested mode is active, and in a failsafe also the mode to go back to."""
         target = TARGETS[self._request]
         if seen.failsafe and seen.intended is not None and self._request is not Request.OFFBOARD:
             return seen.intended is target

@@ -3,11 +3,11 @@
 PX4 counts in ODOMETRY every reset of its estimator: of position, velocity, height or heading. Many do not matter here (the
 velocity at takeoff). The frame changes with a reset in which the position jumps, or with which satellites are lost or found,
 because the autopilot then uses another position source. A frame guided by vision also changes with a reset of the heading. The
-axes of one guided by satellites do not: a reset of the heading without one of the position corrects the attitude alone (PX4
+axes of a frame guided by satellites do not: a reset of the heading without one of the position corrects the attitude alone (PX4
 v1.16.1 does so in every takeoff).
 
 Positions come in another message (LOCAL_POSITION_NED), so the count may arrive a little before or after the position that jumped.
-A position that jumped is held back until the count explains it; if it does not, the position is passed on as it is.
+This position is held back until the count explains it; without an explanation it is passed on unchanged.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Resets:
     """
 
     def __init__(self, count: int | None = None, *, axes_fixed: bool = False) -> None:
-        """``count``: before a restart of the agent; if it has changed since, the frame counts as another one. ``axes_fixed``: the
-        frame does not turn with the heading.
+        """``count``: before a restart of the agent; after a change since, the frame counts as new. ``axes_fixed``: the frame does
+        not turn with the heading.
         """
         self._axes_fixed = axes_fixed
         self.count: int | None = None

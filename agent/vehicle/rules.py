@@ -26,7 +26,7 @@ _HOME = {0: "home"}
 _EV_POSITION, _EV_YAW = 1, 8  # bits of EKF2_EV_CTRL
 _GPS_HEIGHT = 1  # of EKF2_HGT_REF
 _GRAVITY_MPS2 = 9.80665
-# What the others expect of a vehicle without its agent (``agent.navigation.unheard.agentless``).
+# Reactions to a lost agent, as the others expect them (``agent.navigation.unheard.agentless``).
 _MIN_CLIMB_MPS, _RETURN_MPS, _MIN_DESCENT_MPS = 2.0, (3.0, 6.0), 0.5
 _MIN_BRAKING_MPS2, _MIN_BRAKING_MPS3 = 3.0, 4.0
 _MAX_LOW_RETURN_M = 12.0
@@ -43,8 +43,8 @@ Correct = Callable[[float, Demands], float | None]
 class Rule(Struct, frozen=True):
     """One parameter.
 
-    check: of a value, what to set, or None. correct: the value to set in place of a wrong one; None: only a person can choose.
-    applies: whether an autopilot of these demands needs it.
+    check: returns the advice on a wrong value, or None. correct: the value to set in place of a wrong one; None: only a person
+    can choose. applies: whether an autopilot under these demands needs the rule.
     """
 
     name: str
@@ -71,7 +71,7 @@ def _within(least: float, most: float, unit: str, why: str) -> Check:
 
 
 def _reactions(choices: dict[int, str], demands: Demands) -> dict[int, str]:
-    """Those that an autopilot without a home can fly, too, where it has none."""
+    """Return the possible reactions: for an autopilot without a home only the ones it can fly."""
     return choices if demands.vehicle.gnss else {number: word for number, word in choices.items() if word != "return"}
 
 

@@ -23,11 +23,11 @@ class SetpointStream:
         self._from_s = self._last_s = float("-inf")
 
     def send(self, setpoint: Setpoint, launch: LaunchPlace, now_s: float) -> bool:
-        """Send a setpoint (the pilot's local frame, ENU); one that is not finite is counted and dropped.
+        """Send a setpoint (the pilot's local frame, ENU); a setpoint that is not finite is counted and dropped.
 
         Args:
             setpoint: for this moment.
-            launch: where the pilot's local frame lies in the autopilot's.
+            launch: the pilot's local frame in the autopilot's.
             now_s: now, by a clock that never goes back.
 
         Returns whether setpoints have been streamed for long enough to request offboard mode.

@@ -15,7 +15,7 @@ _FEWEST_POSITIONS_PER_S = 20  # with fewer the rates are requested again
 
 
 class Streams:
-    """What one autopilot sends."""
+    """The message streams of one autopilot."""
 
     def __init__(self, link: Link) -> None:
         """Nothing asked for yet."""
@@ -23,7 +23,7 @@ class Streams:
         self._asks = self.positions = 0  # positions received since the last check of the rates
 
     def begin_anew(self) -> None:
-        """The autopilot may have been restarted, or be another one."""
+        """Begin again: the autopilot may have been restarted, or replaced."""
         self._asks = 0
 
     def check(self, elapsed_s: float) -> None:

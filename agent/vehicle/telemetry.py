@@ -87,7 +87,9 @@ class Telemetry:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """The link is up for the first time or again: what the autopilot sends only once has to be requested again."""
+        """Begin with a link that is up for the first time or again: messages that the autopilot sends only once have to be
+        requested again.
+        """
         self.has_home = self.has_origin = False
         self._intended = None
 
@@ -153,7 +155,7 @@ class Telemetry:
 
     @property
     def seen(self) -> Seen | None:
-        """What the autopilot shows of its modes; None before all of it is known."""
+        """The modes shown by the autopilot; None before all are known."""
         heartbeat, extended = self._heartbeat, self._extended
         if heartbeat is None or extended is None:
             return None
@@ -177,7 +179,7 @@ class Telemetry:
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:
-        """What prevents flying, by the autopilot's reports."""
+        """Return the obstacles to flying, by the autopilot's reports."""
         if self._heartbeat is None:
             return ["no heartbeat from the autopilot yet"]
         if self.is_lost(now_s):
@@ -203,7 +205,7 @@ class Telemetry:
         return [name for name, at_s in arrivals_s.items() if now_s - at_s > MISSING_S] + landed_state
 
     def not_ready(self) -> str | None:
-        """What keeps the autopilot from being armed, or None."""
+        """The obstacle to arming, or None."""
         if self._status is None or self._heartbeat is None:
             return "no sensor status yet"
         reason = not_ready(self._status)

@@ -1,7 +1,7 @@
-"""Whether the position of an autopilot that flies by satellites can be trusted, and a bound of its error where it cannot.
+"""Trust in the position of an autopilot that flies by satellites, and a bound of the error without trust.
 
 A PX4 that loses its satellites flies on for EKF2_NOAID_TOUT by its inertial sensors alone, and its stated uncertainty is far too
-small: seven seconds after the loss the error of a real one was 14.5 m, and it was 8 m while the stated sigma was 1.5 m. When the
+small: seven seconds after the loss the error of a real PX4 was 14.5 m, and 8 m while the stated sigma was 1.5 m. When the
 satellites return, its estimate is pulled or jumps to their position, by up to 99 m.
 
 Measured drift (three losses, up to 20 s): 0.75 m after 1 s, 1.9 m after 2 s, 7.8 m after 5 s, 31 m after 11 s, 101 m after 21 s,
@@ -49,8 +49,8 @@ class PositionTrust:
         self._judge(now_s)
 
     def jumped(self, now_s: float, *, moved: bool) -> None:
-        """The frame is another one: the position has to be confirmed again. With satellites the drift ends if that has moved the
-        position, and not the heading, or the source that it is taken from, alone.
+        """Note a jump of the frame: the position has to be confirmed again. With satellites the drift ends if the jump has moved
+        the position, not the heading or the position source alone.
         """
         if not self._by_satellites:
             return
@@ -78,7 +78,7 @@ class PositionTrust:
         return drift_m((now_s if self._well_s is None else self._well_s) - self._blind_s)
 
     def problem(self, now_s: float) -> str | None:
-        """What is wrong, in words."""
+        """Return the problem in words, or None."""
         if self.at(now_s):
             return None
         if not self.hears_satellites(now_s):

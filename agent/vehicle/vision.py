@@ -53,7 +53,7 @@ _DECODER = msgspec.json.Decoder(VisionPose)
 class Vision:
     """Forwards the poses of one feed.
 
-    ``counters``: poses, malformed, dropped_stale, and those of the link.
+    ``counters``: poses, malformed, dropped_stale, and the link's.
     """
 
     def __init__(self, address: str, send: Callable[[str, dict[str, Any]], None], clock_ns: Callable[[], int]) -> None:
@@ -67,7 +67,7 @@ class Vision:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, one line each."""
+        """The present problems, one line each."""
         if time.monotonic() - self._pose_s < SILENCE_S:
             return ()
         return (self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s",)
@@ -81,7 +81,7 @@ class Vision:
                     self._send("ODOMETRY", odometry(pose))
 
     def _pose(self, line: bytes) -> VisionPose | None:
-        """One line; malformed lines and stale poses are counted and dropped."""
+        """Parse one line; malformed lines and stale poses are counted and dropped."""
         try:
             pose = _DECODER.decode(line)
         except msgspec.MsgspecError as error:

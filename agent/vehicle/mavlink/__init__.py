@@ -1,1 +1,1 @@
-"""The MAVLink link to the autopilot: MAVSDK's connection, the messages read, and who is at the other end."""
+"""The MAVLink link to the autopilot: MAVSDK's connection, the messages read, and the sender at the other end."""

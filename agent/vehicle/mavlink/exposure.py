@@ -1,4 +1,4 @@
-"""Who else could command the autopilot: it obeys everybody who reaches its MAVLink port."""
+"""Exposure of the autopilot to other senders of commands: it obeys every sender that reaches its MAVLink port."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06  # of the kernel's packet filter: B
 
 
 def exposure(address: str, source: str | None = None, first: str | None = None) -> str | None:
-    """What to tell the operator of a link that is neither a loopback nor a serial line; None of one that is.
+    """Return the warning to the operator on a link that is neither a loopback nor a serial line; else None.
 
-    ``source``: the address whose packets are taken, as the drone file gives it; ``first``: as the first vehicle heard has it.
+    ``source``: the address whose packets are taken, as the drone file gives it; ``first``: of the first vehicle heard.
     """
     match = _NETWORK.match(address)
     if match is None:

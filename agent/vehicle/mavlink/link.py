@@ -43,7 +43,7 @@ class Received(Struct, frozen=True):
 
 
 class Link:
-    """One autopilot. All methods are called in the event loop's thread; so are the callbacks."""
+    """One autopilot. All methods and callbacks are called in the event loop's thread."""
 
     def __init__(
         self,
@@ -53,7 +53,8 @@ class Link:
         system_id: int | None = None,
         source: str | None = None,
     ) -> None:
-        """``clock_ns``: UTC; ``clock_s``: one that never goes back; ``system_id``: of the vehicle; None: the first one heard.
+        """``clock_ns``: UTC; ``clock_s``: a clock that never goes back; ``system_id``: of the vehicle; None: the first vehicle
+        heard.
 
         ``source``: IP address whose packets are taken; None: that of the first vehicle heard, or any on a loopback.
         """
@@ -104,8 +105,8 @@ class Link:
             self._direct.subscribe_message(name, self._arrived)
 
     async def _first(self, timeout_s: float) -> First | None:
-        """The first message of the vehicle. Where anybody's packets can arrive, nothing is opened before it has come: it must be
-        known by then whose packets count.
+        """The first message of the vehicle. On a link open to any sender, nothing is opened before this message: the sender whose
+        packets count must be known by then.
         """
         is_open = listens(self.address)
         wait_s = timeout_s if is_open else min(FIRST_S, timeout_s)

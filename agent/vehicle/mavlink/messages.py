@@ -197,7 +197,7 @@ class AutopilotVersion(Struct, frozen=True):
 
     @property
     def is_too_old(self) -> bool:
-        """Whether it is older than what the agent was made for. A build without a version (0.0.0) counts as new."""
+        """Whether the firmware is older than the agent supports. A build without a version (0.0.0) counts as new."""
         major, minor, _, _ = self.flight_sw_version.to_bytes(4, "big")
         return (0, 0) < (major, minor) < (1, 13)
 

@@ -23,13 +23,13 @@ Judge = Callable[[bytes, str | None], _T | None]  # of bytes, and the IP address
 
 
 async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: float) -> _T | None:
-    """What ``judge`` first makes of the bytes that arrive on this link; None: nothing, or the link is of another kind.
+    """Return the first verdict of ``judge`` on the bytes that arrive on this link; None without one, or on another kind of link.
 
     Args:
         address: as for MAVSDK. The port or device must be free, and is free again afterwards.
-        judge: called with each datagram, or with all that a serial line has sent so far (its last 64 kB).
-        source: IP address whose packets are looked at; None: all.
-        wait_s: how long to look at most.
+        judge: called with each datagram, or with all bytes from a serial line so far (its last 64 kB).
+        source: IP address whose packets are judged; None: all.
+        wait_s: maximum wait.
 
     Raises:
         VehicleError: ``source`` is no IPv4 address.
@@ -37,14 +37,14 @@ async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: f
     looking = _in_datagrams if listens(address) else _in_stream if _SERIAL.match(address) else None
     if looking is None:
         return None
-    with suppress(TimeoutError, OSError, OverflowError, termios.error):  # MAVSDK says what is wrong with the link
+    with suppress(TimeoutError, OSError, OverflowError, termios.error):  # MAVSDK reports the problem of the link
         async with asyncio.timeout(wait_s):
             return await looking(address, judge, source)
     return None
 
 
 def listens(address: str) -> bool:
-    """Whether a link is one at whose port packets of everybody can arrive, and be looked at here."""
+    """Whether packets of any sender can arrive at the port of a link, and be judged here."""
     return _UDP.match(address) is not None
 
 

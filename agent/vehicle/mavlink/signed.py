@@ -1,9 +1,9 @@
-"""The first message of an autopilot on a link, looked at before MAVSDK has it: whose it is, and whether it is signed
-(MAVLink 2 message signing, https://mavlink.io/en/guide/message_signing.html).
+"""The first message of an autopilot on a link, checked before MAVSDK has it: its sender, and its signature (MAVLink 2 message
+signing, https://mavlink.io/en/guide/message_signing.html).
 
-A PX4 that has a key signs what it sends, and ignores what is not signed, on every link. MAVSDK takes signed messages without a
-word, and signs none: such a vehicle is seen, and obeys nothing. And what arrives before the kernel can be told whose packets
-count, MAVSDK takes from everybody.
+A PX4 with a key signs its messages, and ignores unsigned ones, on every link. MAVSDK takes signed messages without a word, and
+signs none: such a vehicle is seen, and obeys nothing. And packets that arrive before the kernel filters by sender, MAVSDK takes
+from any sender.
 """
 
 from __future__ import annotations
