@@ -1,4 +1,4 @@
-"""Which drones are able to finish a mission after the heal: by the faults and who is in the air then, never by the outcome."""
+"""The drones able to finish a mission after the heal: by their faults and their flight at that time, never by the outcome."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _STATE_LOST = ("full", "state-torn", "state-flipped")
 
 
 class Able:
-    """The drones that are able, known from the heal on; before, none is.
+    """The able drones, known from the heal on; none before.
 
-    ``without_state``: those, not able, whose autopilots hold without their agents, and whose agents may have lost their state:
-    one that is started again leaves its vehicle there until an operator commands, whom nobody plays.
+    ``without_state``: unable drones, on hold without an agent, or with an agent that may have lost its state. A
+    restarted agent leaves such a vehicle there until an operator's command, which nobody plays.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -31,7 +31,7 @@ class Able:
         self.drones: tuple[int, ...] | None = None
 
     def see(self, moment: Scene) -> tuple[int, ...]:
-        """The able drones so far."""
+        """Return the able drones so far."""
         if self.drones is None:
             if moment.time_s < self._setting.heal_s:
                 return ()
@@ -40,11 +40,12 @@ class Able:
 
 
 def _disables(fault: Fault, heal_s: float) -> bool:
-    """Whether it leaves a drone unable: vehicle, own position, camera or link are faulted for good, or its agent is dead.
+    """Return whether a fault leaves a drone unable: a permanent fault of vehicle, own position, camera or link, or a dead
+    agent.
 
-    Some faults last although they are over: a drone whose entries arrived falsified or poisoned at the others has another log
-    than they for ever, and one that a human pilot has given back holds until the operator resumes its mission, whom nobody plays.
-    Of one that has contradicted itself nothing counts any more, not even where it is, and one that is revoked hears nobody.
+    Some faults have effects beyond their end. A drone whose entries arrived falsified or poisoned at the others has a
+    different log for ever. After a manual override a drone holds until the operator resumes its mission, which nobody plays.
+    The entries of an equivocator do not count any more, not even its position, and a revoked drone has no links.
     """
     if isinstance(fault, Equivocating | Poisoned | Revoked):
         return True
@@ -59,7 +60,7 @@ def _disables(fault: Fault, heal_s: float) -> bool:
 
 
 def _loses_state(setting: Setting, name: str) -> bool:
-    """Whether a drone's agent ends, or is started again, while its disk keeps no state, or spoils it."""
+    """Return whether a drone's agent ends, or restarts, while its disk keeps no state, or spoils it."""
     faults = [fault for fault in setting.scenario.fault if name in setting.strikes(fault)]
     spoilt = [fault for fault in faults if isinstance(fault, Disk) and fault.how in _STATE_LOST]
     gone = [span for fault in faults if (span := _gone_s(fault)) is not None]
@@ -67,7 +68,7 @@ def _loses_state(setting: Setting, name: str) -> bool:
 
 
 def _gone_s(fault: Fault) -> tuple[float, float] | None:
-    """From when to when agents may be gone that a fault kills, or that their watchdogs do as they stand still; None: never."""
+    """Return the time in which a fault, or a watchdog, may keep the agent down, from and to, s; None: never."""
     silence_s, restart_s = SILENCE_NS * 1e-9, RESTART_NS * 1e-9
     if isinstance(fault, SlowCpu):
         return (fault.at_s, fault.end_s + silence_s + restart_s) if fault.late_s > silence_s else None

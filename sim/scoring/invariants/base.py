@@ -1,4 +1,4 @@
-"""The interface of all invariants, and what they know of a flight beforehand."""
+"""The interface of all invariants, and their advance knowledge of a flight."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from sim.faults.machines import HeadingReset, MavlinkImpaired, MavlinkLoss, Posi
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
-S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # what an invariant needs to see
+S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # observations needed by an invariant
 AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
-ANNOUNCED_S = 5.0  # after a jump that a vehicle has announced its agent knows how its new frame lies
-RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
-_LINKED_S = 1.0  # after a revocation nothing passes any more
+ANNOUNCED_S = 5.0  # after an announced jump of a vehicle its agent knows its new frame
+RECOVERY_S = 15.0  # until a vehicle is back on course after a fault of its own position or thrust
+_LINKED_S = 1.0  # after a revocation the links are down
 FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")  # put wrong observations into every log
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
 
 
 class Violation(Struct, frozen=True, kw_only=True):
-    """An invariant that does not hold: since when (s), for which drones, and by what numbers."""
+    """A violated invariant: begin (s), drones, and numbers."""
 
     invariant: str
     time_s: float
@@ -34,17 +34,19 @@ class Violation(Struct, frozen=True, kw_only=True):
 
 
 class Breach(NamedTuple):
-    """Drones (indices) that violate an invariant at a moment, and by what numbers."""
+    """Drones (indices) that violate an invariant at a moment, with the numbers."""
 
     drones: tuple[int, ...]
     text: str
 
 
 class Setting:
-    """A flight as it is known before: its scenario, and when which drones are struck by what."""
+    """Advance knowledge of a flight: its scenario, and the times and targets of its faults."""
 
     def __init__(self, scenario: Scenario, heal_s: float = inf, end_s: float = inf) -> None:
-        """``heal_s``: the network heals, and what is then active stays; ``end_s``: by then the able drones have landed."""
+        """``heal_s``: the network heals, and faults active after it are permanent; ``end_s``: latest landing of the able
+        drones.
+        """
         self.heal_s, self.end_s = heal_s, end_s
         self.mission = scenario.mission
         self.scenario = scenario
@@ -61,34 +63,34 @@ class Setting:
         ]
 
     def strikes(self, fault: Fault) -> list[str]:
-        """The drones that a fault strikes: a vehicle that flies by SLAM neither loses satellites nor has its heading reset."""
+        """Return the drones that a fault strikes: a vehicle with SLAM has no satellites to lose and no heading reset."""
         by_slam = {drone.id for drone in self.mission.drones if drone.localization == "slam"}
         spared = by_slam if isinstance(fault, SatellitesLost | HeadingReset) else frozenset[str]()
         return [name for name in fault.strikes(self.names) if name not in spared]
 
     def struck(self, families: Collection[Family], drone: int, time_s: float, after_s: float = 0.0) -> bool:
-        """Whether a fault of these families strikes a drone, or did so less than ``after_s`` ago."""
+        """Return whether a fault of these families strikes a drone, or did so less than ``after_s`` ago."""
         return any(
             drone in drones and family in families and at_s <= time_s <= end_s + after_s
             for family, drones, at_s, end_s in self._spans
         )
 
     def unheard_s(self, *drones: int) -> float:
-        """From when on nobody hears one of these drones, nor it anybody, as it is revoked; infinite if none is."""
+        """Return the time from which one of these drones has no links, as it is revoked; infinite if none is revoked."""
         return min((self.revoked_s.get(drone, inf) for drone in drones), default=inf) + _LINKED_S
 
     def began_s(self, families: Collection[Family]) -> float:
-        """When the first fault of these families begins, on any drone; infinite without one."""
+        """Return the begin of the first fault of these families, on any drone; infinite without one."""
         return min((at_s for family, _, at_s, _ in self._spans if family in families), default=inf)
 
     def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
-        """When the first fault of these families begins that puts wrong observations into every log; infinite without one."""
+        """Return the begin of the first fault of these families with wrong observations in every log; infinite without one."""
         striking = (fault for fault in self.scenario.fault if fault.family in families and self.strikes(fault))
         return min((fault.at_s for fault in striking if not _is_announced(fault)), default=inf)
 
     def struck_unannounced(self, drone: int, time_s: float, families: Collection[Family] = OWN_FAULTS) -> bool:
-        """Whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump
-        that it knows of, only ``ANNOUNCED_S`` count, after the jump and after the one back.
+        """Return whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. An
+        announced jump counts for ``ANNOUNCED_S`` only, after the jump and after the jump back.
         """
         name = self.names[drone]
         return any(
@@ -97,26 +99,27 @@ class Setting:
         )
 
     def taken_over(self, drone: int, time_s: float) -> bool:
-        """Whether a human pilot has taken a vehicle over by then; one that is given back holds until an operator commands."""
+        """Return whether a safety pilot has overridden a vehicle by then; after release it holds until an operator's command."""
         takeovers = (fault for fault in self.scenario.fault if isinstance(fault, Takeover) and fault.at_s <= time_s)
         return any(self.names[drone] in self.strikes(fault) for fault in takeovers)
 
     def lost_itself(self, drone: int, time_s: float) -> bool:
-        """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
+        """Return whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
         return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
 
     def may_land_elsewhere(self, drone: int, time_s: float) -> bool:
-        """Whether a drone need not find home: whose own position, thrust or battery was ever faulted may have had to land where
-        it was. Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted
-        unannounced.
+        """Return whether a drone need not land at home: after a fault of its own position, thrust or battery it may have
+        landed where it was. With estimated frames, also after a wrong clock of its own, and after any lie or unannounced
+        fault of an own position in the swarm.
         """
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def was_set_down(self, drone: int, time_s: float) -> bool:
-        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: the mission says so, or that
-        it returns, and one without satellites has no home to return to; and its agent or its link to the autopilot was faulted.
+        """Return whether the autopilot of a drone may have landed it where it was, for want of setpoints. Conditions:
+        ``safety.agent_lost`` is "land", or "return" for a vehicle without satellites, which has no home; and its agent or its
+        link to the autopilot was faulted.
         """
         without_agent, by_slam = self.mission.safety.agent_lost, self.mission.drones[drone].localization == "slam"
         if without_agent != "land" and not (by_slam and without_agent == "return"):
@@ -126,12 +129,12 @@ class Setting:
         return any(self.names[drone] in self.strikes(fault) for fault in stopping)
 
     def named(self, *drones: int) -> tuple[str, ...]:
-        """Ids of drones."""
+        """Return the ids of drones."""
         return tuple(self.names[drone] for drone in drones)
 
 
 class Invariant(ABC, Generic[S_contra]):
-    """One thing that must hold. A violation is told when it begins, and again only after it was over."""
+    """One condition that must hold. A violation is reported when it begins, and again only after its end."""
 
     name: ClassVar[str]
 
@@ -141,14 +144,14 @@ class Invariant(ABC, Generic[S_contra]):
 
     @abstractmethod
     def breaches(self, moment: S_contra) -> Iterator[Breach]:
-        """Who violates it at this moment. Called once after each tick."""
+        """Yield the violations at this moment. Called once after each tick."""
 
     def at_end(self, moment: S_contra) -> Iterator[Breach]:
-        """Who violates it by how the flight has ended, or would only be judged then; ``moment``: the last one."""
+        """Yield the violations by the end of the flight, or judged only then; ``moment``: the last one."""
         yield from ()
 
     def look(self, moment: S_contra) -> list[Violation]:
-        """The violations that begin at this moment."""
+        """Return the violations that begin at this moment."""
         found = list(self.breaches(moment))
         if not found and not self._broken:
             return []
@@ -157,7 +160,7 @@ class Invariant(ABC, Generic[S_contra]):
         return [self._told(breach, moment.time_s) for breach in new]
 
     def finish(self, moment: S_contra) -> list[Violation]:
-        """The violations that show at the end."""
+        """Return the violations that show at the end."""
         return [self._told(breach, moment.time_s) for breach in self.at_end(moment)]
 
     def _told(self, breach: Breach, time_s: float) -> Violation:
@@ -166,12 +169,12 @@ class Invariant(ABC, Generic[S_contra]):
 
 
 def _is_announced(fault: Fault) -> bool:
-    """Whether a fault of an own position is known to its drone, which begins a new epoch then."""
+    """Return whether a drone knows of a fault of its own position, and begins a new epoch."""
     return isinstance(fault, PositionJump) and fault.announced
 
 
 def _unannounced_s(fault: Fault) -> tuple[tuple[float, float], ...]:
-    """When a fault counts whose drone does not know of it (``Setting.struck_unannounced``)."""
+    """Return the spans in which a fault unknown to its drone counts (``Setting.struck_unannounced``)."""
     if _is_announced(fault):
         return (fault.at_s, fault.at_s + ANNOUNCED_S), (fault.end_s, fault.end_s + ANNOUNCED_S)
     return ((fault.at_s, fault.end_s + RECOVERY_S),)

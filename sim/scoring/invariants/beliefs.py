@@ -1,4 +1,4 @@
-"""What agents believe: not against the truth, and the same from the same log."""
+"""The agents' estimates: consistent with the truth, and equal for equal logs."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MEAN_SQUARE, MEAN_SQUARE_AT_REST = 12.0, 20.0
-LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of it is the time from an exposure to the hypothesis that it is in
+LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of LAG_S is the time from an exposure to the hypothesis that includes it
 CORRELATED_S = 3.0  # the errors of a hypothesis are about the same for 0.7 to 3 s, as measured in six flights
 _LOOK_TICKS, _LEAST = 10, 20
-_SPELL = 20  # looks in the longest spell, 10 s, in which a source may be taken to rest: 0.24 m/s, and two cameras, took 7 s
-_ALLOWED = 10  # looks in EXCLUDED_S
+_SPELL = 20  # samples in the longest spell, 10 s, of a source wrongly estimated at rest: 0.24 m/s, and two cameras, took 7 s
+_ALLOWED = 10  # samples in EXCLUDED_S
 _SUMMARY_TICKS = 100
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 _SLOWING: tuple[Family, ...] = ("process",)
 
 
 class _Behind(NamedTuple):
-    """Of one look at a hypothesis: its squared Mahalanobis distance, and what it adds to the lag's fit and to its information."""
+    """One sample of a hypothesis: its squared Mahalanobis distance, and its terms in the lag's fit and in the fit's
+    information.
+    """
 
     square: float
     behind: float
@@ -36,10 +38,10 @@ class _Behind(NamedTuple):
 
 
 class TruthPossible(Invariant[Scene]):
-    """No hypothesis excludes the true source at 6 sigma for 5 s: the operator is told where it is, and how surely.
+    """No hypothesis excludes the true source at 6 sigma for 5 s: the operator relies on position and uncertainty.
 
-    Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log. Nor
-    does one count that is revoked, which may not have heard of it: nobody is told what it believes.
+    Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log.
+    A revoked drone does not count: without links it may not know of the revocation, and nobody receives its estimate.
     """
 
     name = "six-sigma"
@@ -50,7 +52,7 @@ class TruthPossible(Invariant[Scene]):
         self._since_s: list[float | None] = [None] * len(setting.names)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Drones that have excluded the truth for too long."""
+        """Yield the drones that have excluded the truth for too long."""
         if moment.source is None or moment.time_s >= self._until_s:
             return
         for drone, pilot in enumerate(_told(self.setting, moment)):
@@ -65,16 +67,16 @@ class TruthPossible(Invariant[Scene]):
 
 
 class SourceCalibrated(Invariant[Scene]):
-    """Over a flight, the error of a hypothesis is not much more than it states: the mean squared Mahalanobis distance of the
-    truth, 2 by expectation, is 12 at most, 20 of a source at rest. Exempt as in ``six-sigma``.
+    """Over a flight, the error of a hypothesis matches its covariance: the mean squared Mahalanobis distance of the truth, 2
+    by expectation, is 12 at most, 20 for a source at rest. Exempt as in ``six-sigma``.
 
-    The error of a source at rest hardly changes in a flight, and is one draw of a chi-squared distribution with two degrees of
-    freedom, however often it is looked at: 12 is exceeded by exp(-6), one flight in 400 of an estimator that states its errors
-    exactly, and 20 by one in 22,000. That of a source that moves is drawn anew every few seconds.
+    The error of a source at rest hardly changes in a flight: it is one draw of a chi-squared distribution with two degrees of
+    freedom, regardless of the number of samples. An exact estimator exceeds 12 with exp(-6), in one flight of 400, and 20 in
+    one of 22,000. The error of a moving source is drawn anew every few seconds.
 
-    What ``six-sigma`` allows is left out: the worst 5 s of those in which the truth is excluded. A source that moves slowly may
-    be taken to rest, rightly 99 times of 100; the hundredth is a few seconds at 13 sigma, which alone are more than the mean of
-    half a minute may be, although the mean over many flights is 2.
+    The excess allowed by ``six-sigma`` is left out: the worst 5 s of excluded truth. A slowly moving source may be estimated
+    at rest, rightly 99 times of 100. The hundredth time is a few seconds at 13 sigma, which alone exceed the permitted mean
+    of half a minute, although the mean over many flights is 2.
     """
 
     name = "six-sigma-mean"
@@ -88,7 +90,7 @@ class SourceCalibrated(Invariant[Scene]):
         self._ticks = 0
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Nothing in flight; counted twice a second."""
+        """Yield nothing in flight; sample twice a second."""
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             for drone, pilot in enumerate(_told(self.setting, moment)):
@@ -97,7 +99,7 @@ class SourceCalibrated(Invariant[Scene]):
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Drones that were too sure of the source."""
+        """Yield the drones with overconfident source estimates."""
         for drone, squares in enumerate(self.squares):
             most = _most(squares)
             counted = [square for square in squares if square <= most]
@@ -106,16 +108,16 @@ class SourceCalibrated(Invariant[Scene]):
 
 
 class FollowsSource(Invariant[Scene]):
-    """No hypothesis is behind, or ahead of, a source that goes round steadily by more than 0.3 s over a flight, and 3 sigma.
+    """No hypothesis is behind, or ahead of, a source on a steady circle by more than 0.3 s over a flight, and 3 sigma.
 
-    The lag is fitted by least squares to the errors, weighted by the covariances that are stated, and its sigma follows from
-    these: of a slow or weak source, or in a short flight, hardly any lag is too long. One that wanders turns at any time, and who
-    tracks it can only be behind then. Exempt as in ``six-sigma``, from the first wrong clock on, and an agent while its process
-    is faulted: the hypothesis of one that is slow is as old as its last step. Left out as in ``six-sigma-mean``: who takes a slow
-    source to rest for a moment is seconds behind.
+    The lag is fitted by least squares to the errors, weighted by the stated covariances, which also give its sigma: for a
+    slow or weak source, or in a short flight, hardly any lag is too long. A wandering source turns at any time, and any
+    tracker can only be behind then. Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a
+    faulted process: the hypothesis of a slow agent is as old as its last step. Samples are left out as in ``six-sigma-mean``:
+    a slow source estimated at rest for a moment gives a lag of seconds.
 
-    Who does so for longer without excluding the truth cannot know better, and its errors are one event, not as many as the sigma
-    counts; a lag of the estimator's own shows without any such spell, too, and only that is one here.
+    A longer spell without excluding the truth is unavoidable, and its errors are one event, fewer than the sigma assumes. A
+    lag of the estimator itself remains without any such spell, and only such a lag is a violation.
     """
 
     name = "lag"
@@ -127,10 +129,10 @@ class FollowsSource(Invariant[Scene]):
         self._until_s = setting.began_s((*_BELIEF_FAULTS, "clock")) if steady else -inf
         self.looks: list[list[_Behind]] = [[] for _ in setting.names]
         self._ticks = 0
-        self._before: tuple[float, tuple[float, float]] | None = None  # time, and where the source was
+        self._before: tuple[float, tuple[float, float]] | None = None  # time, and place of the source
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Nothing in flight; counted twice a second."""
+        """Yield nothing in flight; sample twice a second."""
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             if self._before is not None:
@@ -155,7 +157,7 @@ class FollowsSource(Invariant[Scene]):
                 self.looks[drone].append(_Behind(_sigmas(pilot, source) ** 2, behind, (a * u + b * v) * step_s))
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Drones that were behind, or ahead."""
+        """Yield the drones that were behind, or ahead."""
         for drone, looks in enumerate(self.looks):
             most = _most([look.square for look in looks])
             counted = [look for look in looks if look.square <= most]
@@ -166,15 +168,15 @@ class FollowsSource(Invariant[Scene]):
 
 
 class SameLogSameHypothesis(Invariant[Moment]):
-    """Agents whose logs have one digest, at one time of the grid, have one hypothesis, to the bit.
+    """Agents with equal log digests, at one time of the grid, have one hypothesis, to the bit.
 
-    All of the swarm's agreement rests on it. An agent that is still working off a backlog is left out.
+    The swarm's agreement rests on it. An agent with a backlog is left out.
     """
 
     name = "agreement"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Pairs with equal logs and different hypotheses."""
+        """Yield the pairs with equal logs and different hypotheses."""
         first: dict[tuple[str, int], tuple[int, Pilot]] = {}
         for drone, pilot in enumerate(moment.pilots):
             if pilot is None or pilot.hypothesis is None or pilot.pending:
@@ -185,8 +187,8 @@ class SameLogSameHypothesis(Invariant[Moment]):
 
 
 class Summarised(Invariant[Moment]):
-    """What an agent tells the others that its log holds, it holds: what it lacks and does not say so, nobody sends. Looked at
-    every 5 s.
+    """The summary of an agent's log matches its content: peers do not send an entry whose lack is not reported. Checked every
+    5 s.
     """
 
     name = "summary"
@@ -197,7 +199,7 @@ class Summarised(Invariant[Moment]):
         self._found: list[Breach] = []
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that claim more, or less."""
+        """Yield the drones that claim more, or less."""
         self._ticks += 1
         if self._ticks % _SUMMARY_TICKS == 0:
             pilots = enumerate(moment.pilots)
@@ -206,16 +208,16 @@ class Summarised(Invariant[Moment]):
 
 
 class Refused(Invariant[Moment]):
-    """At the end no log holds anything that forgers have sent beside what was measured: each entry had a reason to be refused."""
+    """At the end no log holds forged entries: each had a reason to be refused."""
 
     name = "refused"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Nothing in flight: all logs would have to be read at each tick."""
+        """Yield nothing in flight: all logs would have to be read at each tick."""
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that have taken some."""
+        """Yield the drones that have accepted forged entries."""
         if not any(isinstance(fault, Forged) for fault in self.setting.scenario.fault):
             return
         for drone, pilot in enumerate(moment.pilots):
@@ -225,7 +227,7 @@ class Refused(Invariant[Moment]):
 
 
 def _unheld(pilot: Pilot) -> str:
-    """Of which publisher the summary of a log names other numbers than it holds; empty where of none."""
+    """Report a publisher with other numbers in the log's summary than in the log; empty without one."""
     log = pilot.fusion.log
     for publisher, told in log.summary().items():
         held = set(log.numbers(publisher))
@@ -236,7 +238,7 @@ def _unheld(pilot: Pilot) -> str:
 
 def _equal(one: Pilot, other: Pilot) -> bool:
     mine, theirs = one.hypothesis, other.hypothesis
-    if mine is None or theirs is None or mine is theirs:  # most have theirs from the same fold (``sim.lockstep.sharing``)
+    if mine is None or theirs is None or mine is theirs:  # mostly from the same fold (``sim.lockstep.sharing``)
         return mine is theirs
     return bool(
         (mine.position == theirs.position).all()
@@ -246,12 +248,12 @@ def _equal(one: Pilot, other: Pilot) -> bool:
 
 
 def _told(setting: Setting, moment: Scene) -> list[Member | None]:
-    """The agents by drone; None for an agent that has ended, or that is revoked, as it tells nobody its belief."""
+    """Return the agents by drone; None for an agent that has ended, or is revoked: nobody receives its estimate."""
     return [None if moment.time_s >= setting.unheard_s(drone) else pilot for drone, pilot in enumerate(moment.pilots)]
 
 
 def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
-    """Mahalanobis distance of the true source from a drone's hypothesis, horizontal; 0 without one."""
+    """Return the horizontal Mahalanobis distance of the true source from a drone's hypothesis; 0 without one."""
     hypothesis = pilot.hypothesis
     if hypothesis is None:
         return 0.0
@@ -261,13 +263,13 @@ def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
     determinant = xx * yy - xy * xy
     if xx == yy == 0.0:  # given by the mission
         return 0.0
-    if determinant <= 0.0:  # surer than anything can be
+    if determinant <= 0.0:  # overconfident beyond any reality
         return inf if hypot(east, north) > 0.0 else 0.0
     return sqrt(max(0.0, (yy * east * east - 2.0 * xy * east * north + xx * north * north) / determinant))
 
 
 def _lag(looks: Sequence[_Behind]) -> tuple[float, float]:
-    """By how many seconds a hypothesis is behind, and 1 sigma of that, infinite where the looks tell nothing."""
+    """Return the lag of a hypothesis, s, and its 1 sigma, infinite without information."""
     information = sum(look.information for look in looks)
     if information <= 0.0:
         return 0.0, inf
@@ -275,7 +277,7 @@ def _lag(looks: Sequence[_Behind]) -> tuple[float, float]:
 
 
 def _is_throughout(looks: Sequence[_Behind]) -> bool:
-    """Whether a lag shows whichever spell of looks that do not exclude the truth is left out."""
+    """Return whether a lag shows without any one spell of samples that do not exclude the truth."""
     for first in range(max(1, len(looks) - _SPELL + 1)):
         spell = looks[first : first + _SPELL]
         excluding = [look for look in spell if look.square > EXCLUDED_SIGMAS**2]
@@ -286,8 +288,8 @@ def _is_throughout(looks: Sequence[_Behind]) -> bool:
 
 
 def _most(squares: Sequence[float]) -> float:
-    """The squared Mahalanobis distance above which looks are left out: all that exclude the truth, but no more than six-sigma
-    allows in a row.
+    """Return the squared Mahalanobis distance above which samples are left out: all that exclude the truth, but no more than
+    six-sigma allows in a row.
     """
     within = sorted(squares)[: max(0, len(squares) - _ALLOWED)]
     return max(EXCLUDED_SIGMAS**2, within[-1] if within else 0.0)

@@ -1,4 +1,4 @@
-"""What a swarm must take care of by itself: battery reserves, members that are not where they say, memory."""
+"""The swarm's own precautions: battery reserves, members with wrong positions, memory."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.invariants.place import excluded
 from sim.scoring.moment import Moment, Shared
 
-LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
+LEAST_LEVEL = 0.03  # of the battery: below it a real one may fail at any time
 NAMED_S = 10.0
 IMPERSONATED_S = 2.0
 TOLD_S = 25.0
-_USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # what drones say of their cameras
-MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
-SEEN_M = 30.0  # and nobody overlooks one that is nearer
-FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
+_USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # drones' reports of their cameras
+MISPLACED_M = 5.0  # plainly visible to others: sightings are good to a metre or two
+SEEN_M = 30.0  # nearer vehicles are not overlooked
+FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b; a: the estimator's bounded checkpoints, and all planners
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Shared)
 _LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _CLOCK: tuple[Family, ...] = ("clock",)
-_ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
+_ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # faults with two published places
 
 
 class Reserve(Invariant[Moment]):
-    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it; one that hovers
-    without an agent, as the mission says (``safety.agent_lost``), until its autopilot acts; and one that a human pilot has taken
-    over, until its agent flies it by setpoints again: given back, it hovers until an operator commands, whom nobody plays.
+    """No vehicle is in the air with less than 3 % left in its battery. Exempt: a vehicle with a false battery report; a hover
+    without an agent by the mission's choice (``safety.agent_lost``), until its autopilot acts; and a vehicle under manual
+    override, until its agent flies it by setpoints again: after release it hovers until an operator's command, which nobody
+    plays.
     """
 
     name = "reserve"
@@ -51,7 +52,7 @@ class Reserve(Invariant[Moment]):
         self._hovers = setting.mission.safety.agent_lost == "hold"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Vehicles with empty batteries in the air."""
+        """Yield the vehicles with empty batteries in the air."""
         for drone, level in enumerate(moment.batteries):
             if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone) and not self._is_exempt(moment, drone):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
@@ -63,16 +64,17 @@ class Reserve(Invariant[Moment]):
 
 
 class Named(Invariant[Moment]):
-    """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
+    """With sightings, a drone whose own position is more than 5 m wrong is suspected by another drone within 10 s.
 
-    It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
-    are where they take themselves to be, have never lied about poses or sightings, nor contradicted themselves, and hear it:
-    where all satellites are spoofed nobody can tell who is wrong, and a sighting tells something to those only that know both
-    tracks, by clocks that agree. So they do not count while its agent is gone or its clock is wrong, nor once it is revoked. Nor
-    do they count for a drone that flies by SLAM, whose frame drifts anyway, while the others' sightings keep that frame right: it
-    is where it takes itself to be in the mission frame, and nothing that it measures contradicts that. One with satellites has to
-    be named then, too: its fixes contradict the sightings. That a frame is not known yet, as to any agent that has just been
-    started, is no suspicion; the 10 s count anew for a new agent, and what the revoked suspect counts for nothing.
+    The error comes from an unannounced jump or drag. The 10 s count while at least two other drones are within 30 m, with
+    correct own positions, linked to it, and without any earlier lie about poses or sightings or equivocation. With all
+    satellites spoofed nobody can tell which position is wrong, and a sighting informs only drones that know both tracks, by
+    clocks that agree. They therefore do not count while its agent is down or its clock is wrong, nor after its revocation.
+
+    Nor do they count for a drone with SLAM, whose frame drifts anyway, while the others' sightings correct that frame: its
+    position in the mission frame is right, and none of its measurements contradicts that. A drone with satellites must be
+    suspected then, too: its fixes contradict the sightings. An unknown frame, as of a restarted agent, is no suspicion; the
+    10 s begin again for a new agent, and suspicions of a revoked drone do not count.
     """
 
     name = "named"
@@ -97,7 +99,7 @@ class Named(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that nobody suspects; looked for twice a second."""
+        """Yield the drones without any suspicion; checked twice a second."""
         self._ticks += 1
         if self._spans and self._ticks % _LOOK_TICKS == 0:
             self._found = list(self._unnamed(moment))
@@ -108,7 +110,7 @@ class Named(Invariant[Moment]):
             if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone) or self._is_kept_right(moment, drone):
                 continue
             pilot = moment.pilots[drone]
-            if self._agents[place] is not pilot:  # a new one whose frame nobody can doubt yet
+            if self._agents[place] is not pilot:  # a new agent, not yet suspected
                 self._agents[place], self._unnamed_s[place] = pilot, min(0.0, self._unnamed_s[place])
             if self._is_named(moment, drone):
                 self._unnamed_s[place] = -inf
@@ -123,17 +125,17 @@ class Named(Invariant[Moment]):
         return any(name in pilot.frames.contradicted() for pilot in heard)
 
     def _is_kept_right(self, moment: Moment, drone: int) -> bool:
-        """Whether sightings make up for all that is wrong with a drone's own position, as for any drift."""
+        """Return whether sightings correct all errors of a drone's own position, as for any drift."""
         pilot = moment.pilots[drone]
         return self._by_slam[drone] and pilot is not None and pilot.whereabouts is not None and not excluded(moment, drone)
 
     def _tells(self, moment: Moment, drone: int) -> bool:
-        """Whether its agent tells what means something to those that hear it."""
+        """Return whether its agent publishes meaningful messages."""
         has_wrong_clock = self.setting.struck(_CLOCK, drone, moment.time_s)
         return moment.pilots[drone] is not None and moment.time_s < self.setting.unheard_s(drone) and not has_wrong_clock
 
     def _are_linked(self, moment: Moment, drone: int, other: int) -> bool:
-        """Whether two drones can hear each other, as far as links are cut or too long."""
+        """Return whether two drones have a link, by cuts and range."""
         pair, apart_m = self.setting.named(drone, other), dist(*moment.position_m[[drone, other]])
         for fault in self.setting.scenario.fault:
             if not fault.at_s <= moment.time_s < fault.end_s:
@@ -157,16 +159,16 @@ class Named(Invariant[Moment]):
 
 
 class Accused(Invariant[Moment]):
-    """No drone is said to be two sources of news that is one: whatever others send in its name, its messages are its own.
+    """No drone is reported as two sources while it is one: forgeries in its name do not count as its own messages.
 
-    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it; and everybody
-    where bytes are corrupted: a pose of which one has changed may be a pose elsewhere.
+    Exempt are drones with a copied key, a lie, or a fault of their own position, until ``RECOVERY_S`` after it; and all
+    drones with corrupted bytes: one changed byte may move a pose.
     """
 
     name = "accused"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Who says it, and of whom."""
+        """Yield the reporting drone and the reported one."""
         if any(isinstance(fault, Corrupt) and fault.at_s <= moment.time_s for fault in self.setting.scenario.fault):
             return
         for drone, pilot in enumerate(moment.pilots):
@@ -178,9 +180,9 @@ class Accused(Invariant[Moment]):
 
 
 class Impersonated(Invariant[Moment]):
-    """A drone under whose id somebody else sends is named within 2 s by each agent that flies by what both say.
+    """A drone whose id is used by a thief is named within 2 s by each agent that flies by both versions.
 
-    The 2 s count while the drone's own agent lives, and not for one that was started after the thief began.
+    The 2 s count while the drone's own agent lives, and not for an agent started after the thief began.
     """
 
     name = "impersonated"
@@ -191,11 +193,11 @@ class Impersonated(Invariant[Moment]):
         self._spans = [
             (setting.names.index(name), fault.at_s, fault.end_s) for fault in copied for name in setting.strikes(fault)
         ]
-        self._named: set[tuple[int, int]] = set()  # by whom, and who
+        self._named: set[tuple[int, int]] = set()  # by naming drone and named drone
         self._unnamed_s: defaultdict[tuple[int, int], float] = defaultdict(float)
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Agents that have not named it."""
+        """Yield the agents that have not named it."""
         for drone, begin_s, end_s in self._spans:
             if not begin_s <= moment.time_s < end_s or moment.pilots[drone] is None:
                 continue
@@ -211,12 +213,12 @@ class Impersonated(Invariant[Moment]):
 
 
 def _misplaces(fault: Fault) -> bool:
-    """Whether it has a drone tell others wrong places, its own or theirs, or nothing of what it tells of them counts any more."""
+    """Return whether the drone publishes wrong places, its own or of others, or its messages do not count any more."""
     return isinstance(fault, Equivocating) or (isinstance(fault, Lie) and fault.what in ("pose", "sighting"))
 
 
 def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
-    """From when to when the own position of a drone is wrong by much without being announced; None where it never is."""
+    """Return the span of a large, unannounced error of a drone's own position, s; None: never."""
     if isinstance(fault, PositionJump) and not fault.announced and fault.jump_m > MISPLACED_M:
         return fault.at_s, fault.end_s
     if isinstance(fault, Drag) and fault.most_m > MISPLACED_M:
@@ -225,9 +227,9 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
 
 
 class Told(Invariant[Moment]):
-    """A drone whose camera delivers nothing any more, sees nothing, not even background, or repeats what it saw, reports that
-    within 25 s: nobody searches with it. A camera that has delivered nothing since the agent's start is for its driver to report,
-    and lockstep has no drivers.
+    """A drone reports within 25 s that its camera delivers nothing, sees nothing, not even background, or repeats itself: no
+    search relies on it. A camera without any delivery since the agent's start is for its driver to report, and lockstep has
+    no drivers.
     """
 
     name = "told"
@@ -239,7 +241,7 @@ class Told(Invariant[Moment]):
         self._born: dict[int, tuple[Pilot, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that have said nothing for too long, since the fault began and their agents were started."""
+        """Yield the drones without a report for too long, since the begin of the fault and the start of their agents."""
         for drone, fault in self._spans:
             pilot = moment.pilots[drone]
             if pilot is None:
@@ -254,16 +256,16 @@ class Told(Invariant[Moment]):
 
 
 class Memory(Invariant[Moment]):
-    """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: what grows is the log alone."""
+    """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: only the log may grow."""
 
     name = "memory"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Nothing in flight: it takes half a second to measure."""
+        """Yield nothing in flight: it takes half a second to measure."""
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """The first agent that lives, if it holds too much."""
+        """Yield the first live agent, if it holds too much."""
         for drone, pilot in enumerate(moment.pilots):
             if pilot is not None:
                 entries, held = len(pilot.fusion.log), bytes_of(pilot)
@@ -273,15 +275,15 @@ class Memory(Invariant[Moment]):
 
 
 def _is_of_useless_camera(problem: str) -> bool:
-    """Whether a drone's problem says that its camera sees nothing new; one of noisy pixels or shifted energies does not."""
+    """Return whether a drone's problem is a camera without new data; noisy pixels or shifted energies are not."""
     return problem.startswith("camera: ") and any(text in problem for text in _USELESS)
 
 
 def bytes_of(root: object) -> int:
-    """Size of an object with all that it holds; classes, functions, modules and what agents share do not count."""
+    """Return the size of an object with all that it holds, bytes; without classes, functions, modules and shared objects."""
     seen: set[int] = set()
     found, size = {id(root): root}, 0
-    while found:  # all that is a step farther away
+    while found:  # all objects that are a step farther away
         seen |= found.keys()
         size += sum(map(sys.getsizeof, found.values()))
         views = [one.base for one in found.values() if isinstance(one, np.ndarray) and one.base is not None]

@@ -1,4 +1,4 @@
-"""What reaches the autopilots, and what agents say: fresh, finite, and no more than can be handled."""
+"""Commands to the autopilots, and messages of the agents: fresh, finite, and of bounded number."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
 OLDEST_SETPOINT_S = 1.3  # PX4 leaves offboard after COM_OF_LOSS_T = 1 s, and needs a little to do so
-MOST_SENT = 200  # messages of one agent in one tick; a busy one sends five
+MOST_SENT = 200  # messages of one agent in one tick; a busy agent sends five
 MOST_WAITING = 20_000  # messages on their way to one agent: of a flood for a second or two
 
 
 class FreshSetpoint(Invariant[Moment]):
-    """No vehicle obeys a setpoint that is older than 1.3 s: the agent behind it is late, deaf or dead, and nobody steers."""
+    """No vehicle obeys a setpoint older than 1.3 s: its agent is late, without link or dead, and nobody steers."""
 
     name = "setpoint-age"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Vehicles that follow an old setpoint."""
+        """Yield the vehicles that follow an old setpoint."""
         for drone, autopilot in enumerate(moment.autopilots):
             age_s = autopilot.setpoint_age_s
             if age_s is not None and age_s > OLDEST_SETPOINT_S:
@@ -29,9 +29,10 @@ class FreshSetpoint(Invariant[Moment]):
 
 
 class Finite(Invariant[Moment]):
-    """Every number is finite: of commands, hypotheses and true states. One that is not spreads to all that are computed from it.
+    """Every number is finite: in commands, hypotheses and true states. A non-finite number spreads to all results computed
+    from it.
 
-    The numbers of messages are checked by the codec, and what it refuses is counted by the agent.
+    The codec checks the numbers of messages, and the agent counts refused messages.
     """
 
     name = "finite"
@@ -41,7 +42,7 @@ class Finite(Invariant[Moment]):
         self._seen: list[object] = [None] * len(setting.names)
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones with a number that is not finite."""
+        """Yield the drones with a number that is not finite."""
         total = float(moment.position_m.sum() + moment.velocity_mps.sum())
         if not isfinite(total):
             bad = np.flatnonzero(~np.isfinite(moment.position_m + moment.velocity_mps).all(axis=1))
@@ -62,12 +63,12 @@ class Finite(Invariant[Moment]):
 
 
 class Queues(Invariant[Moment]):
-    """No queue grows without bound: neither what an agent sends in one step, nor what is on its way to one."""
+    """No queue grows without bound: neither an agent's publications in one step, nor the messages on their way to an agent."""
 
     name = "queues"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that send, or are to receive, too much."""
+        """Yield the drones that send, or are to receive, too much."""
         for drone, (sent, waiting) in enumerate(zip(moment.sent, moment.inboxes, strict=True)):
             if sent > MOST_SENT:
                 yield Breach((drone,), f"{sent} messages sent in one step, {MOST_SENT} at most wanted")

@@ -1,4 +1,4 @@
-"""What must come about after the heal in the able drones' logs and hypotheses: they agree, while they measure and at the end."""
+"""Agreement of the able drones' logs and hypotheses after the heal, during measurement and at the end."""
 
 from __future__ import annotations
 
@@ -12,22 +12,24 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import EPOCH_NS, Moment
 
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
-APART_NS = 1_000_000_000  # a slow agent's last step is older by up to that
+APART_NS = 1_000_000_000  # limit of the age of a slow agent's last step
 _LOOK_TICKS = 100
-_ROUNDS, _CALLS = 20, 5000  # of exchange, and of work: far more than takes any of it
+_ROUNDS, _CALLS = 20, 5000  # of exchange, and of work: far more than any flight takes
 _LATER_NS = 1_000_000_000
 
 
 class Converged(Invariant[Moment]):
-    """After the heal, until the first of the able drones comes home: what one of them holds, all of them hold 20 s later, or none
-    (what does not count any more); what its log has held for 20 s is in each one's frames and hypothesis; and at least every 20 s
-    their hypotheses are of times at most 1 s apart. At the end, with all entries exchanged, they have one digest and one
-    hypothesis, to the bit.
+    """After the heal, until the first able drone returns, the able drones agree:
 
-    While they measure, their logs are hardly ever equal at one moment: six drones add over a hundred entries a second, each of
-    which is on its way for a tick or two, and longer to an agent that is slow. So each entry is judged by itself, by its bytes,
-    every 5 s. Nor is there always a moment at which one of them has worked off all of its log: where somebody's entries come late
-    all the time, some of them always wait. Hypotheses of equal logs are compared at each tick (``agreement``).
+    - an entry in one log is in all logs 20 s later, or in none (if it does not count any more);
+    - entries held by a log for 20 s are in the frames and the hypothesis of its drone;
+    - at least every 20 s their hypotheses are of times at most 1 s apart;
+    - at the end, with all entries exchanged, they have one digest and one hypothesis, to the bit.
+
+    During measurement their logs are hardly ever equal at one moment: six drones add over a hundred entries a second, each of
+    which takes a tick or two to arrive, and longer at a slow agent. Each entry is therefore judged by itself, by its bytes,
+    every 5 s. Nor is there always a moment at which one log is completely processed: with a steady flow of late entries, some
+    always wait. Hypotheses of equal logs are compared at each tick (``agreement``).
     """
 
     name = "convergence"
@@ -37,13 +39,13 @@ class Converged(Invariant[Moment]):
         self._able = Able(setting)
         self._ticks = 0
         self._looked_s: float | None = None  # first
-        self._disputed_s: dict[bytes, float] = {}  # entries that some hold and others lack, and since when
-        self._worked_s = [setting.heal_s] * len(setting.names)  # what was received before is in the hypothesis
-        self._told_s = setting.heal_s  # when their hypotheses were of one time
-        self.ever = False  # since the heal they have come to agree on what they held then, or there is nobody who could disagree
+        self._disputed_s: dict[bytes, float] = {}  # entries held by some and missing at others, with the begin
+        self._worked_s = [setting.heal_s] * len(setting.names)  # earlier receptions are in the hypothesis
+        self._told_s = setting.heal_s  # last time at which their hypotheses were of one time
+        self.ever = False  # since the heal the entries held then have been agreed on, or there are not two drones to disagree
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """The able drones that have not agreed for too long."""
+        """Yield the able drones that have not agreed for too long."""
         able = self._able.see(moment)
         if moment.time_s < self.setting.heal_s or self._over(moment, able):
             return
@@ -65,7 +67,7 @@ class Converged(Invariant[Moment]):
             yield Breach(able, f"{late} entries that some of them hold and others lack for {AGREE_S:g} s")
 
     def _look_at_logs(self, time_s: float, pilots: Sequence[Pilot | None]) -> None:
-        """Note which entries are held by some of them only. A dead agent holds nothing."""
+        """Note the entries held by some of the drones only. A dead agent holds nothing."""
         held: list[set[bytes]] = [set() if pilot is None else set(pilot.fusion.log.payloads()) for pilot in pilots]
         common = set[bytes].intersection(*held) if held else set()
         disputed = set[bytes]().union(*held) - common
@@ -75,17 +77,19 @@ class Converged(Invariant[Moment]):
         self.ever = self.ever or all(since_s > self._looked_s for since_s in self._disputed_s.values())
 
     def _over(self, moment: Moment, able: tuple[int, ...]) -> bool:
-        """Whether one of them does not search any more, after they have agreed."""
+        """Return whether a drone has stopped searching, after they have agreed."""
         return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in SEARCHING for k in able)
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """The able drones whose logs or hypotheses differ when nothing is left to tell. Their agents are of no use afterwards."""
+        """Yield the able drones with different logs or hypotheses after a full exchange. Their agents are of no use
+        afterwards.
+        """
         able = tuple(drone for drone in self._able.see(moment) if moment.pilots[drone] is not None)
         pilots = [pilot for drone in able if (pilot := moment.pilots[drone]) is not None]
         if len(pilots) < 2:
             return
         now_ns = EPOCH_NS + round(moment.time_s * 1e9)
-        for pilot in pilots:  # one whose clock was wrong until now may take back what it has stamped
+        for pilot in pilots:  # after a wrong clock an agent may take back its stamps
             pilot.advance(now_ns)
         exchange(pilots, now_ns)
         work_off(pilots, now_ns)
@@ -98,7 +102,7 @@ class Converged(Invariant[Moment]):
 
 
 def exchange(pilots: Sequence[Pilot], now_ns: int) -> None:
-    """Pass the entries that are missing from one log and are in another, until there are none. now_ns: the true time."""
+    """Pass the entries missing in one log and held by another, until there are none. now_ns: the true time."""
     for _ in range(_ROUNDS):
         passed = 0
         for asking, answering in permutations(pilots, 2):
@@ -126,7 +130,7 @@ def work_off(pilots: Sequence[Pilot], now_ns: int) -> None:
 
 
 def _are_of_one_time(pilots: Sequence[Pilot | None]) -> bool:
-    """Whether all have hypotheses, of about one time, or none has; a dead agent tells nothing."""
+    """Return whether all have hypotheses, of about one time, or none has; a dead agent has none."""
     told = [None if pilot is None or (one := pilot.hypothesis) is None else one.stamp_ns for pilot in pilots]
     stamps_ns = [stamp_ns for stamp_ns in told if stamp_ns is not None]
     if any(pilot is None for pilot in pilots):

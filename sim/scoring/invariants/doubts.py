@@ -1,4 +1,4 @@
-"""What drones do with what they do not know exactly: places are as doubtful as what tells of them, and doubt is allowed for."""
+"""The drones' use of position uncertainty: no more certain than their data, and accounted for in plans."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from sim.world.gnss import GnssTruth
 EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
 FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
-BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long one that evades somebody else may come nearer
+BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long a drone evading a third one may come nearer
 # Others that are no farther than this from being too near are in the way of going away from one; the latter of those that give
 # no way, from which plans keep two metres more, and of lines and circles beyond which others may be.
 _AWAY_M, _BLIND_AWAY_M = 1.0, 3.0
 _LOOK_TICKS = 10
-_LOW_M = 1.5  # who takes off or lands does not choose its way
+_LOW_M = 1.5  # a drone in takeoff or landing does not choose its way
 
 
 class Mistimed(Invariant[Moment]):
-    """Of what a drone has measured while it told that its clock was wrong, at most half is fused, at the end, at a place that
-    excludes by 6 sigma, and 0.5 m, where it was at the time that it told.
+    """Measurements under a reported wrong clock: at most half are fused, at the end, at a place that excludes the drone's
+    true place at the stamped time, by 6 sigma and 0.5 m.
 
-    Exempt is what was measured after the first liar, the first own position faulted unannounced, or the first time at which half
-    of the clocks or more jump at once: the others' clocks are all that tells of the time.
+    Exempt are measurements after the first liar, the first unannounced fault of an own position, or the first time at which
+    half of the clocks or more jump at once: the others' clocks are the only time reference.
     """
 
     name = "mistimed"
@@ -45,14 +45,14 @@ class Mistimed(Invariant[Moment]):
         self._places: list[Array] = []  # (N, 3) at these times
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Nothing in flight; places are noted while the truth is judged by them."""
+        """Yield nothing in flight; note places while the truth is judged by them."""
         if self._wrong and moment.time_s < self._until_s:
             self._times_s.append(moment.time_s)
             self._places.append(moment.position_m.copy())
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Drones whose measurements are fused elsewhere, by the first log there is."""
+        """Yield the drones whose measurements are fused elsewhere, by the first log available."""
         pilot = next((pilot for pilot in moment.pilots if pilot is not None), None)
         if not self._times_s or pilot is None:
             return
@@ -75,17 +75,17 @@ class Mistimed(Invariant[Moment]):
 
 
 def _outvoted_s(setting: Setting) -> float:
-    """When half of the clocks or more first jump at once; infinite if they never do."""
+    """Return the first time at which half of the clocks or more jump at once, s; infinite if they never do."""
     jumps = (fault for fault in setting.scenario.fault if isinstance(fault, Clock) and fault.jump_s != 0.0)
     return min((jump.at_s for jump in jumps if 2 * len(setting.strikes(jump)) >= len(setting.names)), default=inf)
 
 
 class PlaceBound(Invariant[Moment]):
-    """Where frames are estimated, no drone states its place for 5 s more surely than all that tells of it could: satellite
-    receivers and the launch layout; its own ones, or, where drones see each other, those of all.
+    """With estimated frames, no drone states its place for 5 s more surely than its sources allow: satellite receivers and
+    the launch layout; its own, or, with sightings, those of the whole swarm.
 
-    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes: for a flight of length T and a
-    correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
+    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes: for a flight of length T
+    and a correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
     """
 
     name = "place-bound"
@@ -102,7 +102,7 @@ class PlaceBound(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that are too sure; looked for twice a second."""
+        """Yield the overconfident drones; checked twice a second."""
         self._ticks += 1
         if self._judged and self._ticks % _LOOK_TICKS == 0:
             self._found = list(self._too_sure(moment))
@@ -120,12 +120,12 @@ class PlaceBound(Invariant[Moment]):
 
 
 class WideBerth(Invariant[Moment]):
-    """No drone plans for 3 s to come nearer to another than the separation and 2 sigma of where that one is, at the plan's end.
+    """No drone plans for 3 s to come nearer to another than the separation and 2 sigma of the other's position, at the plan's
+    end.
 
-    That is judged by what the drone itself knows: the truth shows only by chance, and too late, that a doubt was not allowed for.
-    Exempt are pairs one of which is on the ground or nearly so, others that do not know of it, which may turn up anywhere, and a
-    drone with others, or lines and circles that it keeps behind, all around: going away from one it would come too near to the
-    next.
+    The judgement uses the drone's own knowledge: the truth shows an ignored uncertainty only by chance, and too late. Exempt
+    are pairs with a drone on the ground or nearly so; unknown others, which may be anywhere; and a drone surrounded by
+    others, or by lines and circles that it keeps behind: each way out would lead too near to the next.
     """
 
     name = "berth"
@@ -138,7 +138,7 @@ class WideBerth(Invariant[Moment]):
         self._over_m: dict[tuple[int, int], float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Pairs: who plans to be too near to whom."""
+        """Yield the pairs: the planning drone, and the other that it comes too near to."""
         for drone, pilot in enumerate(moment.pilots):
             reckoning = pilot.reckoning if pilot is not None else None
             if reckoning is not None and reckoning.stamp_ns == self._planned_ns[drone]:
@@ -157,8 +157,8 @@ class WideBerth(Invariant[Moment]):
                 yield Breach(pair, f"it plans to come {self._over_m[pair]:.1f} m too near, where the other may be")
 
     def _clearances_m(self, pilot: Pilot | None) -> dict[str, float]:
-        """How far the others are from its plan's end, by id, each at the nearest place where it is expected; none where they are
-        all around.
+        """Return the distances of the others from its plan's end, by id, m, each at its nearest expected place; empty if they
+        surround the drone.
         """
         reckoning = pilot.reckoning if pilot is not None else None
         ends = reckoning.ends(BERTH_SIGMAS) if reckoning is not None else []
@@ -176,14 +176,14 @@ def _away_m(one: End) -> float:
 
 
 def _all_around(bearings_rad: list[float]) -> bool:
-    """Whether there are some in every half of the directions, so that each way leads nearer to one of them."""
+    """Return whether there is a bearing in every half of the directions, so that each way leads nearer to an obstacle."""
     ascending = sorted(bearings_rad)
     gaps_rad = [after - before for before, after in pairwise([*ascending, *(angle + tau for angle in ascending[:1])])]
     return bool(gaps_rad) and max(gaps_rad) < pi
 
 
 def _information(reception: GnssTruth | None, origin_sigma_m: float, flown_s: float) -> float:
-    """Fisher information (1/m^2) of one axis of a drone's frame, of its receiver and of the launch layout."""
+    """Return the Fisher information (1/m^2) of one axis of a drone's frame, from its receiver and the launch layout."""
     told = 1.0 / origin_sigma_m**2 if origin_sigma_m > 0.0 else inf
     if reception is None:
         return told

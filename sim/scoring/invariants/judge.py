@@ -29,7 +29,7 @@ class Judge:
     """The observer of a flight (``sim.lockstep.flight.fly(watch=...)``). ``violations``: in order of time."""
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
-        """``until``: the flight ends as soon as the invariant of this name is violated, or ``ANY``."""
+        """``until``: the flight ends at the first violation of the invariant of this name, or of ``ANY``."""
         self._setting, self._until = setting, until
         self.separation, self.converged, self.landed = Separation(setting), Converged(setting), Landed(setting)
         self.invariants: tuple[Invariant[Moment], ...] = (
@@ -48,19 +48,19 @@ class Judge:
         self._last: Moment | None = None
 
     def __call__(self, moment: Moment) -> bool:
-        """Judge a moment; True where the flight need not go on."""
+        """Judge a moment; return True if the flight need not continue."""
         self._last = moment
         for invariant in self.invariants:
             found = invariant.look(moment)
             if found:
                 self.violations += found
         if self._until is not None and any(self._until in (violation.invariant, ANY) for violation in self.violations):
-            self._last = None  # it has not ended: nothing to be judged by that
+            self._last = None  # the flight has not ended: no judgement of its end
             return True
         return moment.time_s >= self._setting.end_s or self.landed.is_over(moment)
 
     def finish(self) -> None:
-        """Judge how the flight has ended."""
+        """Judge the end of the flight."""
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)

@@ -1,4 +1,4 @@
-"""What must come about after the heal: everybody comes home."""
+"""The end of a flight after the heal: all drones return."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from sim.scoring.moment import Scene
 from sim.vehicle.autopilot import DISARM_AFTER_S, LANDING_SPEED_MPS, RETURN_CLIMB_MPS
 from sim.vehicle.px4.battery import HOVER_A
 
-_WAY_S = 50.0 / 3.0  # home across the area, and into the way of others
+_WAY_S = 50.0 / 3.0  # home across the area, with evasions
 _URGENT = 0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``agent.mission.reserve``)
-_ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): one without a home lands
+_ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): a vehicle without a home lands
 _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn in flight in a second
 
 
 class Landed(Invariant[Scene]):
-    """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it, or
-    it holds without its agent, or with one that may have lost its state, where the mission says so (``safety.agent_lost``).
+    """The able drones end the mission landed, and at home. Every other drone has landed or returns; or its safety pilot flies
+    it; or it holds without its agent, or with an agent that may have lost its state, by the mission's choice
+    (``safety.agent_lost``).
 
-    Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``), and whose battery has told so
-    little that its agent, or its autopilot, may have landed it where it was.
+    Exempt from home are drones that may land elsewhere, or were set down by their autopilot (``Setting``), and drones with a
+    battery report so low that agent or autopilot may have landed them where they were.
     """
 
     name = "landing"
@@ -35,20 +36,20 @@ class Landed(Invariant[Scene]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.able = Able(setting)
-        self._coming_home_since_s: float | None = None  # nobody has anything to do any more but to come home
+        self._coming_home_since_s: float | None = None  # all drones have nothing left to do but return
         self._launch: Array | None = None
         highest_m = max(setting.mission.return_heights_m)
         self.lands_within_s = _WAY_S + highest_m / RETURN_CLIMB_MPS + highest_m / LANDING_SPEED_MPS + DISARM_AFTER_S
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Nothing while it flies."""
+        """Yield nothing in flight."""
         self.able.see(moment)
         if self._launch is None:
             self._launch = moment.position_m.copy()
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """A breach for each drone that has not landed, or has landed away from its launch place."""
+        """Yield a breach for each drone that has not landed, or has landed away from its launch place."""
         able = self.able.see(moment)
         for drone in range(len(self.setting.names)):
             if not self.is_home(moment, drone, drone in able):
@@ -59,7 +60,7 @@ class Landed(Invariant[Scene]):
                 yield Breach((drone,), f"landed {away_m:.1f} m from where it took off")
 
     def _away_m(self, moment: Scene, drone: int) -> float:
-        """Horizontal distance from the place of its launch; 0 for who is exempt."""
+        """Return the horizontal distance from the launch place, m; 0 for an exempt drone."""
         setting, time_s = self.setting, moment.time_s
         if self._launch is None or setting.may_land_elsewhere(drone, time_s) or setting.was_set_down(drone, time_s):
             return 0.0
@@ -68,8 +69,8 @@ class Landed(Invariant[Scene]):
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
-        """Whether nothing more is to be expected of the flight: everybody has ended it as it must, and is down, or stays up for
-        good, or has had ``lands_within_s`` to come down, as from the highest of the returns, in which it is judged on its way.
+        """Return whether the flight is over: every drone has ended it correctly, and is down, or stays up for good, or has
+        had ``lands_within_s`` to land, as from the highest return, in which it is judged on its way.
         """
         able, drones = self.able.see(moment), range(len(self.setting.names))
         if self.able.drones is None or not all(self.is_home(moment, drone, drone in able) for drone in drones):
@@ -82,7 +83,7 @@ class Landed(Invariant[Scene]):
         return not within or all(_is_down(moment, drone) for drone in lands)
 
     def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
-        """Whether a drone has ended its flight as it must."""
+        """Return whether a drone has ended its flight correctly."""
         autopilot, pilot = moment.autopilots[drone], moment.pilots[drone]
         if _is_down(moment, drone):
             return True
@@ -94,7 +95,7 @@ class Landed(Invariant[Scene]):
         return returns or self._stays_up(moment, drone)
 
     def _stays_up(self, moment: Scene, drone: int) -> bool:
-        """Whether a drone that is not able may stay up for good: it holds without its agent, or a human pilot flies it."""
+        """Return whether an unable drone may stay up for good: it holds without its agent, or a safety pilot flies it."""
         left = self.setting.mission.safety.agent_lost == "hold" and moment.pilots[drone] is None
         holds = moment.autopilots[drone].mode is FlightMode.HOLD and (left or drone in self.able.without_state)
         return holds or self.setting.taken_over(drone, moment.time_s)
@@ -105,7 +106,7 @@ def _is_down(moment: Scene, drone: int) -> bool:
 
 
 def _lands_for_want_of_battery(setting: Setting, drone: int, time_s: float) -> bool:
-    """Whether the battery of a drone may have told a level, as a fault has it, at which it lands where it is."""
+    """Return whether the battery of a drone may have reported, by a fault, a level at which it lands where it is."""
     name = setting.names[drone]
     faults = [
         one for one in setting.scenario.fault if isinstance(one, Battery) and one.at_s <= time_s and name in setting.strikes(one)
@@ -115,7 +116,9 @@ def _lands_for_want_of_battery(setting: Setting, drone: int, time_s: float) -> b
 
 
 def _lowest(battery: Battery, faults: Sequence[Battery], time_s: float) -> float:
-    """The lowest level that a faulted battery may have told by now, in flight all the time; ``faults``: of the same drone."""
+    """Return the lowest level that a faulted battery may have reported by now, in flight all the time; ``faults``: of the
+    same drone.
+    """
     until_s = min(time_s, battery.end_s) if battery.lies else time_s
     spans = ((one, min(until_s, one.end_s) - max(battery.at_s, one.at_s)) for one in faults)
     faster = sum(one.drain_ps * max(0.0, span_s) for one, span_s in spans)

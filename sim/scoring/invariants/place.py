@@ -1,4 +1,4 @@
-"""Where drones take themselves to be: separation, fence, and the meaning of all that they measure rest on it."""
+"""The drones' estimates of their own positions: the basis of separation, fence, and all measurements."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from sim.scoring.moment import Moment
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MISPLACED_M, MISTURNED_RAD = 1.0, 0.15
 UNPLACED_S = 40.0  # a drone among others has been seen many times by then
-SEEN_M = 30.0  # sightings reach as far
+SEEN_M = 30.0  # range of sightings
 CALIBRATED = 9.0  # mean squared error over variance; 1 is expected, and the errors of a flight are hardly independent
-CALIBRATED_S = 20.0  # a mean over less says nothing
+CALIBRATED_S = 20.0  # a mean over less has no meaning
 FLOOR_M, FLOOR_RAD = 0.3, 0.03  # smaller errors of a vehicle's own localisation are no errors of its frame
-HOMELESS_S = 5.0  # what is stored is renewed as often
+HOMELESS_S = 5.0  # renewal interval of the stored state
 HEARS_S = 0.5  # telemetry comes 20 times a second
-NEW_S = 0.06  # a vehicle that flies 8 m/s is within FLOOR_M and as much again of where its newest telemetry has it
+NEW_S = 0.06  # at 8 m/s a vehicle is within twice FLOOR_M of its newest telemetry
 _LOOK_TICKS = 10
 
 
 class _Placed(Invariant[Moment]):
     """An invariant of drones in the air whose own positions can be known.
 
-    Exempt is a drone whose own position is faulted, or that does not hear its vehicle; and where frames are estimated, everybody
-    from the first fault on that puts wrong observations into every log.
+    Exempt are drones with a fault of their own position, or without telemetry; and, with estimated frames, all drones from
+    the first fault with wrong observations in every log on.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -35,7 +35,7 @@ class _Placed(Invariant[Moment]):
         self._until_s = setting.misled_s() if self.estimated else inf
 
     def placeable(self, moment: Moment) -> Iterator[int]:
-        """The drones that are not exempt."""
+        """Yield the drones that are not exempt."""
         if moment.time_s < self._until_s:
             for drone in range(len(moment.pilots)):
                 hears = moment.time_s - moment.told_s[drone] < HEARS_S
@@ -53,7 +53,7 @@ class OwnPlace(_Placed):
         self._since_s: dict[int, float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that have been wrong for too long."""
+        """Yield the drones that have been wrong for too long."""
         wrong = {drone: text for drone in self.placeable(moment) if (text := excluded(moment, drone))}
         self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in wrong}
         for drone, since_s in self._since_s.items():
@@ -62,11 +62,11 @@ class OwnPlace(_Placed):
 
 
 class Calibrated(_Placed):
-    """Over a flight, the mean squares of a drone's errors of position and heading are no more than 9 times the variances that it
-    states.
+    """Over a flight, the mean squares of a drone's errors of position and heading are no more than 9 times the stated
+    variances.
 
-    A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6 sigma.
-    Counted where telemetry has just come: on a bad link a vehicle is metres ahead of the newest that its agent has of it.
+    A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6
+    sigma. Counted with fresh telemetry only: on a bad link a vehicle is metres ahead of the newest telemetry at its agent.
     """
 
     name = "calibrated"
@@ -79,7 +79,7 @@ class Calibrated(_Placed):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Nothing in flight; counted twice a second."""
+        """Yield nothing in flight; sample twice a second."""
         self._ticks += 1
         if self.estimated and self._ticks % _LOOK_TICKS == 0:
             for drone in self.placeable(moment):
@@ -95,7 +95,7 @@ class Calibrated(_Placed):
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that were too sure of where they were, or pointed."""
+        """Yield the drones with overconfident position or heading."""
         for drone, count in enumerate(self.counts):
             for what, total in (("position", self.sums[drone]), ("heading", self.turned[drone])):
                 if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
@@ -103,8 +103,8 @@ class Calibrated(_Placed):
 
 
 class KnowsItsPlace(_Placed):
-    """A drone in the air that two others have been near for 40 s knows where it is, and does not wait for ever. Revoked drones
-    and the others do not hear each other.
+    """A drone in the air, with two others near for 40 s, knows its place, and does not wait for ever. Revoked drones have no
+    links to the others.
     """
 
     name = "placed"
@@ -115,7 +115,7 @@ class KnowsItsPlace(_Placed):
         self._last_s = 0.0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that do not know it."""
+        """Yield the drones with an unknown place."""
         step_s, self._last_s = moment.time_s - self._last_s, moment.time_s
         for drone in self.placeable(moment) if self.estimated else ():
             pilot = moment.pilots[drone]
@@ -144,8 +144,8 @@ class KnowsItsPlace(_Placed):
 
 
 class KnowsHome(Invariant[Moment]):
-    """A drone in the air that stores what a restarted agent needs knows where its return leads, and that is where it took off, by
-    10 m. One that does not know where it is need not; exempt from the place is who may land elsewhere (``Setting``).
+    """A drone in the air with a saved state for a restart has a home in it, within 10 m of its launch place. Exempt are
+    drones with an unknown own position; from the place, drones that may land elsewhere (``Setting``).
     """
 
     name = "home"
@@ -156,7 +156,7 @@ class KnowsHome(Invariant[Moment]):
         self._since_s: dict[int, float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that have known no home, or another one, for too long."""
+        """Yield the drones with no home, or a wrong one, for too long."""
         if self._launch is None:
             self._launch = moment.position_m.copy()
         wrong = {drone: text for drone in range(len(moment.pilots)) if (text := self._wrong(moment, drone, self._launch[drone]))}
@@ -180,7 +180,7 @@ class KnowsHome(Invariant[Moment]):
 
 
 def excluded(moment: Moment, drone: int) -> str:
-    """How a drone excludes where it is, or where it points; empty where it does not."""
+    """Report how a drone excludes its true place or heading; empty if it does not."""
     pilot = moment.pilots[drone]
     placed = pilot.whereabouts if pilot is not None else None
     if placed is None:

@@ -13,9 +13,10 @@ _LOOK_TICKS = 10
 
 
 class PoisonNamed(Invariant[Moment]):
-    """A drone that publishes exposures beside its own, which overlap them or are too long, is named by another one within 15 s.
+    """A drone that publishes exposures beside its own, which overlap them or are too long, is named by another drone within
+    15 s.
 
-    They are published in flight only; what it publishes instead of its own may be what a dead camera would tell.
+    Such exposures are published in flight only. Exposures in place of its own may look like a dead camera's.
     """
 
     name = "poison-named"
@@ -32,7 +33,7 @@ class PoisonNamed(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Poisoners that nobody names; looked for twice a second."""
+        """Yield the poisoners without an accuser; checked twice a second."""
         self._ticks += 1
         looks = self._ticks % _LOOK_TICKS == 0
         for place, (drone, begin_s, end_s) in enumerate(self._spans):

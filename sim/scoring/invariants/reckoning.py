@@ -1,4 +1,4 @@
-"""What drones reckon with while they fly: where the others are, the room that is theirs, and news of their own vehicles."""
+"""The drones' predictions in flight: places of the others, their own room, and telemetry of their own vehicles."""
 
 from __future__ import annotations
 
@@ -15,30 +15,35 @@ from sim.geometry import Array, Vector3
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
-NEAR_M = 15.0  # others that are farther away need not be reckoned with yet
-LAYER_M = 2.5  # who flies so much higher or lower may be passed
-FARTHER_M, SIGMAS = 4.0, 3.0  # by how much another may be nearer than believed: twice the margin of plans, and its doubt
-UNRECKONED_S = 1.5  # one that falls silent is reckoned with after a second, and ways around others change
+NEAR_M = 15.0  # farther vehicles need not be accounted for yet
+LAYER_M = 2.5  # vehicles with this height difference may be passed
+FARTHER_M, SIGMAS = 4.0, 3.0  # excess of the believed distance: twice the margin of plans, and the position uncertainty
+UNRECKONED_S = 1.5  # a lost peer is accounted for after a second, and ways around others change
 ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.3 m
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
-_ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
-_LOW_M = 1.5  # one that is lower may take itself to have landed
-_HOME_M = 3.0  # so near to its home a revoked one comes down
+_ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # faults with a published wrong place
+_LOW_M = 1.5  # a lower vehicle may estimate that it has landed
+_HOME_M = 3.0  # so near to its home a revoked drone descends
 
 
 class Reckoned(Invariant[Moment]):
-    """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
+    """No drone that flies by setpoints believes another one farther away than it is, with or without a link.
 
-    By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. One that is less than 4 m before a line or
-    circle that a drone keeps from is not taken for so much farther away. Nobody knows the source estimate of those that it does
-    not hear: where theirs is the centre, the other one has to be beyond that circle, or less than 4 m before it.
-    Exempt is whose own position or thrust is faulted or who lies; an agent that was started late, or again: it may never have
-    heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
-    until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost, or it was revoked,
-    too, after they had heard each other last: when its vehicle leaves a circle, and climbs to where the first one flies over it,
-    nobody can know. One that is revoked need not reckon with those that fly around its home while it comes down there: it is they
-    that keep clear of it. Nor can anybody know that the own position of the other one was wrong after that, and that it flies on
-    by it: such a one may be reckoned with where it takes itself to be instead.
+    The limit is 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. A vehicle less than 4 m before
+    a line or circle that the drone keeps from is within the limit. The source estimate of a lost peer is unknown: if that
+    peer circles its own estimate, it has to be beyond that circle, or less than 4 m before it.
+
+    Exempt are:
+
+    - drones with a fault of their own position or thrust, and liars;
+    - late or restarted agents: they may never have had links to the others;
+    - drones with an unknown own position: others' reports have no meaning before the first sighting;
+    - pairs with a revoked drone, if the other's agent was lost, or was revoked too, after their last contact: nobody can know
+      that its vehicle leaves a circle, and climbs to the other's height;
+    - a revoked drone that descends at its home: the others keep clear of it.
+
+    After the last contact of a pair with a revoked drone, a fault of the other's own position is unknown too: the drone may
+    then expect the other at its own position estimate instead.
     """
 
     name = "reckoned"
@@ -48,8 +53,8 @@ class Reckoned(Invariant[Moment]):
         late = [fault for fault in setting.scenario.fault if isinstance(fault, Late)]
         self._late = {setting.names.index(name) for fault in late for name in setting.strikes(fault)}
         self._home_m = [drone.origin_m[:2] for drone in setting.mission.drones]
-        self._lost_s: dict[int, float] = {}  # since when agents are gone
-        self._misled_s: dict[int, float] = {}  # until when own positions are faulted
+        self._lost_s: dict[int, float] = {}  # begin of the agents' present absence
+        self._misled_s: dict[int, float] = {}  # end of the faults of own positions
         for fault in setting.scenario.fault:
             for name in setting.strikes(fault) if fault.family == "pose" else ():
                 drone = setting.names.index(name)
@@ -60,7 +65,7 @@ class Reckoned(Invariant[Moment]):
         self._believed: dict[tuple[int, int], tuple[object, list[float]]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Pairs: who does not reckon with whom."""
+        """Yield the pairs: the drone, and the other that it does not account for."""
         for drone, pilot in enumerate(moment.pilots):
             if self._first[drone] is None:
                 self._first[drone] = pilot
@@ -80,7 +85,7 @@ class Reckoned(Invariant[Moment]):
                 yield Breach(pair, self._found[pair])
 
     def _judged(self, moment: Moment, places: Sequence[Vector3], drone: int) -> Iterator[int]:
-        """The others that a drone has to reckon with."""
+        """Yield the others that a drone has to account for."""
         pilot = moment.pilots[drone]
         if pilot is None or moment.autopilots[drone].setpoint_age_s is None:
             return
@@ -94,13 +99,13 @@ class Reckoned(Invariant[Moment]):
                 yield other
 
     def _is_exempt(self, moment: Moment, drone: int) -> bool:
-        """Whether it is not where it tells that it is, or may not know of the others, nor they of it."""
+        """Return whether the drone publishes a wrong place, or may have had no links to the others."""
         pilot = moment.pilots[drone]
         is_new = drone in self._late or (pilot is not None and pilot is not self._first[drone])
         return is_new or self.setting.struck(_ELSEWHERE, drone, moment.time_s, 15.0)
 
     def _note(self, time_s: float, places: Sequence[Vector3], drone: int, other: int, farther_m: float) -> None:
-        """``farther_m``: as ``_farther_m`` says; 0 where nothing is to be judged."""
+        """Note the excess of a pair. ``farther_m``: as in ``_farther_m``; 0 without judgement."""
         if farther_m <= 0.0:
             self._since_s.pop((drone, other), None)
             return
@@ -109,20 +114,20 @@ class Reckoned(Invariant[Moment]):
         self._found[drone, other] = f"{_apart_m(places, drone, other):.1f} m from the other, and {taken}"
 
     def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None]) -> float:
-        """How much farther away a drone takes another to be than allowed."""
+        """Return the excess of the believed distance over the permitted one, m."""
         pilot = pilots[drone]
         if pilot is None or (reckoning := pilot.reckoning) is None:
             return 0.0
         near = self._knowable(drone, other, places[other], pilots[other])
         judged, believed_m = self._believed.get((drone, other), (None, []))
-        if judged is not reckoning:  # worked out once for each of its plans
+        if judged is not reckoning:  # computed once for each plan
             believed_m = [self._believed_m(pilot, other, pilots[other], place) for place in near]
             self._believed[drone, other] = reckoning, believed_m
-        mine = places[drone][:2]  # the plan may be from before the second place was one
+        mine = places[drone][:2]  # the plan may be older than the alternative place
         return min(one_m - dist(mine, place[:2]) for one_m, place in zip(believed_m, near, strict=False)) - FARTHER_M
 
     def _believed_m(self, pilot: Pilot, other: int, other_pilot: Pilot | None, place: Vector3) -> float:
-        """How far away a drone takes another to be, which is at ``place``; infinite if it does not reckon with it."""
+        """Return the believed distance to another drone, which is at ``place``, m; infinite if it is not accounted for."""
         if (reckoning := pilot.reckoning) is None:
             return inf
         theirs = _around_source_of(pilot, other_pilot, place)
@@ -131,21 +136,21 @@ class Reckoned(Invariant[Moment]):
         return reckoning.distance_m(self.setting.names[other], SIGMAS, place, FARTHER_M)
 
     def _knowable(self, drone: int, other: int, place: Vector3, other_pilot: Pilot | None) -> list[Vector3]:
-        """Where another one, which is at ``place``, may be reckoned with: there; or where it takes itself to be, if its own
-        position was wrong after the two had heard each other last.
+        """Return the permitted predictions of another drone at ``place``: that place; and the other's own position estimate,
+        if that was wrong after the last contact of the two.
         """
         is_misled = other in self._misled_s and self._misled_s[other] > self.setting.unheard_s(drone, other)
         told = other_pilot.whereabouts if is_misled and other_pilot is not None else None
         return [place] if told is None else [place, told.place_m]
 
     def _left_unheard(self, drone: int, other: int) -> bool:
-        """Whether the other one's agent was lost, or it was revoked, after they had heard each other last, as one is revoked."""
+        """Return whether the other's agent was lost, or the other was revoked, after the last contact of the two."""
         unheard_s = self.setting.unheard_s(drone, other)
         return self._lost_s.get(other, -inf) > unheard_s or self.setting.revoked_s.get(other, -inf) > unheard_s
 
 
 class Confined(Invariant[Moment]):
-    """The room in which a drone lets itself fly lies inside the mission's fence, by a metre, as that drone knows its frame."""
+    """The room in which a drone permits itself to fly lies inside the mission's fence, by a metre, in its estimated frame."""
 
     name = "confined"
 
@@ -158,7 +163,7 @@ class Confined(Invariant[Moment]):
         self._over: dict[int, tuple[object, object, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones whose room is too wide."""
+        """Yield the drones with too wide a room."""
         outside = {
             drone: over_m
             for drone, pilot in enumerate(moment.pilots)
@@ -170,7 +175,9 @@ class Confined(Invariant[Moment]):
                 yield Breach((drone,), f"it may fly {outside[drone] + ROOM_M:.1f} m beyond the fence")
 
     def _over_m(self, drone: int, pilot: Pilot) -> float:
-        """How far the room reaches beyond what is allowed; worked out once for each room and frame, which many plans share."""
+        """Return the excess of the room over the permitted one, m; computed once for each room and frame, which many plans
+        share.
+        """
         if (reckoning := pilot.reckoning) is None:
             return 0.0
         room, frame, over_m = self._over.get(drone, (None, None, 0.0))
@@ -180,26 +187,28 @@ class Confined(Invariant[Moment]):
         return over_m
 
     def _beyond_m(self, corners: Array | None) -> float:
-        """How far the farthest of these corners lies outside."""
+        """Return the distance of the farthest of these corners outside, m."""
         if corners is None or shapely.contains_xy(self._fence, corners).all():
             return 0.0
         return float(shapely.distance(self._fence, shapely.points(corners)).max())
 
 
 class FreshTelemetry(Invariant[Moment]):
-    """No agent gives a setpoint by telemetry that has not come for 1.5 s: the vehicle may be anywhere."""
+    """No agent gives a setpoint by telemetry older than 1.5 s: the vehicle may be anywhere."""
 
     name = "telemetry-age"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that are flown blind."""
+        """Yield the drones flown with old telemetry."""
         for drone, (command, told_s) in enumerate(zip(moment.commands, moment.told_s, strict=True)):
             if command is not None and command.setpoint is not None and moment.time_s - told_s > UNTOLD_S:
                 yield Breach((drone,), f"flown by telemetry of {moment.time_s - told_s:.1f} s ago")
 
 
 def _around_source_of(pilot: Pilot, other: Pilot | None, place: Vector3) -> Vector3 | None:
-    """Where the other one flies relative to its own source estimate, put to the estimate of this one; None where one has none."""
+    """Return the other's place relative to its own source estimate, moved to this drone's estimate; None without both
+    estimates.
+    """
     if other is None or pilot.hypothesis is None or other.hypothesis is None:
         return None
     dx, dy, _ = (pilot.hypothesis.position - other.hypothesis.position).tolist()
@@ -207,11 +216,11 @@ def _around_source_of(pilot: Pilot, other: Pilot | None, place: Vector3) -> Vect
 
 
 def _is_near(places: Sequence[Vector3], drone: int, other: int) -> bool:
-    """Whether another vehicle is in the air near a drone."""
+    """Return whether another vehicle is in the air near a drone."""
     mine_m, theirs_m = places[drone][2], places[other][2]
     return theirs_m >= _LOW_M and abs(mine_m - theirs_m) <= LAYER_M and _apart_m(places, drone, other) <= NEAR_M
 
 
 def _apart_m(places: Sequence[Vector3], drone: int, other: int) -> float:
-    """True horizontal distance."""
+    """Return the true horizontal distance, m."""
     return dist(places[drone][:2], places[other][:2])

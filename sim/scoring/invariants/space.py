@@ -1,4 +1,4 @@
-"""Where vehicles may be: apart from each other, inside the fence, between floor and ceiling."""
+"""The vehicles' true places: separated, inside the fence, between floor and ceiling."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
-ONTO_M = 1.5  # who is nearer to one on the ground may touch it: less than in the air, as only one of the two moves
+ONTO_M = 1.5  # contact distance to a vehicle on the ground: less than in the air, as only one of the two moves
 
 
 class Separation(Invariant[Scene]):
-    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust. A copied key is
-    no excuse, nor is a pilot who takes over then: nothing but words is false.
+    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust. A copied
+    key is no excuse, nor is a manual override at that time: only messages are false.
 
-    The distance is that in space: vehicles whose autopilots return by themselves fly in layers above each other. Exempt are pairs
-    of which one vehicle's own position or thrust is faulted: it does not know, or cannot help, where it is.
+    The distance is that in space: vehicles whose autopilots return by themselves fly in altitude layers. Exempt are pairs
+    with a fault of one vehicle's own position or thrust: it does not know, or cannot control, its place.
     """
 
     name = "separation"
@@ -39,7 +39,7 @@ class Separation(Invariant[Scene]):
         self._excused_s = min(excusing, default=inf)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Pairs that are too near to each other."""
+        """Yield the pairs that are too near to each other."""
         apart_m = APART_M if moment.time_s < self._excused_s else APART_UNDER_FAULTS_M
         for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
             self.least_m = min(self.least_m, distance_m)
@@ -47,7 +47,7 @@ class Separation(Invariant[Scene]):
                 yield Breach(pair, f"{distance_m:.2f} m apart, at least {apart_m:g} m wanted")
 
     def _near(self, moment: Scene, within_m: float, in_air: int = 2) -> Iterator[tuple[tuple[int, int], float]]:
-        """Pairs within a distance, so many of each in the air, without the exempt ones."""
+        """Yield the pairs within a distance, so many of each in the air, without the exempt ones."""
         places = moment.position_m.tolist()
         for pair in self._pairs:
             one, other = pair
@@ -59,14 +59,14 @@ class Separation(Invariant[Scene]):
 
 
 class Collision(Separation):
-    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors. None comes down
-    on another one that is on the ground, nor takes off beside it: within 1.5 m of it, in space.
+    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors. No vehicle
+    lands on another one on the ground, nor takes off beside it: within 1.5 m of it, in space.
     """
 
     name = "collision"
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Pairs that have collided."""
+        """Yield the pairs that have collided."""
         for pair, distance_m in self._near(moment, COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
         for pair, distance_m in self._near(moment, ONTO_M, in_air=1):
@@ -85,7 +85,7 @@ class Fence(Invariant[Scene]):
         shapely.prepare(self._fence)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Vehicles outside."""
+        """Yield the vehicles outside."""
         inside = shapely.contains_xy(self._fence, moment.position_m[:, :2])
         if inside.all():
             return
@@ -101,7 +101,7 @@ class Heights(Invariant[Scene]):
     name = "height"
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Vehicles that are too low or too high."""
+        """Yield the vehicles that are too low or too high."""
         area = self.setting.mission.area
         for drone, height_m in enumerate(moment.position_m[:, 2].tolist()):
             if area.floor_m <= height_m <= area.ceiling_m:
