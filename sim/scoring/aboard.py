@@ -12,48 +12,48 @@ from sim.scoring.score import Belief
 
 
 class Aboard:
-    """An agent with whatever pilot is in it: one that is dead believes nothing."""
+    """An agent with its present pilot; a dead agent has no estimate."""
 
     def __init__(self, process: Process) -> None:
         self._process = process
 
     @property
     def alive(self) -> bool:
-        """Whether there is a process."""
+        """Return whether there is a process."""
         return self._process.alive
 
     @property
     def stage(self) -> Stage:
-        """Its stage; that of its vehicle after its death."""
+        """Return its stage; after its death, its vehicle's."""
         return self._process.stage
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its source estimate."""
+        """Return its source estimate."""
         return self._process.pilot.hypothesis if self.alive else None
 
     @property
     def outlook(self) -> Excluding | None:
-        """Its search state without a hypothesis."""
+        """Return its search state without a hypothesis."""
         return self._process.pilot.outlook if self.alive else None
 
     @property
     def finding(self) -> str:
-        """The result of a search that found nothing; else empty."""
+        """Return the result of a search without a find; else empty."""
         return self._process.pilot.finding if self.alive else ""
 
     @property
     def graph(self) -> Graph:
-        """The frames that it knows."""
+        """Return the frames known to it."""
         return self._process.pilot.frames.graph
 
     def suspects(self) -> Mapping[str, str]:
-        """By drone: why its frame is not trusted."""
+        """Return the reasons for distrust in a frame, by drone."""
         return self._process.pilot.frames.suspects()
 
     @property
     def listeners(self) -> dict[str, Believer]:
-        """The estimators that read its log without any say in the flight."""
+        """Return the estimators that read its log without influence on the flight."""
         return {name: _Listener(self._process, name) for name in self._process.pilot.listeners}
 
 
@@ -63,10 +63,10 @@ class _Listener:
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its source estimate."""
+        """Return its source estimate."""
         return self._process.pilot.listeners[self._name].hypothesis if self._process.alive else None
 
     @property
     def outlook(self) -> Excluding | None:
-        """Its search state without a hypothesis."""
+        """Return its search state without a hypothesis."""
         return self._process.pilot.listeners[self._name].outlook if self._process.alive else None

@@ -1,4 +1,4 @@
-"""Interfaces of the scored objects: agents, and estimators that only listen."""
+"""Interfaces of the scored objects: agents, and listening estimators."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from sim.scoring.score import Belief
 
 
 class ByNuclide(Protocol):
-    """What a search for several sources has excluded."""
+    """Exclusion limits of a search for several sources."""
 
     @property
     def left(self) -> NDArray[np.bool_]:
-        """(C,) cells where more may hide."""
+        """(C,) cells where more sources may be."""
 
     @property
     def glare(self) -> NDArray[np.bool_]:
-        """(C,) cells where the found ones outshine it."""
+        """(C,) cells where found sources outshine others."""
 
     @property
     def known_bq(self) -> Mapping[str, float]:
-        """By nuclide, the activity from which on further sources are excluded; without nuclides of which none is."""
+        """By nuclide, the activity above which further sources are excluded; without nuclides that have no limit."""
 
 
 class Excluding(Protocol):
-    """Search result without a hypothesis, or beside one of several sources."""
+    """Search result without a hypothesis, or beside an estimate of several sources."""
 
     @property
     def places(self) -> NDArray[np.float64]:
@@ -37,11 +37,11 @@ class Excluding(Protocol):
 
     @property
     def excluded_bq(self) -> float | None:
-        """Activity from which on a source would have been found; None: nothing is excluded yet."""
+        """Exclusion limit: a source of this activity would have been found; None: no limit yet."""
 
     @property
     def exclusion(self) -> ByNuclide | None:
-        """Of a search for several sources; else None."""
+        """Exclusion of a search for several sources; else None."""
 
 
 class Believer(Protocol):
@@ -49,11 +49,11 @@ class Believer(Protocol):
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its source estimate; None while it has none."""
+        """Its source estimate; None before the first one."""
 
     @property
     def outlook(self) -> Excluding | None:
-        """Its search state without a hypothesis, or beside one of several sources; None else, or where that is unknown."""
+        """Its search state without a hypothesis, or beside an estimate of several sources; None else, or if unknown."""
 
 
 class Agent(Believer, Protocol):
@@ -69,17 +69,17 @@ class Agent(Believer, Protocol):
 
     @property
     def finding(self) -> str:
-        """The result of a search that found nothing; else empty."""
+        """The result of a search without a find; else empty."""
 
 
 def excluded_nuclides_bq(believer: Believer) -> dict[str, float] | None:
-    """What a search for several sources excludes, by nuclide; None of another one."""
+    """Return the exclusion limits of a search for several sources, Bq by nuclide; None of another search."""
     outlook = believer.outlook
     return dict(outlook.exclusion.known_bq) if outlook is not None and outlook.exclusion is not None else None
 
 
 def open_places(believer: Believer) -> dict[str, NDArray[np.float64]]:
-    """``left_m`` and ``glare_m`` of the trace."""
+    """Return ``left_m`` and ``glare_m`` of the trace."""
     outlook = believer.outlook
     if outlook is None or outlook.exclusion is None:
         return {}

@@ -61,11 +61,11 @@ class Bound:
     own: Array
 
     def over(self, time_s: Array) -> Array:
-        """Median length of an error N(0, true), interpolated to other times (T,); NaN before the first step."""
+        """Return the median length of an error N(0, true), interpolated to other times (T,); NaN before the first step."""
         return self._interpolated(time_s, self.true)
 
     def own_over(self, time_s: Array) -> Array:
-        """The same for the first vehicle's apparent place."""
+        """Return the same for the first vehicle's apparent place."""
         return self._interpolated(time_s, self.own[:, 0])
 
     def _interpolated(self, time_s: Array, covariance: Array) -> Array:
@@ -74,11 +74,11 @@ class Bound:
         return np.interp(time_s, self.time_s, median_error(covariance), left=np.nan)
 
     def median_m(self, during: NDArray[np.bool_]) -> float | None:
-        """Median over the selected steps (K,) of the median length of an error N(0, true)."""
+        """Return the median over the selected steps (K,) of the median length of an error N(0, true)."""
         return float(np.median(median_error(self.true[during]))) if during.any() else None
 
     def own_median_m(self, during: NDArray[np.bool_]) -> float | None:
-        """The same for the apparent places, over all vehicles."""
+        """Return the same for the apparent places, over all vehicles."""
         return float(np.median(median_error(self.own[during]))) if during.any() else None
 
 
@@ -92,12 +92,12 @@ def bound_of(
     position_m: Array,
     source_m: Array,
 ) -> Bound:
-    """The bound along a flight.
+    """Compute the bound along a flight.
 
     Args:
         source, camera, localization: the truth.
         minimum_pixels: least number of pixels of the events that become cones.
-        sides_m: of the area in which the source may be; the prior variance of each axis is side^2 / 12.
+        sides_m: sides of the area of possible sources; the prior variance of each axis is side^2 / 12.
         time_s: (T,) evenly spaced.
         position_m: (T, N, 3) of the vehicles.
         source_m: (T, 3) of the source.
@@ -148,7 +148,7 @@ class _Model:
         kinds = [
             (errors.bias_m, math.radians(errors.bias_yaw_deg), 1.0),
             (errors.wander_m / 2.0**0.5, math.radians(errors.yaw_deg), math.exp(-step_s / errors.correlation_s)),
-            # The filter's error is of second order; one of first order with the same mean memory approximates it.
+            # The filter's error is of second order; an approximation of first order has the same mean memory.
             (errors.horizontal_m / 2.0**0.5, 0.0, math.exp(-step_s / (2.0 * errors.filter_s))),
         ]
         kinds = [kind for kind in kinds if kind[0] > 0.0 or kind[1] > 0.0]
@@ -175,7 +175,7 @@ class _Model:
 
 
 def _motion(source: SourceTruth) -> tuple[float, float]:
-    """Variance of the velocity along each axis, m2/s2, and its correlation time, s."""
+    """Return the variance of the velocity along each axis, m2/s2, and its correlation time, s."""
     if source.motion == "static" or source.speed_mps == 0.0:
         return 0.0, 1.0
     if source.motion == "circle":
@@ -184,12 +184,12 @@ def _motion(source: SourceTruth) -> tuple[float, float]:
 
 
 def _wandering(source: SourceTruth) -> tuple[float, float]:
-    """Variance and correlation time of a wandering source's velocity.
+    """Return the variance and correlation time of a wandering source's velocity.
 
     Speeds are uniform between s v and v: mean square v^2 (1 + s + s^2) / 3, half of it along each axis. Half of the stretches
-    turn, at a rate uniform up to w, for a time T: the variance of the heading grows by h = w^2 E[T^2] / 6 per stretch of duration
-    E[T], so the velocity's correlation time is 2 E[T] / h. The jumps of the speed between stretches are left out: they add a
-    tenth of that noise.
+    turn, at a rate uniform up to w, for a time T: the variance of the heading grows by h = w^2 E[T^2] / 6 per stretch of
+    duration E[T], and the velocity's correlation time is 2 E[T] / h. The jumps of the speed between stretches are left out:
+    they add a tenth of that noise.
     """
     low, high = STRETCH_S
     mean_s, square_s2 = (low + high) / 2.0, (low**2 + low * high + high**2) / 3.0
@@ -238,7 +238,7 @@ def median_error(covariance: Array) -> Array:
 
 @cache
 def _medians() -> tuple[Array, Array]:
-    """Median length of an error with variances 1 and q, tabulated over q from 0 to 1."""
+    """Return the median length of an error with variances 1 and q, tabulated over q from 0 to 1."""
     ratios = np.linspace(0.0, 1.0, 41) ** 2
 
     def beyond(length: float, ratio: float) -> float:

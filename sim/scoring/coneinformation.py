@@ -34,14 +34,14 @@ _LARGEST_RAD, _LEAST_RAD = 0.35, 0.02  # sigma is cut off, and has a floor
 _LATERAL_MM, _DEPTH_MM = 0.04, 0.075  # of a cluster's place
 _DOPPLER_KEV, _EDGE_KEV2 = 6.0, 64.0
 _SEPARATION_MM = 0.2  # nearer clusters are one
-_CLUSTER_KEV = 32.0  # a smaller one is a fluorescence photon's
+_CLUSTER_KEV = 32.0  # a smaller cluster is a fluorescence photon's
 _XRAYLIB_KEV = 799.0  # its tables end
 _CANDIDATES = 4000
 _ANGLES = 720
 
 
 def cone_information(line_kev: float, astray: Sequence[float], cones: int = 300) -> Array:
-    """i(eps), rad^-2, (S,), on average over ``cones`` coincidences. astray: (S,) eps, shares of isotropic cones."""
+    """Return i(eps), rad^-2, (S,), on average over ``cones`` coincidences. astray: (S,) eps, shares of isotropic cones."""
     electron_kev, separation_mm, depth = _coincidences(line_kev, cones)
     energies = np.stack((electron_kev, line_kev - electron_kev), axis=1)  # (C, 2): the electron's in each reading
     theta, sigma, weight = _readings(line_kev, energies, separation_mm[:, None], depth[:, None])
@@ -118,7 +118,7 @@ def _readings(line_kev: float, electron_kev: Array, separation_mm: Array, depth:
 
 
 def _attenuation_per_mm(energy_kev: Array) -> tuple[Array, Array]:
-    """Photoelectric and total attenuation coefficients of CdTe."""
+    """Return the photoelectric and total attenuation coefficients of CdTe, per mm."""
     log = np.log(np.clip(energy_kev, 5.0, _XRAYLIB_KEV))
     grid, logs = _attenuation_table()
     photo, total = (np.exp(np.interp(log, grid, of)) for of in logs)

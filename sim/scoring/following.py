@@ -19,11 +19,11 @@ class Following:
         self._squares: dict[str, list[float]] = {"search": [], "circle": []}
 
     def plan(self, plan: Plan) -> None:
-        """Add a plan."""
+        """Note a plan."""
         self._plans[plan.drone] = plan
 
     def pose(self, pose: Pose, stage: Stage) -> None:
-        """Add a pose; ``stage``: of its drone."""
+        """Note a pose; ``stage``: of its drone."""
         plan, phase = self._plans.get(pose.drone), PHASES.get(stage)
         if plan is None or phase is None or plan.epoch != pose.epoch or abs(pose.stamp_ns - plan.stamp_ns) > _OLDEST_NS:
             return
@@ -37,12 +37,12 @@ class Following:
         self._squares[phase].append(dx * dx + dy * dy)
 
     def rms_m(self, phase: str) -> float | None:
-        """RMS over all drones in ``search`` or ``circle``; None without samples."""
+        """Return the RMS over all drones in ``search`` or ``circle``, m; None without samples."""
         squares = self._squares[phase]
         return sqrt(sum(squares) / len(squares)) if squares else None
 
     @property
     def most_m(self) -> float | None:
-        """The largest deviation."""
+        """Return the largest deviation, m."""
         squares = [square for phase in self._squares.values() for square in phase]
         return sqrt(max(squares)) if squares else None

@@ -14,7 +14,7 @@ from sim.geometry import Array, Vector3
 from sim.world.movingframes import MovingFrames
 
 RECOVERED_M = 3.0
-RECOVERY_S = 60.0  # longest recovery that is measured
+RECOVERY_S = 60.0  # longest measured recovery
 
 
 class Placed(Protocol):
@@ -26,7 +26,7 @@ class Placed(Protocol):
 
     @property
     def translation(self) -> Vector3:
-        """Its origin, metres."""
+        """Origin of the local frame, metres."""
 
 
 class Graph(Protocol):
@@ -41,17 +41,17 @@ class Frames(Protocol):
 
     @property
     def graph(self) -> Graph:
-        """The frames that it knows."""
+        """The frames known to the agent."""
 
     def suspects(self) -> Mapping[str, str]:
-        """By drone: why its frame is not trusted, or not known."""
+        """By drone: the reason for distrust in its frame, or for its lack."""
 
 
 class FrameScore:
     """One agent's frames against the truth, compared horizontally at the drones' positions."""
 
     def __init__(self, mission: MissionConfig, frames: Frames, truth: MovingFrames, event_s: float | None) -> None:
-        """``event_s``: time of a frame event from which the swarm has to recover."""
+        """``event_s``: time of a frame event; the recovery is measured from it."""
         self._names = [drone.id for drone in mission.drones]
         self._estimated = [not drone.is_exact for drone in mission.drones]
         self._frames, self._truth = frames, truth
@@ -66,7 +66,7 @@ class FrameScore:
         self.known_s: float | None = None
 
     def hear(self, drone: int, epoch: int) -> None:
-        """A drone has sent a pose of that epoch: an agent also counts jumps that its vehicle did not announce."""
+        """Note the epoch of a drone's pose: an agent also counts jumps without an announcement by its vehicle."""
         self._told[drone] = epoch
 
     def sample(self, time_s: float, tracking: bool, position: Array, position_error: Array) -> Array:
@@ -79,8 +79,7 @@ class FrameScore:
             position_error: (N, 3), the small errors of the localisations within their frames.
 
         Returns:
-            (N, 3): position error of each drone in the mission frame, by the frames that the agent knows; where it knows none, by
-            the drone's own.
+            (N, 3): position error of each drone in the mission frame, by the agent's frames, or if unknown by its own.
         """
         own = position_error + self._truth.own_error_m(position)
         local = self._truth.local(position + position_error)
@@ -112,24 +111,25 @@ class FrameScore:
 
     @property
     def error_median_m(self) -> float | None:
-        """Median position error of all drones with estimated frames, while tracking."""
+        """Return the median position error of all drones with estimated frames, while tracking, m."""
         return float(np.median(self._errors_m)) if self._errors_m else None
 
     @property
     def best_position_error_m(self) -> float | None:
-        """Median position error, while tracking, of the drone with the best localisation."""
+        """Return the median position error, while tracking, of the drone with the best localisation, m."""
         return float(np.median(self._own_m, axis=0).min()) if self._own_m else None
 
     @property
     def suspects(self) -> str:
-        """Drones that the agent suspected for more than half of the tracking, separated by commas."""
+        """Return the drones suspected by the agent for more than half of the tracking, separated by commas."""
         return ",".join(name for name in self._names if 2 * self._suspected[name] > self._samples)
 
     @property
     def recovery_s(self) -> float | None:
-        """Time from the event until the error was above the limit for the last time; ``RECOVERY_S`` if it is at the end.
+        """Return the time from the event until the error was last above the limit, s; ``RECOVERY_S`` if it is above at the
+        end.
 
-        The limit is 3 m, or twice the median before the event where that is more.
+        The limit is 3 m, or twice the median before the event if that is more.
         """
         if self._event_s is None or not self._before_m or not self._after:
             return None

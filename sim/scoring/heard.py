@@ -1,4 +1,4 @@
-"""What the drones of a run publish, as far as it is scored: cones, hits, deviations from plans, estimates."""
+"""The scored messages of a run: cones, hits, deviations from plans, estimates."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sim.result import ConeTrace, EstimateTrace
 from sim.scoring.following import Following
 from sim.world.frame import LocalFrames
 
-UNKNOWN = "unknown"  # nuclide of a source that is told as one of none of the candidates
-KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the keys of what is scored
+UNKNOWN = "unknown"  # nuclide of a source that matches no candidate
+KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the keys of scored messages
 
 
 class Heard:
     """Collects messages of all drones.
 
-    cones: in the mission frame. last_cone_s: time of the last one. estimates: of the drone by which the swarm is judged; each of
+    cones: in the mission frame. last_cone_s: time of the last one. estimates: of the drone that represents the swarm; each of
     their sources with its nuclide.
     """
 
     def __init__(self, frames: LocalFrames, nuclide: str | None) -> None:
-        """``frames``: the vehicles' true local frames. ``nuclide``: the mission's, of estimated sources that tell none."""
+        """``frames``: the vehicles' true local frames. ``nuclide``: the mission's, for estimated sources without a nuclide."""
         self._frames = frames
         self._nuclide = nuclide
         self.following = Following()
@@ -34,7 +34,7 @@ class Heard:
         self.estimates: list[EstimateTrace] = []
 
     def take(self, time_s: float, drone: int, message: AnyMessage, stage: Stage, judged: bool) -> None:
-        """Take a message of a drone, which is in this stage. ``judged``: the swarm is judged by it."""
+        """Note a message of a drone in this stage. ``judged``: this drone represents the swarm."""
         if isinstance(message, Exposure):
             self.hits += message.counts.hits
         elif isinstance(message, Plan):

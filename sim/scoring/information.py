@@ -32,22 +32,22 @@ from sim.radiation.timepix3 import energies_kev
 from sim.radiation.truth import CameraTruth
 from sim.scoring.coneinformation import cone_information
 
-WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
+WINDOW = 0.1  # relative to the line: a nearer event has all of the photon's energy
 # Of the two-cluster events of full energy that have enough pixels: 0.53 mm2 of usable cones of 15 pixels (reference, table) of
 # the bank's 1.05 mm2, of which 72 % have so many.
 USABLE = 0.7
 CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
 ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")
-_ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with those of the background
+_ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with the cones of the background
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
     """The response of a camera, for photons of all lines together, averaged over all directions.
 
-    full_mm2, other_mm2: F_f, F_o. cones_mm2: the part of F_f whose events make usable cones. full_ps, other_ps: B_full, B_other.
-    scatter_near, scatter_air: of b. air_per_m: mu. astray, information: Fisher information (rad^-2) of one cone about the angle
-    between its axis and the source, tabulated over the share of cones that do not point to the source.
+    full_mm2, other_mm2: F_f, F_o. cones_mm2: the part of F_f whose events make usable cones. full_ps, other_ps: B_full,
+    B_other. scatter_near, scatter_air: of b. air_per_m: mu. astray, information: Fisher information (rad^-2) of one cone
+    about the angle between its axis and the source, tabulated over the share of cones that do not point to the source.
     """
 
     full_mm2: float
@@ -91,7 +91,7 @@ class Camera:
 
 
 def camera_of(truth: CameraTruth, nuclide: str, minimum_pixels: int) -> Camera:
-    """The response of a camera to a nuclide, with cones of at least ``minimum_pixels`` pixels. Cached."""
+    """Return the response of a camera to a nuclide, with cones of at least ``minimum_pixels`` pixels. Cached."""
     return _camera(truth, nuclide, minimum_pixels)
 
 
@@ -117,20 +117,20 @@ def _camera(truth: CameraTruth, name: str, minimum_pixels: int) -> Camera:
 
 
 def _fluence(activity_bq: float, distance_m: Array) -> Array:
-    """activity / (4 pi D^2), per mm2 and second."""
+    """Return activity / (4 pi D^2), per mm2 and second."""
     result: Array = activity_bq / (4e6 * np.pi * distance_m**2)
     return result
 
 
 def _mean_area(bank: EventBank) -> Array:
-    """(KINDS,): effective areas times photons per decay, mm2, as a mean over all directions."""
+    """Return effective areas times photons per decay, (KINDS,), mm2, as a mean over all directions."""
     weight = _solid_angle()
     result: Array = weight @ bank.area_mm2[:DIRECTION_BINS] / weight.sum()
     return result
 
 
 def _solid_angle() -> Array:
-    """(DIRECTION_BINS,): of the bins, in proportion."""
+    """Return the solid angles of the bins, (DIRECTION_BINS,), in proportion."""
     z = bin_centres()[:, 2]
     _, row, columns = np.unique(z.round(9), return_inverse=True, return_counts=True)
     result: Array = np.sqrt(1.0 - z * z) / columns[row]
@@ -138,26 +138,26 @@ def _solid_angle() -> Array:
 
 
 def _shares(bank: EventBank, holds: NDArray[np.bool_]) -> Array:
-    """(B, KINDS): share of the events of each bin and kind for which something ``holds`` ((E,)); 0 where there are none."""
+    """Return the share of the events of each bin and kind that satisfy ``holds`` ((E,)), (B, KINDS); 0 without events."""
     until = np.concatenate(([0], np.cumsum(holds)))
     result: Array = (until[bank.start + bank.count] - until[bank.start]) / np.maximum(bank.count, 1)
     return result
 
 
 def _mean_share(bank: EventBank, shares: Array) -> Array:
-    """(KINDS,): mean of the shares (B, KINDS) over all directions, each as heavy as its events are many."""
+    """Return the mean of the shares (B, KINDS) over all directions, weighted by the numbers of events, (KINDS,)."""
     weight = _solid_angle()[:, None] * bank.area_mm2[:DIRECTION_BINS]
     result: Array = (weight * shares[:DIRECTION_BINS]).sum(axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
     return result
 
 
 def _share_so_large(bank: EventBank, pixels: int) -> float:
-    """Share of the complete events, over all directions, that have at least so many pixels."""
+    """Return the share of the complete events, over all directions, with at least this number of pixels."""
     return float(_mean_share(bank, _shares(bank, np.diff(bank.first) >= pixels))[COMPLETE])
 
 
 def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
-    """Share of the events that have a photon's full energy: (KINDS,) of the source's, and of the background's."""
+    """Return the share of the events with a photon's full energy: (KINDS,) of the source's, and of the background's."""
     until = np.concatenate(([0.0], np.cumsum(energies_kev(bank.pixels))))
     energy = until[bank.first[1:]] - until[bank.first[:-1]]
     full = np.any(np.abs(energy[:, None] / lines_kev - 1.0) <= WINDOW, axis=1)

@@ -13,7 +13,7 @@ from sim.geometry import Array
 from sim.vehicle.autopilot import Autopilot
 
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: missions in lockstep begin here
-OFF_GROUND_M = 0.5  # above the ground: off it
+OFF_GROUND_M = 0.5  # height above the ground of an airborne drone
 
 
 class Hypothesis(Protocol):
@@ -29,15 +29,15 @@ class Hypothesis(Protocol):
 
 
 class Member(Protocol):
-    """An agent: on board, or as it is heard in the mesh."""
+    """An agent: on board, or as observed in the mesh."""
 
     @property
     def stage(self) -> Stage:
-        """Of its mission."""
+        """Stage of its mission."""
 
     @property
     def digest(self) -> str:
-        """Of the log that its hypothesis follows from."""
+        """Digest of the log behind its hypothesis."""
 
     @property
     def hypothesis(self) -> Hypothesis | None:
@@ -57,19 +57,19 @@ class Flown(Protocol):
 
     @property
     def setpoint_age_s(self) -> float | None:
-        """Age of the setpoint that the vehicle follows; None where it follows none."""
+        """Age of the setpoint that the vehicle follows, s; None without a setpoint."""
 
 
 class Shared:
-    """What the agents of a flight in one process have in common, and what is no part of any one's memory."""
+    """Objects shared by the agents of a flight in one process, which are no part of any agent's memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What can be observed of any flight, in lockstep or live. One drone per row and item, in the order of the mission.
+    """Observations of any flight, in lockstep or live. One drone per row and item, in the order of the mission.
 
-    time_s: since the start of the simulation; live: since the start command. position_m: (N, 3) true x, y in the mission frame,
-    and height above ground. source: true x, y of the first one; None without any. pilots: None where an agent is dead.
+    time_s: since the start of the simulation; live: since the start command. position_m: (N, 3) true x, y in the mission
+    frame, and height above ground. source: true x, y of the first source; None without any. pilots: None for a dead agent.
     """
 
     time_s: float
@@ -79,7 +79,7 @@ class Scene:
     autopilots: Sequence[Flown]
 
     def airborne(self, drone: int) -> bool:
-        """Whether it is off the ground."""
+        """Return whether a drone is off the ground."""
         return bool(self.position_m[drone, 2] > OFF_GROUND_M)
 
 
@@ -87,9 +87,9 @@ class Scene:
 class Moment(Scene):
     """The world after one tick of a flight in lockstep.
 
-    velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: of this
-    tick; None where there was no step. sent: messages that each agent has published in this tick. inboxes: messages on their way
-    to each agent. batteries: true levels, 0 .. 1. told_s: when telemetry of each vehicle has last arrived at its agent.
+    velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: of this tick; None without a step.
+    sent: number of each agent's messages in this tick. inboxes: messages on their way to each agent. batteries: true levels,
+    0 .. 1. told_s: time of each vehicle's last telemetry at its agent.
     """
 
     pilots: Sequence[Pilot | None]

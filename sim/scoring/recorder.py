@@ -1,4 +1,4 @@
-"""Compares the agents' beliefs with the truth during a run: decides on its end, and makes its result and trace."""
+"""Compares the agents' estimates with the truth during a run: decides on its end, and makes its result and trace."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Recorder:
         self._scenario = scenario
         self._mission = mission = scenario.mission
         self._agents = agents
-        self._first = 0  # the drone by whose stage and estimate the swarm is judged
+        self._first = 0  # the drone that represents the swarm by its stage and estimate
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
         self._terrain = Terrain(scenario.terrain)
@@ -69,7 +69,7 @@ class Recorder:
         self._listeners = {name: (Score(name, drones, middle_s), fusion) for name, fusion in listeners.items()}
         self._estimated = mission.fusion.estimator != "given"
         self._search_began_s: float | None = None
-        self._excluded_bq: float | None = None  # at the end of a search of the first drone that found nothing
+        self._excluded_bq: float | None = None  # at the end of the first drone's search without a find
         self._tracking_s = 0.0
         self._sampled_s: float | None = None
         self._heard = Heard(frames, mission.one_nuclide)
@@ -79,7 +79,7 @@ class Recorder:
         self._sources: Sequence[Source] = ()
 
     def describe(self) -> str:
-        """One line for the progress display."""
+        """Return one line for the progress display."""
         first = self._agents[self._first]
         where = ""
         if first.hypothesis is not None:
@@ -88,7 +88,7 @@ class Recorder:
         return f"{first.stage}{where}"
 
     def take(self, drone: int, message: AnyMessage) -> None:
-        """Record a message that a drone publishes, at the time of sending."""
+        """Record a drone's message, at the time of sending."""
         judged = drone == self._first
         self._heard.take(self._time_s, drone, message, self._agents[drone].stage, judged)
         if isinstance(message, Pose) and self._known is not None:
@@ -102,9 +102,9 @@ class Recorder:
         sources: Sequence[Source],
         position_error: Array | None = None,
     ) -> bool:
-        """Add a sample of the world after a tick; True when the run has ended.
+        """Add a sample of the world after a tick; return True at the end of the run.
 
-        position, velocity: (N, 3), true. position_error: (N, 3), measured minus true; None where unknown.
+        position, velocity: (N, 3), true. position_error: (N, 3), measured minus true; None if unknown.
         """
         self._time_s = time_s
         self._ticks += 1
@@ -127,12 +127,12 @@ class Recorder:
         return self._over(time_s, stages)
 
     def _choose_first(self) -> None:
-        """The swarm is judged by its first drone as long as that one's agent lives, then by the first whose agent does."""
+        """Choose the drone that represents the swarm: the first drone while its agent lives, then the first with a live agent."""
         if not self._agents[self._first].alive:
             self._first = next((place for place, agent in enumerate(self._agents) if agent.alive), self._first)
 
     def _judged(self) -> Source | None:
-        """The true source that the hypothesis is compared with: the nearest one to it; None where there is none."""
+        """Return the true source nearest to the hypothesis; None without a source."""
         belief = self._agents[self._first].hypothesis
         if belief is None or not self._sources:
             return self._sources[0] if self._sources else None
@@ -172,7 +172,7 @@ class Recorder:
         self._rows.append(row)
 
     def _record_finding(self) -> None:
-        """Record what is excluded when the first drone's search ends without a source; a later find clears it."""
+        """Record the exclusion limits at the end of the first drone's search without a source; a later find clears them."""
         first = self._agents[self._first]
         if not first.finding:
             self._excluded_bq = None
@@ -197,7 +197,7 @@ class Recorder:
         return self._score.x0_s is None and time_s - self._search_began_s > end.search_s
 
     def result(self, seed: int, wall_s: float) -> RunResult:
-        """The result of the swarm's own estimator."""
+        """Return the result of the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
         by_nuclide = excluded_nuclides_bq(first)
@@ -205,19 +205,19 @@ class Recorder:
         return replace(result, finding=first.finding)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
-        """The results of the listening estimators."""
+        """Return the results of the listening estimators."""
         return {
             name: self._result(score, self._enough(_excluded_bq(fusion)), _excluded_bq(fusion), seed, wall_s)
             for name, (score, fusion) in self._listeners.items()
         }
 
     def _enough(self, excluded_bq: float | None) -> bool:
-        """Whether everything that the mission searches for is excluded."""
+        """Return whether all activities of the mission's search are excluded."""
         least_bq = self._mission.survey.least_activity_bq
         return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
 
     def _source_score(self) -> SourceScore:
-        """All sources of the last estimate, if that still holds, against all true ones."""
+        """Score all sources of the last estimate, if that still holds, against all true ones."""
         if not self._estimated:
             return NOT_SCORED
         held = self._agents[self._first].hypothesis is not None and self._heard.estimates
@@ -275,7 +275,7 @@ class Recorder:
 
     @cached_property
     def _bound(self) -> Bound | None:
-        """The bound of the flown trajectories, after the run; None without a source, and with several."""
+        """Return the bound of the flown trajectories, after the run; None without a source, and with several."""
         truth, (west, south, east, north) = self._scenario, self.area.bounds
         rows = [row for row in self._rows if not np.isnan(row.source[0])]
         if truth.source is None or len(self._sources) != 1 or not rows:
@@ -292,7 +292,7 @@ class Recorder:
         )
 
     def _bounds_m(self) -> tuple[float | None, float | None]:
-        """Medians of the bound while tracking, in the true frame and in the vehicles' own frames."""
+        """Return the medians of the bound while tracking, in the true frame and in the vehicles' own frames, m."""
         bound = self._bound
         if bound is None:
             return None, None
@@ -301,7 +301,7 @@ class Recorder:
         return bound.median_m(during), bound.own_median_m(during)
 
     def trace(self) -> Trace:
-        """The time series; raises ValueError if no drone ever flew."""
+        """Return the time series; raises ValueError if no drone ever flew."""
         if not self._rows:
             raise ValueError("no drone flew: there is nothing to show")
         rows, source = self._rows, self._judged()

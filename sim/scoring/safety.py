@@ -30,7 +30,7 @@ class Safety:
         self._guided.append([stage in SEARCHING for stage in stages])
 
     def least_separation_m(self) -> float | None:
-        """Least horizontal distance between any two drones off the ground; None if there never were two."""
+        """Return the least horizontal distance between any two drones off the ground, m; None without two such drones."""
         places = np.array(self._places)
         airborne = places[..., 2] > OFF_GROUND_M
         least = np.inf
@@ -42,8 +42,8 @@ class Safety:
         return least if np.isfinite(least) else None
 
     def fence_breaches(self) -> int:
-        """Number of times that a drone left the fence, rose above the ceiling, or sank below the floor while it followed
-        setpoints.
+        """Return the number of times that a drone left the fence, rose above the ceiling, or, with setpoints, sank below the
+        floor.
         """
         places, guided = np.array(self._places), np.array(self._guided)
         fence = Polygon(self._area.polygon_m).buffer(self._area.fence_margin_m)

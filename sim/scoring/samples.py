@@ -37,8 +37,8 @@ class Row:
         time_s: float, position: Array, velocity: Array, source: tuple[float, float, float] | None, stages: list[Stage],
         beliefs: Sequence[Belief | None], first: int = 0,
     ) -> Row:  # fmt: skip
-        """The sample at one time: arrays (N, 3) in the mission frame, stages and beliefs of the N drones; ``first``: the one
-        whose belief counts.
+        """Return the sample at one time: arrays (N, 3) in the mission frame, stages and estimates of the N drones; ``first``:
+        the drone whose estimate counts.
         """
         row = Row(time_s, position, velocity, stages)
         row.first = first
@@ -61,7 +61,7 @@ class Row:
 
 
 def spacing_error_deg(position: Array, centre: Array) -> Array:
-    """(N,): each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap of N, degrees."""
+    """Return each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap of N, (N,), degrees."""
     angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
     count = len(angle)
     order = np.argsort(angle, kind="stable")

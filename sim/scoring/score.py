@@ -34,7 +34,7 @@ class Belief(Protocol):
 
     @property
     def activity_bq(self) -> float | None:
-        """None where the estimator does not estimate it."""
+        """Activity; None from an estimator without one."""
 
     @property
     def activity_sigma_bq(self) -> float | None:
@@ -42,10 +42,10 @@ class Belief(Protocol):
 
     @property
     def evidence(self) -> float | None:
-        """Natural logarithm of the likelihood ratio of a source to none; None where the estimator does not give it."""
+        """Natural logarithm of the likelihood ratio of a source to none; None from an estimator without one."""
 
     def sight_of(self, drone: str) -> Seen:
-        """Position of the source by a drone's own localisation; the hypothesis itself where the bias of that is unknown."""
+        """Position of the source by a drone's own localisation; the hypothesis itself if the bias of that is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ class Claim:
 
     @property
     def region(self) -> float | None:
-        """Probability of the smallest region of the posterior, a Gaussian over the plane, that contains the truth.
+        """Return the probability of the smallest region of the posterior, a Gaussian over the plane, that contains the truth.
 
-        For a calibrated estimator it is uniform between 0 and 1: the truth is in the 90 % region where this is at most 0.9.
+        For a calibrated estimator it is uniform between 0 and 1: the truth is in the 90 % region if this is at most 0.9.
         """
         return None if self.nees is None else 1.0 - math.exp(-0.5 * self.nees)
 
@@ -104,10 +104,10 @@ class Score:
 
         Args:
             tracked_s: time of tracking until now.
-            beliefs: of each drone; a believer without hypothesis has no error.
+            beliefs: of each drone; a missing hypothesis has no error.
             source: true position.
-            position_error: (N, 3) of each vehicle's localisation, measured minus true; None where unknown.
-            first: the drone whose claim is taken.
+            position_error: (N, 3) of each vehicle's localisation, measured minus true; None if unknown.
+            first: the drone whose claim is recorded.
         """
         for place, belief in enumerate(beliefs):
             if belief is None:
@@ -124,7 +124,7 @@ class Score:
                 self._chosen = tracked_s >= self._sample_after_s - 1e-9
 
     def check_lost(self, time_s: float) -> None:
-        """Lost when the latest error has been above the limit for long."""
+        """Note a loss of the source: the latest error has been above the limit for long."""
         if not self.errors_m or self.errors_m[-1] <= LOST_ERROR_M:
             self._bad_since_s = None
         elif self._bad_since_s is None:
@@ -134,23 +134,23 @@ class Score:
 
 
 def rms_m(belief: Belief) -> float:
-    """Horizontal RMS of the posterior, metres."""
+    """Return the horizontal RMS of the posterior, metres."""
     return math.sqrt(max(0.0, float(belief.covariance[0, 0] + belief.covariance[1, 1])))
 
 
 def error_m(belief: Belief, source: tuple[float, float]) -> float:
-    """Horizontal error of the estimated source position."""
+    """Return the horizontal error of the estimated source position, metres."""
     return math.hypot(*_offset(belief, source))
 
 
 def own_error_m(belief: Belief, drone: str, source: tuple[float, float], position_error: Array) -> float:
-    """Horizontal error of the source position by a drone's own localisation; position_error: (3,) measured minus true."""
+    """Return the horizontal error of the source by a drone's own localisation, m; position_error: (3,) measured minus true."""
     x, y = (belief.sight_of(drone).position - position_error)[:2].tolist()
     return math.hypot(x - source[0], y - source[1])
 
 
 def nees_of(belief: Belief, dx: float, dy: float) -> float | None:
-    """Squared horizontal error (dx, dy) in units of the covariance (NEES); None where that is singular."""
+    """Return the squared horizontal error (dx, dy) in units of the covariance (NEES); None for a singular covariance."""
     cov = belief.covariance
     a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
     determinant = a * c - b * b

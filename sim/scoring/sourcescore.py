@@ -14,14 +14,14 @@ from protocol.messages import Source as Found
 from sim.geometry import Array
 from sim.world.sources import Source
 
-MATCH_M = 5.0  # an estimated source farther than this from each true one is a false one: the least distance of two alike
-_NEVER = 1e6  # cost of a match that is none
-_HEIGHT_M2 = 1e-9  # a variance below this is that of a height that was not estimated
+MATCH_M = 5.0  # an estimated source farther than this from each true one is false: the least distance of two equal ones
+_NEVER = 1e6  # cost of an impossible match
+_HEIGHT_M2 = 1e-9  # a smaller variance is of a height that was not estimated
 _REGION_90 = float(chi2.ppf(0.9, 2))
 
 
 class SourceScore(Struct, frozen=True, kw_only=True):
-    """The fields of a ``RunResult`` about all sources; None where nothing is compared, or nothing to compare."""
+    """The fields of a ``RunResult`` about all sources; None without a comparison, or without sources to compare."""
 
     sources_true: int | None = None
     sources_found: int | None = None
@@ -86,7 +86,7 @@ def _covariance(source: Found) -> Array:
 
 
 def _squared_distance(truth: Source, source: Found) -> float:
-    """Squared horizontal error in units of the covariance; infinite where that is singular."""
+    """Return the squared horizontal error in units of the covariance; infinite for a singular covariance."""
     offset = np.subtract(truth.place_m[:2], source.position_m[:2])
     covariance = _covariance(source)[:2, :2]
     if np.linalg.det(covariance) <= 0.0:
@@ -95,7 +95,7 @@ def _squared_distance(truth: Source, source: Found) -> float:
 
 
 def _has_height(source: Found) -> bool:
-    """Whether the height was estimated, and did not just follow from the ground at the estimated place."""
+    """Return whether the height was estimated, and not derived from the ground at the estimated place."""
     covariance = _covariance(source)
     if np.linalg.det(covariance[:2, :2]) <= 0.0:
         return False

@@ -33,7 +33,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     found: int  # declared x0
     lost: int
     time_to_x0_median_s: float | None
-    time_to_x0_low_s: float | None  # 95 % interval of the median; high is None where it is beyond the runs that declared x0
+    time_to_x0_low_s: float | None  # 95 % interval of the median; high is None beyond the runs that declared x0
     time_to_x0_high_s: float | None
     time_to_x0_max_s: float | None
     x0_error_median_m: float | None
@@ -55,7 +55,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     bound_median_m: float | None
     bound_relative_median_m: float | None
     error_over_bound: float | None
-    sampled: int  # runs with a region, of which the truth lies in the 50 % and in the 90 % region in so many
+    sampled: int  # runs with a region; in_50, in_90: of these, the truths in the 50 % and 90 % region
     in_50: int
     in_90: int
     nothing_found: int
@@ -110,7 +110,7 @@ def summarise(results: Sequence[RunResult]) -> Summary:
 
 
 def error_over_bound(result: RunResult) -> float | None:
-    """A run's median error in units of its bound."""
+    """Return a run's median error in units of its bound."""
     if result.error_median_m is None or not result.bound_median_m:
         return None
     return result.error_median_m / result.bound_median_m
@@ -127,7 +127,7 @@ def share_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, floa
 
 
 def median(values: Sequence[float]) -> float | None:
-    """The median; infinite values count as longer than any other. None without values, or where the median itself is infinite."""
+    """Return the median; infinite values count as the longest. None without values, or for an infinite median."""
     ordered = sorted(values)
     if not ordered:
         return None
@@ -137,15 +137,15 @@ def median(values: Sequence[float]) -> float | None:
 
 
 def mean(values: Sequence[float]) -> float | None:
-    """The mean, exactly rounded, so that it does not depend on the order; None without values."""
+    """Return the mean, exactly rounded, so that it does not depend on the order; None without values."""
     return math.fsum(values) / len(values) if values else None
 
 
 def median_interval(values: Sequence[float], level: float = 0.95) -> tuple[float | None, float | None]:
-    """Confidence interval of the median from order statistics (binomial; no assumption about the distribution).
+    """Return the confidence interval of the median from order statistics (binomial; no assumption about the distribution).
 
     The k-th smallest and k-th largest value enclose the median with probability 1 - 2 P(Binomial(n, 1/2) < k); k is the
-    largest for which that is at least ``level``. An end is None where it is infinite, both where there are too few values.
+    largest with a probability of at least ``level``. An infinite end is None; both are None with too few values.
     """
     ordered = sorted(values)
     count = len(ordered)
@@ -165,19 +165,19 @@ def ecdf(values: Iterable[float | None]) -> tuple[Array, Array]:
 
 
 def hypothesis_steps(time_s: Array, hypothesis_m: Array, at_least_m: float) -> Array:
-    """Times at which a hypothesis jumped horizontally by ``at_least_m`` or more between two samples.
+    """Return the times at which a hypothesis jumped horizontally by ``at_least_m`` or more between two samples.
 
-    time_s: (T,); hypothesis_m: (T, 3), NaN where there is none. Returns (J,) seconds.
+    time_s: (T,); hypothesis_m: (T, 3), NaN without a hypothesis. Returns (J,) seconds.
     """
     jump = np.linalg.norm(np.diff(hypothesis_m[:, :2], axis=0), axis=1)
     return np.asarray(time_s[1:][jump >= at_least_m], dtype=np.float64)
 
 
 def settling_times(time_s: Array, error: Array, steps_s: Array, within: float) -> Array:
-    """Time from each step until all members have settled: no |error| is above ``within`` from then until the next step.
+    """Return the time from each step until all members have settled: no |error| is above ``within`` until the next step.
 
-    time_s: (T,) s; error: (T, N), NaN for a member that is not there; rows without any member count as not settled. steps_s: (J,)
-    s. Returns (J,) s, infinite where the end of the interval is not settled, NaN where no sample follows the step.
+    time_s: (T,) s; error: (T, N), NaN for an absent member; rows without any member count as not settled. steps_s: (J,) s.
+    Returns (J,) s, infinite if the end of the interval is not settled, NaN if no sample follows the step.
     """
     outside = np.any(np.abs(error) > within, axis=1) | np.all(np.isnan(error), axis=1)
     ends = np.append(steps_s[1:], np.inf)

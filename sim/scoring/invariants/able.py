@@ -17,8 +17,8 @@ _STATE_LOST = ("full", "state-torn", "state-flipped")
 class Able:
     """The able drones, known from the heal on; none before.
 
-    ``without_state``: unable drones, on hold without an agent, or with an agent that may have lost its state. A
-    restarted agent leaves such a vehicle there until an operator's command, which nobody plays.
+    ``without_state``: unable drones with autopilots on hold without the agents, and with possibly lost states. A restarted
+    agent leaves such a vehicle there until an operator's command, which nobody plays.
     """
 
     def __init__(self, setting: Setting) -> None:
