@@ -1,4 +1,4 @@
-"""What lies under the page's map without any network: vector layers (GeoJSON), and raster tiles (MBTiles, or a folder)."""
+"""The background of the page's map without any network: vector layers (GeoJSON), and raster tiles (MBTiles, or a folder)."""
 
 from __future__ import annotations
 
@@ -46,27 +46,27 @@ class Tiles(Protocol):
 
     @property
     def levels(self) -> TileLevels:
-        """Lowest and highest zoom level, and whose data they are."""
+        """Lowest and highest zoom level, and the attribution of the data."""
         ...
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """An image and its media type; None where there is none."""
+        """Return an image and its media type; None for a missing tile."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """``layer``: the shapes as JSON, empty: none."""
+    """The background of one mission. ``layer``: the shapes as JSON, empty: no layer."""
 
     layer: bytes = b""
     tiles: Tiles | None = None
 
 
 def background(mission: MissionConfig, layers: Sequence[Path], tiles: Path | None) -> Background:
-    """Read what was given.
+    """Read layers and tiles.
 
     Raises:
-        BackgroundError: the tiles cannot be read, there is too much, or the mission's place on Earth is not known; one line.
+        BackgroundError: the tiles cannot be read, the layers are too large, or the mission has no datum; one line.
         ConfigError: a layer cannot be read, or lies elsewhere.
     """
     if not layers and tiles is None:
@@ -109,7 +109,7 @@ class MbTiles:
     """A file of tiles (MBTiles 1.3), opened for reading only."""
 
     def __init__(self, path: Path) -> None:
-        """Open it. Raises BackgroundError where it has no raster tiles."""
+        """Open the file. Raises BackgroundError without raster tiles in it."""
         if not path.is_file():
             raise BackgroundError(f"{path}: there is no such file or folder")
         try:
@@ -129,7 +129,7 @@ class MbTiles:
         self.levels = TileLevels(low, high, _MARKUP.sub("", unescape(str(told.get("attribution", ""))))[:200])
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """As ``Tiles``; the file counts its rows from the south."""
+        """Return a tile as ``Tiles``; the file counts its rows from the south."""
         rows = "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
         if not _exists(z, x, y):
             return None
@@ -141,7 +141,7 @@ class FolderTiles:
     """A folder of tiles: Z/X/Y.png (or jpg, webp), as in a browser's map."""
 
     def __init__(self, folder: Path) -> None:
-        """See what is in it. Raises BackgroundError where that is no tiles."""
+        """Find the tiles in a folder. Raises BackgroundError without any."""
         levels = sorted(int(path.name) for path in folder.iterdir() if path.name.isdecimal() and int(path.name) <= DEEPEST)
         example = next((path for level in levels for path in folder.glob(f"{level}/*/*") if path.suffix[1:] in IMAGES), None)
         if example is None:
@@ -150,7 +150,7 @@ class FolderTiles:
         self.levels = TileLevels(levels[0], levels[-1], "")
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """As ``Tiles``."""
+        """Return a tile as ``Tiles``."""
         path = self._folder / str(z) / str(x) / f"{y}{self._suffix}"
         return (path.read_bytes(), IMAGES[self._suffix[1:]]) if _exists(z, x, y) and path.is_file() else None
 

@@ -1,4 +1,4 @@
-"""The page's commands and missions to the swarm: as ``radron-agent command`` and ``upload``, over the station's own link."""
+"""The page's commands and missions to the swarm: like ``radron-agent command`` and ``upload``, over the station's own link."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ Tell = Callable[[str, bool, str], None]  # a line, whether it is a refusal or fa
 
 
 def may_command(identity: Identity | None) -> bool:
-    """Whether this station's certificate lets it command; in a swarm without certificates everybody may."""
+    """Return whether this station may command, by its certificate; without certificates every station may."""
     return identity is None or identity.own.role is Role.OPERATOR
 
 
 class Commander:
-    """Carries out commands, each with the tickets of when it was given, and the newest to each drone; one upload at a time.
+    """Carries out commands, each with the tickets of its time; a newer command to a drone replaces earlier commands.
 
-    ``name``: under which it orders.
+    One upload at a time.
+
+    ``name``: of this station in its orders.
     """
 
     def __init__(self, mesh: Mesh, swarm: str, identity: Identity | None, tell: Tell) -> None:
@@ -37,7 +39,7 @@ class Commander:
         self.name = station_name(trust_of(identity))
         self._mesh, self._swarm, self._identity, self._tell = mesh, swarm, identity, tell
         self._statuses = Statuses(identity)
-        self._under_way: dict[asyncio.Task[None], set[str]] = {}  # and which of their drones have been given a later command
+        self._under_way: dict[asyncio.Task[None], set[str]] = {}  # with the drones that have got a later command
         self._upload: asyncio.Task[None] | None = None
 
     def receive(self, key: str, payload: bytes) -> None:
@@ -45,13 +47,13 @@ class Commander:
         self._statuses.receive(key, payload)
 
     def give(self, action: Action, drones: tuple[str, ...], age_s: float) -> str:
-        """Begin to carry out a command; ``drones`` empty: those that are heard. ``age_s``: how long ago it was given, at most.
+        """Begin to carry out a command; ``drones`` empty: all drones in contact. ``age_s``: upper limit of the command's age.
 
-        A start is for all these drones or none; anything else goes at once to those that are heard. Earlier commands to the same
-        drones are given up: their repetitions would come after this one.
+        A start goes to all these drones or to none; any other command goes at once to the drones in contact. Earlier commands to
+        the same drones are given up: their repetitions would come after this command.
 
         Returns:
-            Why it is not carried out; empty: it is.
+            Why the command is refused; empty: it is carried out.
         """
         heard = self._statuses.heard()
         lost = ", ".join(name for name in drones if name not in heard)
@@ -68,10 +70,10 @@ class Commander:
         return ""
 
     def upload(self, mission: MissionConfig, taken: Callable[[MissionConfig], None], age_s: float) -> str:
-        """Begin to upload a mission to all its drones; ``taken`` is called with it at the end, if any of them has it then.
+        """Begin to upload a mission to all its drones; ``taken`` is called with the mission at the end, if any drone has it then.
 
         Returns:
-            Why it is not uploaded; empty: it is.
+            Why the upload is refused; empty: it has begun.
         """
         if self._upload is not None and not self._upload.done():
             return "refused: another mission is being uploaded"
@@ -83,7 +85,7 @@ class Commander:
         return ""
 
     async def close(self) -> None:
-        """Give up what is under way."""
+        """Give up all commands and uploads under way."""
         for task in self._under_way:
             task.cancel()
         await asyncio.gather(*self._under_way, return_exceptions=True)

@@ -1,4 +1,4 @@
-"""A mission as a page edits it before the start: what it may change, checked by the agents' own loading code."""
+"""The mission editor of the page before the start: keys open to changes, checks by the agents' own loading code."""
 
 from __future__ import annotations
 
@@ -45,28 +45,28 @@ KEYS = (
     "safety.return_height_m",
     "safety.battery_reserve",
 )
-AREA, LAUNCHES = "area.polygon_m", "drones"  # what is drawn on the map
+AREA, LAUNCHES = "area.polygon_m", "drones"  # edited on the map
 _WHERE = "mission"
 
 
 class Draft(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a page has changed: corners of the area, launch places by drone, values by key."""
+    """A page's changes: corners of the area, launch places by drone, values by key."""
 
     area: Annotated[tuple[Point, ...], Meta(max_length=256)]
     launches: Annotated[dict[DroneId, Launch], Meta(max_length=64)]
     values: Annotated[dict[Annotated[str, Meta(max_length=64)], Value], Meta(max_length=len(KEYS))]
-    number: int = 0  # of the draft, which the answer repeats
+    number: int = 0  # of the draft, repeated in the answer
 
 
 def editor(mission: MissionConfig) -> Editor:
-    """The mission as it is."""
+    """Return the present mission for the page's editor."""
     launches = {drone.id: (drone.origin_m[0], drone.origin_m[1], drone.yaw_deg) for drone in mission.drones}
     return Editor(area=mission.area.polygon_m, fields=tuple(_field(mission, key) for key in KEYS), launches=launches)
 
 
 def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw, ...]:
-    """The mission with the changes of a draft, checked as the agents check theirs; or what is wrong, at most one flaw a field."""
-    grid_data = mission.ground.grid_data  # megabytes that need not be converted for each key
+    """Return the mission with the changes of a draft, checked by the agents' checks; or its flaws, at most one a field."""
+    grid_data = mission.ground.grid_data  # megabytes, not to be converted for each key
     content: dict[str, Any] = msgspec.to_builtins(replace(mission, ground=replace(mission.ground, grid_data=None)))
     changes: dict[str, object] = {AREA: draft.area, LAUNCHES: _launched(content[LAUNCHES], draft.launches), **draft.values}
     flaws = [flaw for key, value in changes.items() if (flaw := _flaw_of(content, key, value)) is not None]
@@ -79,7 +79,7 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
         changed = replace(changed, ground=replace(changed.ground, grid_data=grid_data))
         changed.check(_WHERE)
         check_launch_places(changed, _WHERE)
-        SwarmLog(changed, None)  # the estimator's own check, and that of the ground
+        SwarmLog(changed, None)  # the checks of the estimator and of the ground
     except RadronError as error:
         text = _bare(str(error))
         return (Flaw(_named(text), text),)
@@ -87,7 +87,7 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
 
 
 def told(result: MissionConfig | tuple[Flaw, ...], number: int) -> Checked:
-    """What a page is told of its draft. In the mission file an elevation grid stays in its own file beside it."""
+    """Return the answer to a draft. An elevation grid stays out of the mission file, in its own file beside it."""
     if isinstance(result, tuple):
         return Checked(number=number, flaws=result)
     fence = corners(Polygon(result.area.polygon_m).buffer(result.area.fence_margin_m))
@@ -104,7 +104,7 @@ def _launched(drones: Any, launches: dict[str, Launch]) -> list[dict[str, object
 
 
 def _flaw_of(content: dict[str, Any], key: str, value: object) -> Flaw | None:
-    """What is wrong with one changed value alone."""
+    """Return the flaw of one changed value by itself; None without a flaw."""
     if key not in (AREA, LAUNCHES, *KEYS):
         return Flaw("", f"unknown key {key[:64]!r}")
     if value is None and not _may_be_empty(key):
@@ -128,7 +128,7 @@ def _bare(text: str) -> str:
 
 
 def _named(text: str) -> str:
-    """The key that a text names first; one without a section only at its beginning."""
+    """Return the first key in a text; a key without a section counts only at the text's beginning. Empty without a key."""
     found = [(text.find(key), key) for key in (*KEYS, AREA, LAUNCHES) if (key in text if "." in key else text.startswith(key))]
     return min(found, default=(0, ""))[1]
 
@@ -144,7 +144,7 @@ def _field(mission: MissionConfig, key: str) -> Field:
 
 
 def _may_be_empty(key: str) -> bool:
-    """Whether a mission file without this key means none: TOML has no other way to say so."""
+    """Return whether a missing key means None in the mission file: TOML has no null."""
     kind: type[Struct] = MissionConfig
     *sections, name = key.split(".")
     for section in sections:

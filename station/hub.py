@@ -1,4 +1,4 @@
-"""From the picture to the pages: what is new goes to every open page, and is kept for those that look back."""
+"""Distribution of the picture to the pages: new data goes to every open page, and is kept for pages that look back."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ encode = msgspec.json.Encoder().encode
 
 
 class Outlet(Protocol):
-    """Another program that is shown what the pages are."""
+    """Another program that gets the same as the pages."""
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
-        """A frame, with the layers and cones that are new."""
+        """Show a frame, with the new layers and cones."""
 
     def note(self, event: Event) -> None:
-        """Something has happened."""
+        """Show an event of the timeline."""
 
 
 class Hub:
-    """``progress``: share of a record that has been read; None in a live flight. ``command``, ``upload``: to the drones, with
-    their age (s); they return why they are refused; None: this station may not. ``findings``: the report on demand, as a ZIP
-    archive; None: there is none. ``outlets``: other programs, shown the same.
+    """The pages of one picture. ``progress``: share of a record read so far; None in a live flight. ``command``, ``upload``: to
+    the drones, with the age of the order (s); return the reason of a refusal; None: this station may not. ``findings``: the
+    report on demand, as a ZIP archive; None: no report. ``outlets``: other programs that get the same.
     """
 
     def __init__(self, picture: Picture, replay: bool, progress: Callable[[float], None] = lambda share: None) -> None:
-        """``replay``: of a record; ``progress`` is called too with the share that has been read."""
+        """``replay``: of a record; ``progress``: called with the share read so far."""
         self.picture = picture
         self.history = History(len(picture.members))
         self.progress: float | None = 0.0 if replay else None
@@ -60,7 +60,7 @@ class Hub:
 
     @contextmanager
     def joined(self, most: int) -> Iterator[Page]:
-        """A page that gets everything from now on, after what it needs to begin with; of ``most`` others the idlest gives way."""
+        """Yield a new page: first its initial content, then all news. With ``most`` pages open, the idlest gives way."""
         if len(self._pages) >= most:
             idlest = min(self._pages, key=lambda page: page.used_s)
             self._pages.remove(idlest)
@@ -80,7 +80,7 @@ class Hub:
                 self._pages.remove(page)
 
     def adopt(self, mission: MissionConfig) -> None:
-        """Show a mission that drones have taken over; but for the timeline everything begins anew."""
+        """Show an uploaded mission after its adoption by drones; everything except the timeline begins anew."""
         events = self.history.events
         self.picture = self.picture.of(mission)
         self.history = History(len(self.picture.members))
@@ -94,13 +94,13 @@ class Hub:
             self._show_history(page, self.history.last_ms)
 
     def look_back(self, page: Page, at_ms: int) -> None:
-        """Show a page what was to be seen at a time, and nothing else until it follows the present again."""
+        """Show a page the state at a time, and nothing else until the page follows the present again."""
         before_ms = None if page.live else page.at_ms
         page.live, page.at_ms = False, at_ms
         self._show_history(page, at_ms, before_ms)
 
     def _show_history(self, page: Page, at_ms: int, before_ms: int | None = None) -> None:
-        """Show a page a time; ``before_ms``: what it shows, so that what it has is not sent again; None: nothing."""
+        """Show a page the state at a time; ``before_ms``: the time shown so far, to send changes only; None: send everything."""
         history = self.history
         goes_on = before_ms is not None and before_ms <= at_ms <= before_ms + CONES_MS
         layers = history.layers(at_ms, before_ms)
@@ -115,7 +115,7 @@ class Hub:
                 page.show(kind, data)
 
     def show(self, now_ns: int) -> None:
-        """Keep the swarm as it is now, and send it to all pages that follow the present; everything is encoded once."""
+        """Keep the present state of the swarm, and send it to all pages that follow the present; everything is encoded once."""
         frame = self.picture.frame(now_ns)
         self._now_ms = frame.at_ms
         following = [page for page in self._pages if page.live]
@@ -143,7 +143,7 @@ class Hub:
             self.note(event)
 
     def report(self, progress: float) -> None:
-        """Tell all pages how much of a record has been read."""
+        """Send all pages the share of a record read so far."""
         self.progress = progress
         self._on_progress(progress)
         self._send(self._progress())
@@ -156,7 +156,7 @@ class Hub:
             outlet.note(event)
 
     def tell(self, line: str, warning: bool, what: str = "command") -> None:
-        """Put what became of a command, or of an ``upload``, into the timeline."""
+        """Put the result of a command, or of an ``upload``, into the timeline."""
         level = "warning" if warning else "info"
         self.note(Event(at_ms=self._now_ms, text=what, values={"line": line}, level=level))
 

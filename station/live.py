@@ -1,4 +1,4 @@
-"""From the mesh to the pages, as long as the station runs."""
+"""The live flight: messages of the mesh to the pages, as long as the station runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHOW_S = 0.1  # interval of the frames
 
 
 async def follow(hub: Hub, config: MeshConfig) -> None:
-    """Join the mesh and show what comes, until cancelled.
+    """Join the mesh and show its messages, until cancelled.
 
     Raises:
         MeshError: the mesh cannot be joined as configured.
@@ -54,10 +54,10 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
         due_s, slow = loop.time(), SlowEstimates()
         stack.push_async_callback(slow.end)
         while True:
-            picture = hub.picture  # another one after an upload
+            picture = hub.picture  # replaced after an upload
             await slow.follow(picture)
             picture.advance(time.time_ns())
-            if loop.time() >= due_s:  # not more often either while there is work left: a frame costs as much as a slice of it
+            if loop.time() >= due_s:  # same rate with work pending: a frame costs as much as a slice of work
                 due_s = max(due_s + SHOW_S, loop.time())
                 picture.appear(mesh.alive)
                 picture.link_problems = (*mesh.problems, *mesh.differing, *slow.problems)
@@ -68,7 +68,7 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
 
 
 class SlowEstimates:
-    """A slow estimator's process, as on board, so that the page does not stand still for its steps."""
+    """A slow estimator's process, as on board, so that the page does not wait for its steps."""
 
     def __init__(self) -> None:
         self._picture: Picture | None = None
@@ -77,15 +77,15 @@ class SlowEstimates:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Why the estimate is not a new one."""
+        """Why the estimate is not current; empty if it is."""
         problem = self._folding.problem if self._folding is not None else None
         return () if problem is None else (problem,)
 
     async def follow(self, picture: Picture) -> None:
-        """Compute for this picture, and for no other one any more."""
+        """Compute for this picture alone, from now on."""
         if picture is self._picture:
             if self._task is not None and self._task.done():
-                self._task.result()  # it ends by a mistake in this program only, which has to show
+                self._task.result()  # ends only by a bug, raised here
             return
         await self.end()
         fusion, self._picture = picture.log.fusion, picture
@@ -100,7 +100,7 @@ class SlowEstimates:
 
 
 def _errors_only() -> structlog.typing.FilteringBoundLogger:
-    """A log on the error stream."""
+    """Return a log of errors on the error stream."""
     log: structlog.typing.FilteringBoundLogger = structlog.wrap_logger(
         structlog.PrintLogger(sys.stderr), wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR)
     )

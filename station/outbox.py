@@ -1,4 +1,4 @@
-"""What waits for one page: bounded, whatever the page does; of what is replaced by newer ones, only the newest."""
+"""The queue of messages to one page: always bounded; of replaceable messages only the newest waits."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import asyncio
 import time
 from collections import deque
 
-MAX_WAITING = 400  # messages that a page must get: if it is further behind it is let go, and begins anew
-MAX_PASSING = 20  # messages that a page can do without: then the oldest are dropped
-MAX_AHEAD = 4  # frames that were sent and are not drawn yet
-LET_GO, GAVE_WAY = 1008, 4001  # codes with which a page's socket is closed; it connects again by itself only after the first
+MAX_WAITING = 400  # messages that a page must get: a page further behind is disconnected, and begins anew
+MAX_PASSING = 20  # messages that a page can do without: the oldest are dropped first
+MAX_AHEAD = 4  # frames sent and not drawn yet
+LET_GO, GAVE_WAY = 1008, 4001  # close codes of a page's socket; only after the first the page connects again by itself
 
 
 class Page:
-    """An open page. ``live``: it follows the present; else it looks back, and shows ``at_ms``. ``used_s``: when its operator last
-    asked for something (monotonic clock). ``left``: it is let go, with ``code``.
+    """An open page. ``live``: follows the present; else looks back, and shows ``at_ms``. ``used_s``: time of its operator's last
+    request (monotonic clock). ``left``: to be disconnected, with ``code``.
 
-    A page tells when it has drawn a frame. One that draws or reads more slowly than frames come gets fewer of them, each as new
-    as it can be: what waits does not grow, neither here nor in the buffers on the way.
+    A page reports each drawn frame. A page that draws or reads more slowly than frames come gets fewer frames, each as new as
+    possible: the queue does not grow, neither here nor in the buffers on the way.
     """
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class Page:
         self._something = asyncio.Event()
 
     def send(self, data: bytes) -> None:
-        """Send what it must get, unless it is far behind: then it is let go."""
+        """Send an indispensable message; a page far behind is disconnected instead."""
         if len(self._said) < MAX_WAITING:
             self._said.append(data)
         else:
@@ -40,39 +40,39 @@ class Page:
         self._something.set()
 
     def use(self) -> None:
-        """Note that its operator has asked for something."""
+        """Note a request of the page's operator."""
         self.used_s = time.monotonic()
 
     def leave(self, code: int) -> None:
-        """Let it go."""
+        """Disconnect the page with a close code."""
         self.code = code
         self.left.set()
 
     def show(self, kind: str, data: bytes) -> None:
-        """Send what takes the place of everything of its kind."""
+        """Send a message that replaces all waiting messages of its kind."""
         self._newest.pop(kind, None)
         self._newest[kind] = data
         self._something.set()
 
     def pass_by(self, data: bytes) -> None:
-        """Send what may be dropped where much of it waits."""
+        """Send a dispensable message: the oldest are dropped above ``MAX_PASSING``."""
         self._passing.append(data)
         self._something.set()
 
     def drawn(self) -> None:
-        """It has drawn the newest frame that it got."""
+        """Note that the page has drawn its newest frame."""
         self._ahead = 0
         self._something.set()
 
     async def next(self) -> bytes:
-        """The next message, once there is one."""
+        """Wait for the next message and return it."""
         while (data := self.take()) is None:
             self._something.clear()
             await self._something.wait()
         return data
 
     def take(self) -> bytes | None:
-        """The next message; None where none waits that may be sent now."""
+        """Return the next message; None if no waiting message may be sent now."""
         if self._said:
             return self._said.popleft()
         if self._ahead >= MAX_AHEAD:

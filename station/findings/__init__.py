@@ -1,1 +1,1 @@
-"""The findings of a mission, from its flight records, as files that others can read."""
+"""The findings of a mission, from its flight records, as files in common formats."""

@@ -22,10 +22,10 @@ MAX_FLAW = 300  # characters of a flaw
 
 
 def write_report(findings: Findings, folder: Path, identity: Identity | None = None) -> tuple[list[Path], tuple[str, ...]]:
-    """Write all files into a folder; those on Earth only where the mission has a datum. ``identity``: whose signature they get.
+    """Write all files into a folder; files on Earth only for a mission with a datum. ``identity``: signs the files.
 
     Returns:
-        The files, and the flaws: records that lack a part, and files that could not be made.
+        The files, and the flaws: records with a missing part, and files that could not be made.
 
     Raises:
         FindingsError: the records hold no message of any drone.
@@ -40,7 +40,7 @@ def write_report(findings: Findings, folder: Path, identity: Identity | None = N
 
 
 def zipped(findings: Findings, identity: Identity | None) -> bytes:
-    """The same files as a ZIP archive, the flaws in its report.html. Raises FindingsError as ``write_report``."""
+    """Return the same files as a ZIP archive, the flaws in its report.html. Raises FindingsError as ``write_report``."""
     files, _ = _sealed(findings, identity)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as written:
@@ -58,7 +58,7 @@ def _sealed(findings: Findings, identity: Identity | None) -> tuple[dict[str, by
 
 
 def _parts(findings: Findings) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """The files by name, and the flaws; the report to read comes last, so that it names what is missing."""
+    """Return the files by name, and the flaws; report.html comes last, so that it names the missing files."""
     files = {DIGEST: digest_of(findings, time.time_ns())}
     flaws = list(findings.source.flaws)
     for name, make in (*_FILES.items(), *(_ON_EARTH.items() if findings.mission.datum is not None else ())):
@@ -68,7 +68,7 @@ def _parts(findings: Findings) -> tuple[dict[str, bytes], tuple[str, ...]]:
 
 
 def _add(files: dict[str, bytes], flaws: list[str], name: str, make: _Maker, findings: Findings) -> None:
-    """Make one file, or note as a flaw why it cannot be made: no part of a report may take the others with it."""
+    """Make one file, or note the reason of its failure as a flaw: the other files of the report must not be lost with it."""
     try:
         made = make(findings)
         if made is not None:

@@ -1,4 +1,4 @@
-"""What was found, where it was searched, and by whom it was commanded: the facts of all files of a report."""
+"""The facts of all files of a report: the findings, the searched area, the commands and their signers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class FindingsError(RadronError):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """An estimate and its time: the source that it names first, and the further ones."""
+    """An estimate and its time. ``source``: the first source; ``others``: the further sources."""
 
     at_ms: int
     source: SourceFrame
@@ -44,14 +44,14 @@ class Located:
 
     @property
     def sources(self) -> tuple[SourceFrame, ...]:
-        """All of them."""
+        """All sources, in the estimate's order."""
         return (self.source, *self.others)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the facts come from. ``versions``: of the software. ``commands``: each with a drone that it was for, from that one's
-    record, or else as a station has ``heard`` it. ``flaws``: what the records lack.
+    """The source of the facts. ``versions``: of the software. ``commands``: each with an addressed drone, from its record; with
+    ``heard``: as received by a station. ``flaws``: missing parts of the records.
     """
 
     versions: dict[str, str]
@@ -64,11 +64,11 @@ class Source:
 class Findings:
     """The facts of one mission.
 
-    ``last``: the estimate at the end of the records, ``best``: of those with as many sources, the one in which the first has the
-    smallest RMS; None where nothing was found.
-    ``surveyed``: share of the area that the swarm has covered in lanes, by its log; None where it has flown none.
-    ``search``: for further sources, at the end; None of an estimator of one source. ``frames``: a second apart. ``recognised``:
-    the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
+    ``last``: the estimate at the end of the records; ``best``: among estimates with as many sources, the estimate with the
+    smallest RMS of the first source; None without a finding.
+    ``surveyed``: share of the area covered in lanes, by the swarm's log; None without lanes.
+    ``search``: for further sources, at the end; None for an estimator of one source. ``frames``: a second apart.
+    ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
     """
 
     mission: MissionConfig
@@ -81,7 +81,7 @@ class Findings:
     recognised: tuple[str, float] | None
     cones: tuple[ConeObservation, ...]
     exposures: tuple[Exposure, ...]
-    places: tuple[tuple[float, float, float] | None, ...]  # of the exposures' cameras in their middles, mission frame
+    places: tuple[tuple[float, float, float] | None, ...]  # of the camera at the middle of each exposure, mission frame
     digest: str
     entries: int
     source: Source
@@ -89,7 +89,7 @@ class Findings:
     search: SearchFrame | None = None
 
     def on_earth(self, place: Sequence[float]) -> tuple[float, float, float]:
-        """Latitude and longitude (degrees) and height above the ellipsoid (m) of a place of the mission frame.
+        """Return latitude and longitude (degrees) and height above the ellipsoid (m) of a place in the mission frame.
 
         Raises:
             FindingsError: the mission has no datum.
@@ -98,7 +98,7 @@ class Findings:
 
     @property
     def datum(self) -> DatumConfig:
-        """Where the mission frame lies on Earth; raises FindingsError without one."""
+        """Origin of the mission frame on Earth; raises FindingsError for a mission without a datum."""
         if self.mission.datum is None:
             raise FindingsError("the mission has no [datum], so its places are not known on Earth")
         return self.mission.datum
@@ -108,7 +108,7 @@ def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings
     """Read the records of one mission.
 
     Raises:
-        FlightRecordError: they cannot be read, or are of several missions.
+        FlightRecordError: records are unreadable, or of several missions.
     """
     records = Records(paths)
     picture = Picture(records.mission, records.verifier, judges_exposures=records.judges_exposures)
@@ -122,7 +122,7 @@ def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings
 
 
 def of_records(paths: Sequence[Path], records: Records) -> Source:
-    """What the records themselves tell."""
+    """Return versions, commands and flaws from the records themselves."""
     flights = [RecordedFlight(path, whole=False) for path in paths]
     commands = ((flight.header.drone.id, each) for flight in flights for each in audit(flight))
     return Source(
@@ -133,7 +133,7 @@ def of_records(paths: Sequence[Path], records: Records) -> Source:
 
 
 def of_station(versions: dict[str, str], orders: Orders) -> Source:
-    """What a station knows beside a live flight."""
+    """Return versions and commands as received by a station during a live flight."""
     commands = ((drone, _audited(order, drone)) for order in orders.heard for drone in sorted(order.numbers))
     return Source(versions, tuple(sorted(commands, key=lambda each: each[1].first_ns)), heard=True)
 
@@ -148,7 +148,7 @@ def _audited(order: Heard, drone: str) -> Audited:
 
 
 async def facts_of(hub: Hub, source: Source) -> Findings:
-    """What a hub knows now; pages are served meanwhile."""
+    """Return the present findings of a hub; pages are served meanwhile."""
     frames, picture = tuple(hub.history.frames()), hub.picture
     fusion = picture.log.fusion
     located = [Located(frame.at_ms, frame.source, frame.others) for frame in frames if frame.source is not None]
@@ -182,7 +182,7 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
 
 
 async def _sliced(work: Iterable[T]) -> AsyncIterator[T]:
-    """The same, with a break for others after each slice of work."""
+    """Yield the same, with a break for other tasks after each slice of work."""
     began_s = monotonic()
     for each in work:
         yield each
@@ -198,7 +198,7 @@ def _recognised(picture: Picture) -> tuple[str, float] | None:
 
 
 def _cones(picture: Picture, cones: Sequence[Cone]) -> Iterator[ConeObservation]:
-    """Cones in the mission frame, where their frames are known."""
+    """Yield the cones with known frames, in the mission frame."""
     for cone in cones:
         transform = picture.log.mission_from_local(cone.drone, cone.epoch, cone.stamp_ns)
         observation = observe(cone, transform) if transform is not None else None

@@ -13,7 +13,7 @@ from station.picture.shapes import circle, cordon_radius_m, region
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d00", "#555555")  # as on the page
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 640.0, 190.0, 52.0, 8.0, 34.0
-_LEVELS = 5  # that are written at most
+_LEVELS = 5  # maximum number of labels
 Line = tuple[str, list[tuple[float, float]]]  # colour and points
 
 
@@ -47,7 +47,7 @@ def flight_map(findings: Findings) -> str:
 
 
 def charts(findings: Findings) -> Iterator[str]:
-    """Uncertainty and hit rates over the flight, and the spectrum of all cameras; those of which something is known."""
+    """Yield charts of uncertainty and hit rates over the flight, and of all cameras' spectrum; empty charts are left out."""
     began_ms = findings.frames[0].at_ms
     times_s = [(frame.at_ms - began_ms) * 1e-3 for frame in findings.frames]
     sources = [(at_s, frame.source) for at_s, frame in zip(times_s, findings.frames, strict=True)]
@@ -105,14 +105,14 @@ def _chart(lines: list[Line], last: float, unit: str, about: str) -> str:
 
 
 def _levels(low: float, high: float) -> list[float]:
-    """Values to write beside an axis, of which the logarithms are given."""
+    """Return the labels of an axis, from the logarithms of its limits."""
     digits = (1.0,) if high - low > 1.5 else (1.0, 2.0, 5.0)
     every = [digit * 10.0**power for power in range(math.floor(low), math.ceil(high) + 1) for digit in digits]
     return [level for level in every if low <= math.log10(level) <= high] or [round(10.0**high, 3)]
 
 
 def _step(last: float) -> float:
-    """A round step with which an axis gets a few values."""
+    """Return a round step for a few values on an axis."""
     least = last / _LEVELS
     power = 10.0 ** math.floor(math.log10(least)) if least > 0.0 else 1.0
     return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= least)

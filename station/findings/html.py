@@ -26,7 +26,7 @@ Row = tuple[str, str]
 
 
 def report_html(findings: Findings) -> str:
-    """The document."""
+    """Return the HTML document."""
     mission, frames = findings.mission, findings.frames
     title = f"Findings: {mission.name}"
     began, ended = (utc(frames[place].at_ms * 1_000_000) for place in (0, -1))

@@ -1,6 +1,6 @@
 """The measured spectra as ANSI N42.42-2012, the format of radiation instruments.
 
-A measurement holds what one drone's camera has counted in ten seconds: single clusters and coincidences together, in the bins of
+A measurement holds the counts of one drone's camera in ten seconds: single clusters and coincidences together, in the bins of
 the exposures (``protocol.spectrum``), with live time, real time and the camera's place.
 """
 
@@ -25,7 +25,7 @@ _NAMESPACE = "http://physics.nist.gov/N42/2011/N42"
 
 
 def n42(findings: Findings) -> str:
-    """The document."""
+    """Return the N42 document."""
     ElementTree.register_namespace("", _NAMESPACE)
     root = ElementTree.Element(f"{{{_NAMESPACE}}}RadInstrumentData")
     root.set("n42DocUUID", str(uuid.uuid5(uuid.NAMESPACE_OID, findings.digest)))
@@ -95,7 +95,7 @@ def _add_measurement(root: ElementTree.Element, findings: Findings, drone: str, 
 
 
 def _detector(drone: str) -> str:
-    """A drone's id as an xs:ID, which no digit may begin; no drone's id has an underscore or a dot."""
+    """Return a drone's id as an xs:ID: no leading digit; no drone's id has an underscore or a dot."""
     return drone if drone[0].isalpha() else f"_{drone}"
 
 

@@ -1,4 +1,4 @@
-"""The report on demand, beside a live flight or from records that are open."""
+"""The report on demand, beside a live flight or from open records."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def reports(
     hub: Hub, identity: Identity | None, paths: Sequence[Path] = (), records: Records | None = None
 ) -> Callable[[], Awaitable[bytes]]:
-    """Makes a report as a ZIP archive whenever it is called; ``records``: from which the hub is filled, None: from a live flight.
+    """Return a function that makes a report as a ZIP archive; ``records``: the hub's source, None: a live flight.
 
-    ``identity``: whose signature it gets.
+    ``identity``: signs the report.
     """
 
     async def report() -> bytes:

@@ -1,7 +1,7 @@
 """The signature of a report: the checksums of its files, among them the log's digest, signed by a member of the swarm (Ed25519).
 
-The checksums are those of ``sha256sum``, the signature is one of their file as it is: both can be verified without radron.
-What else a member signs begins with other words (``protocol.signing``): no such signature counts as this one, nor this as such.
+The checksums have the format of ``sha256sum``, the signature is of the checksums' file as written: both can be verified without
+radron. Everything else that members sign begins with other words (``protocol.signing``): no signature counts for another purpose.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WRITTEN = "%Y-%m-%dT%H:%M:%SZ"
 
 @dataclass(frozen=True, slots=True)
 class Sealed:
-    """A report that is unchanged. ``digest``: the lines about the log."""
+    """An unchanged report. ``digest``: the lines about the log."""
 
     signer: Peer
     files: tuple[str, ...]
@@ -34,7 +34,7 @@ class Sealed:
 
 
 def digest_of(findings: Findings, now_ns: int) -> bytes:
-    """What is signed of the log itself."""
+    """Return the signed lines about the mission and its log."""
     mission = findings.mission
     lines = {
         "mission": mission.mission_id,
@@ -47,7 +47,7 @@ def digest_of(findings: Findings, now_ns: int) -> bytes:
 
 
 def sealed(files: Mapping[str, bytes], identity: Identity | None) -> Iterator[tuple[str, bytes]]:
-    """The checksums of files, and with an identity their signature and its certificate."""
+    """Yield the checksums of files, and with an identity their signature and its certificate."""
     sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())).encode()
     yield SUMS, sums
     if identity is not None:
@@ -56,10 +56,10 @@ def sealed(files: Mapping[str, bytes], identity: Identity | None) -> Iterator[tu
 
 
 def verify(folder: Path, authority_file: Path) -> Sealed:
-    """See that a report is as a member of the swarm has signed it.
+    """Check that a report is unchanged since a member of the swarm signed it.
 
     Raises:
-        FindingsError: it is not; one line says what differs.
+        FindingsError: changed or not signed; one line names the difference.
         OSError: a file cannot be read.
     """
     try:
@@ -87,13 +87,13 @@ def verify(folder: Path, authority_file: Path) -> Sealed:
 
 
 def others(folder: Path, seal: Sealed) -> list[str]:
-    """Files in the folder that are not part of the signed report."""
+    """Return the files in the folder that are not part of the signed report."""
     known = {*seal.files, SUMS, SIGNATURE, SIGNER}
     return sorted(path.name for path in folder.iterdir() if path.name not in known)
 
 
 def _sums(folder: Path, sums: bytes) -> dict[str, str]:
-    """The checksums by file."""
+    """Return the checksums by file. Raises FindingsError."""
     found = [_LINE.fullmatch(line) for line in sums.decode("ascii", "replace").splitlines()]
     named = {match[2]: match[1] for match in found if match is not None}
     if None in found or DIGEST not in named:

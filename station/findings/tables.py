@@ -12,7 +12,7 @@ from station.findings.facts import Findings
 
 
 def tracks_csv(findings: Findings) -> str:
-    """A line for each drone and second: time (UTC), place (mission frame, m; on Earth where known), hits per second."""
+    """A line for each drone and second: time (UTC), place (mission frame, m; on Earth if known), hits per second."""
     earth = findings.mission.datum is not None
     rows = []
     for frame in findings.frames:

@@ -1,1 +1,1 @@
-"""What a station knows of the swarm, without I/O: messages in, frames for the page out."""
+"""A station's picture of the swarm, without I/O: messages in, frames for the page out."""

@@ -13,17 +13,17 @@ from agent.fusion.observation import ConeObservation
 from agent.terrain.ground import Ground
 from station.picture.frame import Point
 
-REACH_M = 150.0  # further curves say nothing to an operator
-DETAIL_M = 0.1  # by which a drawn curve may be beside the computed one
+REACH_M = 150.0  # curves farther away are of no use to an operator
+DETAIL_M = 0.1  # largest deviation of a drawn curve from the computed curve
 _RAYS = 72
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, _RAYS + 1)
 _TURN = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 
 
 def ground_curves(cone: ConeObservation, ground: Ground, reach_m: float = REACH_M) -> tuple[tuple[Point, ...], ...]:
-    """Where the more probable reading's surface meets the ground within a horizontal distance; pieces of at least two points.
+    """Return the intersection of the more probable reading's surface with the ground within a horizontal distance.
 
-    The ground is taken as level at its height below the camera: for a line on a map that is enough.
+    Pieces of at least two points. The ground is taken as level at its height below the camera: sufficient for a line on a map.
     """
     reading = cone.probable
     x, y, z = reading.apex
@@ -41,7 +41,7 @@ def _rays(axis: tuple[float, float, float], theta_rad: float) -> NDArray[np.floa
     """Directions (R, 3) on the cone's surface, once around and back to the first."""
     length = math.hypot(*axis)
     x, y, z = (part / length for part in axis)
-    # Two unit vectors beside the axis, by the cross product with that of x or y which it is further away from.
+    # Two unit vectors normal to the axis, by the cross product with x or y, whichever is farther from the axis.
     u, v, w = (0.0, z, -y) if abs(x) < 0.9 else (-z, 0.0, x)
     far = math.hypot(u, v, w)
     u, v, w = u / far, v / far, w / far
@@ -52,7 +52,7 @@ def _rays(axis: tuple[float, float, float], theta_rad: float) -> NDArray[np.floa
 
 
 def _pieces(places: NDArray[np.float64], reached: NDArray[np.bool_]) -> Iterator[tuple[Point, ...]]:
-    """Runs of at least two places that are reached, without the places that the map does not need."""
+    """Yield runs of at least two reached places, simplified to ``DETAIL_M``."""
     edges = np.flatnonzero(np.diff(reached, prepend=False, append=False)).tolist()
     for first, behind in zip(edges[::2], edges[1::2], strict=True):
         if behind - first > 1:

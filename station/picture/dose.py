@@ -1,4 +1,4 @@
-"""Dose rates from the posterior: what a person at 1 m above the ground would receive, in the mean over all that is possible.
+"""Dose rates from the posterior: the expected dose rate of a person at 1 m above the ground, over all possible sources.
 
 The ambient dose equivalent rate at the distance r of a point source is H = C A / r^2; attenuation in air and build-up by
 scatter, which work against each other, are left out. C is the sum over the nuclide's lines above 50 keV of the photons per decay
@@ -29,7 +29,7 @@ CONSTANTS = {
 
 
 def rate_usvph(nuclide: str, activity_bq: float, distance_m: float = 1.0) -> float | None:
-    """Ambient dose equivalent rate at a distance; None for a nuclide without a known constant."""
+    """Return the ambient dose equivalent rate (uSv/h) at a distance; None for a nuclide without a known constant."""
     constant = CONSTANTS.get(nuclide)
     return None if constant is None else constant * activity_bq * 1e-6 / distance_m**2
 
@@ -37,8 +37,8 @@ def rate_usvph(nuclide: str, activity_bq: float, distance_m: float = 1.0) -> flo
 def expected_usvph(
     nuclide: str, sources: NDArray[np.float64], activity_bq: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Expected rates (N,) at 1 m above the places (N, 2), for possible sources (C, 2) on the ground below them, whose activities
-    (C,) are already multiplied by their probabilities; None for a nuclide without a known constant.
+    """Expected rates (N,) at 1 m above the places (N, 2), for possible sources (C, 2) on the ground below, with activities (C,)
+    already multiplied by their probabilities; None for a nuclide without a known constant.
     """
     constant = CONSTANTS.get(nuclide)
     if constant is None:

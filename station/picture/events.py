@@ -1,4 +1,4 @@
-"""The timeline: what has changed from one frame to the next."""
+"""The timeline: changes from one frame to the next."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from station.picture.orders import Heard
 
 
 def told(order: Heard, at_ms: int) -> Event:
-    """That a station has given an order, or that drones tell so, which may have been long ago."""
+    """Return the event of a station's order; an order reported by drones has its own time, possibly long ago."""
     at_ms = order.first_ns // 1_000_000 if order.told else at_ms
     values = {"station": order.station, "action": order.action, "drones": ", ".join(order.numbers)}
     if not order.refused:
@@ -27,7 +27,7 @@ class Events:
         self._finding = ""
 
     def since(self, frame: Frame) -> list[Event]:
-        """What is different from the last frame given."""
+        """Return the events between the last frame given and this frame."""
         found = [event for drone in frame.drones for event in self._of_drone(drone, frame.at_ms)]
         if (frame.source is not None) != self._had_source:
             self._had_source = frame.source is not None

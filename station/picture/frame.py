@@ -1,4 +1,4 @@
-"""What the page gets: one frame of the swarm at a time, and the layers of the map that change less often.
+"""The page's messages: one frame of the swarm at a time, and the layers of the map that change less often.
 
 Mission frame, metres, radians counter-clockwise from east, seconds; times in milliseconds UTC, which JavaScript counts exactly.
 """
@@ -15,12 +15,12 @@ Value = float | Annotated[str, Meta(max_length=200)] | None
 
 
 class DroneFrame(Struct, frozen=True, kw_only=True):
-    """One drone. ``place``: (x, y, z), None where nobody knows it; ``sigma_m``: of it, horizontal, 1 sigma, by the drone itself.
+    """One drone. ``place``: (x, y, z), None if unknown; ``sigma_m``: horizontal, 1 sigma, by the drone itself.
 
-    ``age_s``: since it was heard last, None: never. ``rates_ps``: hits, full-energy events and coincidences per second.
-    ``other_mission``: id of the mission that it has, if that is not the one shown. ``same_log``: whether it tells a log that the
-    station has had in the last seconds; ``apart_m``: how far it puts the source from where the station does, None: it has told no
-    estimate lately.
+    ``age_s``: since its last message, None: never heard. ``rates_ps``: hits, full-energy events and coincidences per second.
+    ``other_mission``: id of the drone's mission, if that is not the mission shown. ``same_log``: whether the drone's log digest
+    is among the station's of the last seconds; ``apart_m``: distance between the drone's and the station's source estimates,
+    None: no recent estimate from the drone.
     """
 
     id: str
@@ -47,9 +47,9 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
 
 class SourceFrame(Struct, frozen=True, kw_only=True):
     """A source of the hypothesis. ``covariance_m2``: xx, xy, xz, yy, yz, zz. ``region``: semi-axes (m) and direction of the long
-    one (rad) of the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at
-    1 m, None for an unknown activity or nuclide; ``number``: by which it is named, the same from frame to frame;
-    ``bearing_deg``: from the area's centre to a source beyond the fence, None of one within.
+    axis (rad) of the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at
+    1 m, None for an unknown activity or nuclide; ``number``: the source's name, the same from frame to frame; ``bearing_deg``:
+    from the area's centre to a source beyond the fence, None for a source within.
     """
 
     place: tuple[float, float, float]
@@ -68,11 +68,11 @@ class SourceFrame(Struct, frozen=True, kw_only=True):
 
 
 class SearchFrame(Struct, frozen=True, kw_only=True):
-    """The search before there is a hypothesis. ``none``: probability that there is no source; ``excluded_bq``: stronger ones are
-    excluded.
+    """The search before a hypothesis. ``none``: probability of no source; ``excluded_bq``: stronger sources are excluded.
 
-    Of a search for several sources also beside those that are found, and of a further one: ``nuclides_bq``: by nuclide, the
-    activity from which on it is excluded; ``left``, ``glare``: shares of the area where it may hide, and where those outshine it.
+    A search for several sources goes on beside the sources found; these fields are then of a further source. ``nuclides_bq``:
+    exclusion limit by nuclide; ``left``, ``glare``: shares of the area where a further source may still be, and where the sources
+    found outshine it.
     """
 
     none: float
@@ -83,7 +83,7 @@ class SearchFrame(Struct, frozen=True, kw_only=True):
 
 
 class Frame(Struct, frozen=True, kw_only=True):
-    """The swarm at one time. ``warnings``: of the station's link and log; ``revoked``: members whose messages do not count."""
+    """The swarm at one time. ``warnings``: of the station's link and log; ``revoked``: names of the revoked members."""
 
     kind: str = "frame"
     at_ms: int
@@ -101,8 +101,8 @@ class Frame(Struct, frozen=True, kw_only=True):
 class Raster(Struct, frozen=True, kw_only=True):
     """A layer of the map: ``values`` of its cells row by row from the south-west, as bytes from 0 to 255 in base64.
 
-    ``origin``: of the south-west corner; ``cell_m``: edge of a cell; ``scale``: value that 255 stands for (``belief``:
-    probability density per m2), or by which the page finds levels (``dose``: uSv/h = 1e-3 * 10^(value / 32), 0: less).
+    ``origin``: of the south-west corner; ``cell_m``: edge of a cell; ``scale``: value of 255 (``belief``: probability density
+    per m2), or the scale of the page's levels (``dose``: uSv/h = 1e-3 * 10^(value / 32), 0: less).
     """
 
     kind: str
@@ -118,7 +118,7 @@ class Raster(Struct, frozen=True, kw_only=True):
 class DroneSpectrum(Struct, frozen=True):
     """Events of one camera in the last seconds, by bin: single clusters, and coincidences by the sum of their energies.
 
-    ``live_s``: in which they were counted.
+    ``live_s``: live time of the counts.
     """
 
     id: str
@@ -136,7 +136,7 @@ class Spectra(Struct, frozen=True, kw_only=True):
 
 
 class ConeCurve(Struct, frozen=True, kw_only=True):
-    """Where a Compton cone meets the ground, by its more probable reading: pieces of curves."""
+    """The curves of a Compton cone on the ground, by its more probable reading, in pieces."""
 
     at_ms: int
     drone: str
@@ -144,7 +144,7 @@ class ConeCurve(Struct, frozen=True, kw_only=True):
 
 
 class Event(Struct, frozen=True, kw_only=True):
-    """Something that happened. ``level``: ``info``, ``warning``. ``text``: a key of the page's texts, with ``values`` for it."""
+    """An event of the timeline. ``level``: ``info``, ``warning``. ``text``: a key of the page's texts, with ``values`` for it."""
 
     kind: str = "event"
     at_ms: int
@@ -154,7 +154,7 @@ class Event(Struct, frozen=True, kw_only=True):
 
 
 class Field(Struct, frozen=True):
-    """A key of the mission file that the page may change. ``choices``: of a text, empty: any; ``optional``: it may be empty."""
+    """A key of the mission file open to changes. ``choices``: of a text, empty: any; ``optional``: may be empty."""
 
     key: str
     value: Value
@@ -164,7 +164,7 @@ class Field(Struct, frozen=True):
 
 
 class Editor(Struct, frozen=True, kw_only=True):
-    """What a page needs to change a mission: corners of the area, values, and launch places by drone."""
+    """The content of a page's mission editor: corners of the area, values, and launch places by drone."""
 
     area: tuple[Point, ...]
     fields: tuple[Field, ...]
@@ -172,14 +172,14 @@ class Editor(Struct, frozen=True, kw_only=True):
 
 
 class Flaw(Struct, frozen=True):
-    """Why a draft is no mission, in one line. ``field``: its key in the mission file; empty: no single one."""
+    """A flaw of a draft, in one line. ``field``: its key in the mission file; empty: no single key."""
 
     field: str
     text: str
 
 
 class TileLevels(Struct, frozen=True, array_like=True):
-    """Lowest and highest zoom level of the map's tiles, and whose data they are."""
+    """Lowest and highest zoom level of the map's tiles, and the attribution of their data."""
 
     low: int
     high: int
@@ -187,7 +187,7 @@ class TileLevels(Struct, frozen=True, array_like=True):
 
 
 class Checked(Struct, frozen=True, kw_only=True):
-    """What a draft of a mission is: with flaws, or a mission with this id, fence and file."""
+    """The answer to a draft: flaws, or the mission's id, fence and file."""
 
     kind: str = "checked"
     number: int
@@ -198,8 +198,8 @@ class Checked(Struct, frozen=True, kw_only=True):
 
 
 class MissionFrame(Struct, frozen=True, kw_only=True):
-    """What does not change in a flight. ``energies_kev``: edges of the spectra's bins. ``commands``: that the page may give;
-    ``editor``: None: it may upload no mission; ``report``, ``layer``: whether there is one; ``tiles``: None: none.
+    """The page's data that does not change in a flight. ``energies_kev``: edges of the spectra's bins. ``commands``: allowed
+    commands; ``editor``: None: no upload allowed; ``report``, ``layer``: whether available; ``tiles``: None: no tiles.
     """
 
     kind: str = "mission"

@@ -1,4 +1,4 @@
-"""One drone as a station hears it."""
+"""One drone's newest messages at a station."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from protocol.messages import Estimate, Frame, Plan, Pose, Status
 from protocol.spectrum import BINS
 from station.picture.frame import DroneFrame, DroneSpectrum, Point
 
-STALE_S = 1.5  # a pose comes ten times a second: after so long without any message a drone is drawn as stale
-RATES_S = 3.0  # over which count rates are averaged
-SPECTRUM_S = 30.0  # over which spectra are summed
-ESTIMATE_S = 2.0  # after which a drone's estimate is not compared any more
+STALE_S = 1.5  # a drone is drawn as stale after this time without any message; poses come ten times a second
+RATES_S = 3.0  # averaging time of count rates
+SPECTRUM_S = 30.0  # summing time of spectra
+ESTIMATE_S = 2.0  # older estimates of a drone are not compared any more
 _PLAN_POINTS = 12
 
-Course = tuple[Point, ...]  # of a plan
+Course = tuple[Point, ...]  # course of a plan, mission frame
 
 
 class Member:
-    """The newest of what a drone has published. ``seen_ns``: when it was heard last, by the station's clock; 0: never."""
+    """The newest messages of a drone. ``seen_ns``: time of the last message, by the station's clock; 0: never heard."""
 
     def __init__(self, drone: str, localization: str) -> None:
         self.drone = drone
@@ -38,11 +38,11 @@ class Member:
         self.seen_ns = 0
         self._exposures: deque[Exposure] = deque()
         self._rates: tuple[float, float, float] | None = None
-        self._course: tuple[Plan | None, Transform | None, Course] = (None, None, ())  # the last one, and of what it is
+        self._course: tuple[Plan | None, Transform | None, Course] = (None, None, ())  # the last course, with its plan and frame
         self._spectra: deque[Exposure] = deque()
 
     def hear(self, message: object, now_ns: int) -> None:
-        """Take a message of this drone, unless a newer one of its kind is known."""
+        """Take a message of this drone, unless a newer message of its kind is known."""
         self.seen_ns = max(self.seen_ns, now_ns)
         if isinstance(message, Pose) and _newer(message, self.pose):
             self.pose = message
@@ -56,7 +56,7 @@ class Member:
             self.estimate = message
 
     def expose(self, exposure: Exposure) -> None:
-        """Take counts of its camera that are in the log."""
+        """Take the counts of an exposure from the log."""
         self._exposures.append(exposure)
         newest_ns = max(each.end_ns for each in self._exposures)
         while self._exposures and self._exposures[0].end_ns < newest_ns - RATES_S * 1e9:
@@ -67,23 +67,23 @@ class Member:
             self._spectra.popleft()
 
     def is_stale(self, now_ns: int) -> bool:
-        """Whether it has not been heard for a while, or its process has ended."""
+        """Return whether the drone's messages have stopped for ``STALE_S``, or its process has ended."""
         return not self.alive or now_ns - self.seen_ns > STALE_S * 1e9
 
     def transform(self, epoch: int, known: Transform | None) -> Transform | None:
-        """Its local frame in the mission frame: as estimated from the log (``known``), else as it tells itself."""
+        """Return the drone's local frame in the mission frame: from the log (``known``), else as published by the drone."""
         if known is not None or self.frame is None or self.frame.epoch != epoch:
             return known
         return Transform(self.frame.yaw_rad, self.frame.translation_m)
 
     def rates_ps(self, now_ns: int) -> tuple[float, float, float] | None:
-        """Hits, full-energy events and coincidences per second of live time; None without recent exposures."""
+        """Return hits, full-energy events and coincidences per second of live time; None without recent exposures."""
         if self._rates is None or now_ns - self._exposures[-1].end_ns > 2.0 * RATES_S * 1e9:
             return None
         return self._rates
 
     def spectrum(self, now_ns: int) -> DroneSpectrum | None:
-        """Its camera's spectrum; None where that has counted nothing lately."""
+        """Return the camera's spectrum; None without recent exposures."""
         if not self._spectra or now_ns - max(each.end_ns for each in self._spectra) > SPECTRUM_S * 1e9:
             return None
         singles, coincidences = [0] * BINS, [0] * BINS
@@ -95,12 +95,12 @@ class Member:
         return DroneSpectrum(self.drone, live_s, tuple(singles), tuple(coincidences))
 
     def recent_estimate(self, now_ns: int) -> Estimate | None:
-        """Its estimate, unless that is old."""
+        """Return the drone's own estimate; None without a recent estimate."""
         estimate = self.estimate
         return estimate if estimate is not None and now_ns - estimate.stamp_ns < ESTIMATE_S * 1e9 else None
 
     def shown(self, now_ns: int, mission_from_local: Transform | None) -> DroneFrame:
-        """This drone in a frame for the page. ``mission_from_local``: of its newest pose's epoch."""
+        """Return this drone for a frame of the page. ``mission_from_local``: of its newest pose's epoch."""
         status, pose = self.status, self.pose
         frame = DroneFrame(
             id=self.drone,
@@ -113,7 +113,7 @@ class Member:
         return _with_pose(_with_status(frame, status), pose, self._planned(mission_from_local), mission_from_local)
 
     def _planned(self, mission_from_local: Transform | None) -> Course:
-        """Its plan, if that is of its newest pose's epoch; computed where the plan or the frame is another one than last time."""
+        """Return the course of the drone's plan; empty if the plan's epoch is not the newest pose's. Cached by plan and frame."""
         plan, pose = self.plan, self.pose
         if plan is None or pose is None or plan.epoch != pose.epoch or mission_from_local is None:
             return ()

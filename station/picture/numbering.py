@@ -1,4 +1,4 @@
-"""Numbers of the sources, by which they are named: a source keeps its own whatever its place in the estimate's list."""
+"""Numbers of the sources, used in their names: a source keeps its number at any place in the estimate's list."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 from station.picture.frame import SourceFrame
 
-KNOWN_MS = 15_000  # for so long a number is not given to another source: receivers still show the one that had it
-APART_M, APART_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of the two counts
+KNOWN_MS = 15_000  # a freed number is not reused for this time: receivers still show its last source
+APART_M, APART_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of both counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,18 +21,18 @@ class _Known:
 
 
 def numbered(source: SourceFrame, between: str = " ") -> str:
-    """What its number adds to the name of a source; nothing to that of the first."""
+    """Return the suffix of a source's name with its number; empty for the first source."""
     return f"{between}{source.number}" if source.number > 1 else ""
 
 
 class Numbering:
-    """The numbers of one mission's sources, from 1. A single source stays the same wherever it goes."""
+    """The numbers of one mission's sources, from 1. A single source keeps its number at any distance."""
 
     def __init__(self) -> None:
         self._known: dict[int, _Known] = {}
 
     def numbered(self, sources: Sequence[SourceFrame], at_ms: int) -> tuple[SourceFrame, ...]:
-        """The sources of an estimate with their numbers, in their order."""
+        """Return the sources of an estimate with their numbers, in the same order."""
         self._known = {number: one for number, one in self._known.items() if 0 <= at_ms - one.at_ms < KNOWN_MS}
         numbers = dict(self._recognised(sources))
         for place in range(len(sources)):
@@ -42,7 +42,7 @@ class Numbering:
         return found
 
     def _recognised(self, sources: Sequence[SourceFrame]) -> list[tuple[int, int]]:
-        """Places in the list with the numbers that they had: of one nuclide first, the nearest first."""
+        """Return indices of recognised sources with their former numbers: same nuclide first, then the nearest first."""
         if len(sources) == len(self._known) == 1:
             return [(0, number) for number in self._known]
         pairs = sorted(

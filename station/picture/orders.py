@@ -1,8 +1,8 @@
-"""What operators have ordered, as a station hears it: who, what, and which drones have obeyed.
+"""The operators' orders at a station: signer, action, and the drones that have obeyed.
 
-Stations have no links to each other, so that another operator's order comes by what the drones tell of it: a status names the
-last order that its drone has obeyed. Older drones tell only a number above that of the last one. Uploads are answered. What a
-drone made of an order that it refused, only its record tells.
+Stations have no links to each other, so another operator's order is known from the drones' reports: a status names the last
+order obeyed by its drone. Older drones report only a number above the last order's. Uploads are answered. A drone's refusal of
+an order is only in the drone's record.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from protocol.signing import Member, Verifier
 OBEYED, UNSURE, TAKEN = "obeyed", "obeyed, or overtaken by another order", "taken over"
 OVERTAKEN = "overtaken by another order"
 ANOTHER = "another station"
-LATE_NS = 5_000_000_000  # for so long an order may come later than the status of a drone that has carried it out
-GATHER_NS = 1_500_000_000  # in which the drones that have obeyed an order tell of it
-OPEN_NS = 30_000_000_000  # after its last copy an order is obeyed no more: the nonces in it have lapsed
+LATE_NS = 5_000_000_000  # largest delay of an order after the status of a drone that has carried it out
+GATHER_NS = 1_500_000_000  # within this time all drones that have obeyed an order report it
+OPEN_NS = 30_000_000_000  # this long after its last copy an order is obeyed no more: its nonces have lapsed
 MOST_ORDERS = 1000
 MOST_REFUSED = 100
-MOST_TOLD = 100  # of which one drone alone tells, whether true or not
+MOST_TOLD = 100  # reported by one drone alone, whether true or not
 
 Key = tuple[object, ...]
 
@@ -33,9 +33,9 @@ Key = tuple[object, ...]
 class Heard:
     """An order and its copies.
 
-    ``first_ns``, ``last_ns``: when they came. ``signer``: whose certificate they carry; None: nobody's of this swarm, or not
-    known. ``told``: it is known from drones that have obeyed it. ``refused``: why no drone obeys it, as their counters name it.
-    By drone: ``numbers``, of the last copy; ``results``, if known.
+    ``first_ns``, ``last_ns``: times of the first and the last copy. ``signer``: the member that signed; None: no member of this
+    swarm, or unknown. ``told``: known from reports of drones that have obeyed. ``refused``: why no drone obeys, by the name of
+    the drones' counter. By drone: ``numbers``, of the last copy; ``results``, if known.
     """
 
     first_ns: int
@@ -51,28 +51,28 @@ class Heard:
 
 
 class Orders:
-    """Those of all stations, in the order in which this one came to know of them. ``own``: itself, whose orders are no news."""
+    """The orders of all stations, in the order of their arrival here. ``own``: name of this station, whose orders are no news."""
 
     def __init__(self, verifier: Verifier | None) -> None:
-        """``verifier``: of their signatures; None: in a swarm without certificates, where anybody commands."""
+        """``verifier``: of the orders' signatures; None: in a swarm without certificates, with commands open to every station."""
         self.own = ""
         self._verifier = verifier
         self._heard: dict[Key, Heard] = {}
         self._uploads: dict[int, Heard] = {}  # by stamp
-        self._last: dict[str, int] = {}  # number of the last order that a drone has carried out
-        self._obeyed: dict[str, Obeyed] = {}  # that order, without its signature, where the drone has told it
-        self._unheard: dict[str, tuple[int, int, str]] = {}  # by drone: number of an order that was not heard, since when, stage
+        self._last: dict[str, int] = {}  # by drone: number of the last order carried out
+        self._obeyed: dict[str, Obeyed] = {}  # by drone: the last order as reported, without its signature
+        self._unheard: dict[str, tuple[int, int, str]] = {}  # by drone: number of an order not received here, time, stage
         self._refused = 0
         self._told: Counter[str] = Counter()
         self._news: list[Heard] = []
 
     @property
     def heard(self) -> tuple[Heard, ...]:
-        """All of them."""
+        """All orders kept."""
         return tuple(self._heard.values())
 
     def news(self, now_ns: int) -> list[Heard]:
-        """Those that have come since the last call; what drones tell, once all have had the time to."""
+        """Return the new orders since the last call; orders reported by drones only after ``GATHER_NS``."""
         news, self._news = self._news, []
         ready: list[Heard] = []
         for one in news:
@@ -80,7 +80,7 @@ class Orders:
         return ready
 
     def take(self, order: Order, now_ns: int) -> None:
-        """Note an order. Of those that nobody obeys, one is noted for each station and reason, and a bounded number in all."""
+        """Note an order. Refused orders are noted once for each station and reason, and in bounded number."""
         refused = self._verifier.refusal(order, now_ns) if self._verifier is not None else None
         key = (order.station, refused) if refused else (order.station, order.stamp_ns, _name(order))
         known = self._heard.get(key)
@@ -99,13 +99,13 @@ class Orders:
         for drone, ticket in order.to.items():
             if drone not in known.results:
                 known.numbers[drone] = ticket.number
-                if ticket.number <= self._last.get(drone, 0) and not refused:  # an old one, or its drone was faster
+                if ticket.number <= self._last.get(drone, 0) and not refused:  # an old order, or the drone's status was faster
                     known.results[drone] = self._before(drone, ticket.number)
         if isinstance(order, Upload) and not refused:
             self._uploads[order.stamp_ns] = known
 
     def hear(self, status: Status, now_ns: int) -> None:
-        """Note what a drone tells of the orders to it."""
+        """Note a drone's report of the orders addressed to it."""
         if status.ticket is not None:
             self._hear(status, status.ticket.number - 1, now_ns)
         drone, answer = status.drone, status.upload
@@ -113,7 +113,7 @@ class Orders:
             asked.results[drone] = f"refused: {answer.refused}" if answer.refused else TAKEN
 
     def _hear(self, status: Status, last: int, now_ns: int) -> None:
-        """Note what follows for the orders from the number of the ``last`` one that was obeyed, and from its name."""
+        """Update the orders' results by number and name of the ``last`` order obeyed."""
         drone = status.drone
         before = self._last.get(drone)
         self._last[drone] = last
@@ -129,9 +129,9 @@ class Orders:
         self._tell_unheard(drone, now_ns)
 
     def _named(self, status: Status, last: int, is_first: bool, now_ns: int) -> Heard | None:
-        """The order that a status names as the last one that was obeyed, if it has not been named before.
+        """Return the last order obeyed by name of a status; None if the status names no order, or the same order as before.
 
-        ``is_first``: the drone has not been heard before, so that it may have obeyed long ago.
+        ``is_first``: the drone's first status here, so that it may have obeyed long ago.
         """
         drone, obeyed = status.drone, status.obeyed
         if obeyed is UNSET or obeyed.number != last:
@@ -152,11 +152,11 @@ class Orders:
             self._add(key, known)
         known.numbers[drone], known.results[drone] = last, OBEYED
         if obeyed.order == "upload":
-            self._uploads[obeyed.stamp_ns] = known  # whose mission is fetched, and may be refused, only then
+            self._uploads[obeyed.stamp_ns] = known  # the mission is fetched, and may be refused, only later
         return known
 
     def _before(self, drone: str, number: int) -> str:
-        """What became of an order that comes after the status of a drone which has obeyed its number or a higher one."""
+        """Return the result of an order received after a drone's status with this order's number or a higher number."""
         if drone in self._obeyed and self._obeyed[drone].number == number:
             return OVERTAKEN
         unheard, _, _ = self._unheard.get(drone, (-1, 0, ""))
@@ -166,7 +166,7 @@ class Orders:
         return OBEYED
 
     def _tell_unheard(self, drone: str, now_ns: int) -> None:
-        """Note an order of another station, of which nothing but its effect is heard."""
+        """Note an order of another station known from its effect alone."""
         number, since_ns, stage = self._unheard.get(drone, (0, now_ns, ""))
         if now_ns - since_ns < LATE_NS:
             return
@@ -178,7 +178,7 @@ class Orders:
             self._add((ANOTHER, drone, number, since_ns), known)
 
     def _open(self, drone: str, now_ns: int) -> list[Heard]:
-        """Those to a drone of which it is not known what became of them."""
+        """Return the orders to a drone without a known result."""
         return [
             one
             for one in self._heard.values()
@@ -186,7 +186,7 @@ class Orders:
         ]
 
     def _add(self, key: Key, known: Heard) -> None:
-        """A new one; the oldest is forgotten where there are too many."""
+        """Add a new order; above ``MOST_ORDERS`` the oldest is forgotten."""
         self._heard[key] = known
         self._news += [known] if known.station != self.own else []
         for old in list(self._heard)[: len(self._heard) - MOST_ORDERS]:
@@ -196,5 +196,5 @@ class Orders:
 
 
 def _name(order: Order) -> str:
-    """As a status names it."""
+    """Return an order's name as in a status."""
     return str(order.action) if isinstance(order, Command) else "upload"

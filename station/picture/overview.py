@@ -1,4 +1,4 @@
-"""The whole flight in rows, for the charts and the trails of the page: one for each second, fewer of a long flight."""
+"""The whole flight in rows, for the charts and the trails of the page: a row for each second, fewer for a long flight."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Row = list[int | list[float | None] | None]
 class Overview:
     """A row for each frame kept: time, place of the source with its RMS, then place and hit rate of each drone; mission frame, m.
 
-    In memory a row is a time and three numbers for the source and for each drone, NaN where they are not known.
+    In memory a row is a time and three numbers for the source and for each drone, NaN if unknown.
     """
 
     def __init__(self, drones: int) -> None:
-        """``drones``: their number."""
+        """``drones``: number of drones."""
         self._width = 3 * (1 + drones)
         self._at_ms = array("q")
         self._values = array("d")
@@ -39,7 +39,7 @@ class Overview:
             self._values.extend((*drone.place[:2], hits) if drone.place is not None else _UNKNOWN)
 
     def row(self, place: int) -> Row:
-        """A row for the page: null for what is not known."""
+        """Return a row for the page: null for unknown values."""
         values = self._values[place * self._width : (place + 1) * self._width].tolist()
         row: Row = [self._at_ms[place]]
         row += [None if math.isnan(x) else [x, y, _known(last)] for x, y, last in zip(*3 * [iter(values)], strict=True)]
@@ -52,7 +52,7 @@ class Overview:
         return [self.row(place) for place in (*range(0, last, step), last) if place >= 0]
 
     def trails(self, at_ms: int) -> list[list[Point]]:
-        """Where each drone was in the minute before a time."""
+        """Return each drone's places in the minute before a time."""
         first, behind = bisect_right(self._at_ms, at_ms - TRAIL_MS), bisect_right(self._at_ms, at_ms)
         trails: list[list[Point]] = []
         for column in range(3, self._width, 3):

@@ -1,4 +1,4 @@
-"""The swarm as a station knows it: messages in, frames for the page out."""
+"""The station's picture of the swarm: messages in, frames for the page out."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ from station.picture.rasters import Rasters
 from station.picture.swarmlog import SwarmLog
 
 NINETY = math.sqrt(4.605170185988092)  # radius of the region of 90 %, in sigmas: the 0.9 quantile of chi squared with 2 degrees
-MOST_CURVES = 200  # that wait for the page
+MOST_CURVES = 200  # waiting for the page
 _CLOCKS_NS = 1_000_000_000
 
 
 class Picture:
-    """The swarm as a station knows it.
+    """The station's picture of the swarm.
 
-    ``log``: the log with the estimate. ``orders``: the operators'. ``counters``: messages that were dropped, by reason. The
-    hypothesis is computed here, from the same log and by the same code as on board; the drones' own estimates only tell whether
-    they agree. ``link_problems``: of the station's own link.
+    ``log``: the log with the estimate. ``orders``: the operators'. ``counters``: dropped messages, by reason. The hypothesis is
+    computed here, from the same log and by the same code as on board; the drones' own estimates only show whether they agree.
+    ``link_problems``: of the station's own link.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Picture:
         *,
         judges_exposures: bool = True,
     ) -> None:
-        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: what makes them.
+        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: makes the estimators.
         ``judges_exposures``: see ``ObservationLog``.
         """
         self.mission = mission
@@ -85,12 +85,12 @@ class Picture:
         self._events = Events(list(self.members))
         self._numbering = Numbering()
         self._cones: deque[Cone] = deque(maxlen=MOST_CURVES)
-        self._digests: deque[str] = deque(maxlen=64)  # of the log, the newest
-        self._clocks_s: dict[str, float | None] = {}  # how far they are ahead, by drone
-        self._clocks_ns = 0  # when that was computed
+        self._digests: deque[str] = deque(maxlen=64)  # the log's newest digests
+        self._clocks_s: dict[str, float | None] = {}  # clock offsets, by drone: positive if ahead of the others
+        self._clocks_ns = 0  # time of the offsets
 
     def about(self, replay: bool) -> MissionFrame:
-        """What does not change in a flight."""
+        """Return the page's data that does not change in a flight."""
         mission, datum = self.mission, self.mission.datum
         area = Polygon(mission.area.polygon_m)
         fence = area.buffer(mission.area.fence_margin_m)
@@ -109,13 +109,13 @@ class Picture:
         )
 
     def of(self, mission: MissionConfig) -> Picture:
-        """The same swarm with another mission, before anything but the orders so far is heard."""
+        """Return a picture of the same swarm with another mission, empty except for the orders."""
         picture = Picture(mission, self._verifier, self._estimators)
         picture.orders = self.orders
         return picture
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
-        """Take a message from the mesh. An invalid one is counted and dropped."""
+        """Take a message from the mesh. An invalid message is counted and dropped."""
         try:
             message = decode_from(key, payload)
         except ProtocolError:
@@ -151,19 +151,19 @@ class Picture:
             self.log.start(message.started_ns)
 
     def appear(self, alive: Collection[str]) -> None:
-        """Set which drones have a liveliness token."""
+        """Set the drones with a liveliness token."""
         for name, member in self.members.items():
             member.alive = name in alive
 
     def advance(self, now_ns: int) -> None:
-        """Process what has come."""
+        """Process received log entries."""
         self.log.advance(now_ns)
         if not self._digests or self._digests[-1] != self.log.fusion.digest:
             self._digests.append(self.log.fusion.digest)
 
     def frame(self, now_ns: int) -> Frame:
-        """The swarm now."""
-        if abs(now_ns - self._clocks_ns) >= _CLOCKS_NS:  # from statuses, which come once a second
+        """Return the present frame of the swarm."""
+        if abs(now_ns - self._clocks_ns) >= _CLOCKS_NS:  # statuses come once a second
             self._clocks_s, self._clocks_ns = {name: self._clock_s(member) for name, member in self.members.items()}, now_ns
         drones = tuple(self._drone(member, now_ns) for member in self.members.values())
         hypothesis, outlook = self.log.fusion.hypothesis, self.log.fusion.outlook
@@ -184,11 +184,11 @@ class Picture:
         )
 
     def events(self, frame: Frame) -> list[Event]:
-        """Orders and other events since the last frame."""
+        """Return orders and other events since the last frame."""
         return [*(told(order, frame.at_ms) for order in self.orders.news(frame.at_ms * 1_000_000)), *self._events.since(frame)]
 
     def cones(self) -> list[ConeCurve]:
-        """The cones that have come into the log since the last call, as curves on the ground, where their frames are known."""
+        """Return the log's new cones since the last call, as curves on the ground; cones of unknown frames are left out."""
         found, waiting = [], list(self._cones)
         self._cones.clear()
         for cone in waiting:
@@ -200,7 +200,7 @@ class Picture:
         return found
 
     def rasters(self, now_ns: int) -> list[Raster]:
-        """The layers of the map: where the source may be, and the expected dose rate."""
+        """Return the layers of the map: the probability density of the source, and the expected dose rate."""
         posterior = self.log.posterior(now_ns)
         if posterior is None:
             return []
@@ -209,7 +209,7 @@ class Picture:
         return [self._rasters.belief(posterior, at_ms), *([dose] if dose is not None else [])]
 
     def spectra(self, now_ns: int) -> Spectra:
-        """What the cameras have counted in the last seconds."""
+        """Return the cameras' spectra of the last seconds."""
         found = (member.spectrum(now_ns) for member in self.members.values())
         return Spectra(at_ms=now_ns // 1_000_000, drones=tuple(one for one in found if one is not None))
 
@@ -239,7 +239,7 @@ class Picture:
         return replace(shown, same_log=same, apart_m=round(dist(estimate.sources[0].position_m, hypothesis.position.tolist()), 3))
 
     def _clock_s(self, member: Member) -> float | None:
-        """How far its clock is ahead of the others', by the delays that the drones report of each other; None: not known."""
+        """Return a drone's clock offset (s, positive if ahead), by the drones' reports of each other's delays; None: unknown."""
         status = member.status
         if status is None:
             return None
@@ -289,5 +289,5 @@ def _search(outlook: Outlook) -> SearchFrame:
 
 
 def corners(polygon: Polygon) -> tuple[Point, ...]:
-    """Of its outline, to the centimetre; the first one again at the end."""
+    """Return the corners of a polygon's outline, to the centimetre, closed by the first corner."""
     return tuple((round(x, 2), round(y, 2)) for x, y in polygon.exterior.coords)

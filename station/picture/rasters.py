@@ -1,4 +1,4 @@
-"""The posterior as layers of the map: where the source may be, and the dose rate that follows."""
+"""The posterior as layers of the map: probability density of the source, and the dose rate from it."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Rasters:
             low, high = _around(posterior)
         places, columns, cell_m = _grid(low, high, CELLS)
         density = _cells(posterior, places) if posterior.kind == "grid" else _mixture(posterior, places)
-        # With nothing known yet, the whole area is possible: it is not drawn as if the source were found everywhere in it.
+        # Without any information yet, the whole area is possible: a uniform density must not look like a found source.
         plain = _PLAIN * float(posterior.weight.sum()) / self._area_m2 if posterior.kind == "grid" else 0.0
         most = max(float(density.max()), plain)
         values = 255.0 * density / most if most > 0.0 else density
         return _raster("belief", at_ms, low, cell_m, columns, values, most)
 
     def dose(self, posterior: Posterior, hypothesis: Hypothesis | None, outlook: Outlook | None, at_ms: int) -> Raster | None:
-        """Expected dose rate at 1 m above the ground; None without an activity or a constant for the nuclide."""
+        """Return the expected dose rate at 1 m above the ground; None without an activity or a constant for the nuclide."""
         if hypothesis is not None and hypothesis.activity_bq is not None:
             strength = posterior.weight * hypothesis.activity_bq
         elif hypothesis is None and outlook is not None:
@@ -63,7 +63,7 @@ class Rasters:
 
 
 def _around(posterior: Posterior) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bounds of what a Gaussian sum holds possible."""
+    """Return bounds of the probable places of a Gaussian sum."""
     middle = posterior.weight @ posterior.position
     apart = posterior.position - middle
     spread = (posterior.weight[:, None] * (apart**2 + np.diagonal(posterior.covariance, axis1=1, axis2=2))).sum(0)
@@ -94,7 +94,7 @@ def _mixture(posterior: Posterior, places: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _cells(posterior: Posterior, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Density of the cell of the search grid in which a place is; 0 beyond the cells, which are squares along the axes."""
+    """Return the density of the search grid's cell at each place; 0 beyond the cells, which are squares along the axes."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  half a second that only the search's map needs
 
     sides = np.sqrt(12.0 * posterior.covariance[:, 0, 0])

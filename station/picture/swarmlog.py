@@ -1,4 +1,4 @@
-"""The swarm's log as a station keeps it, and what follows: frames and source estimate, by the code that flies on board."""
+"""The swarm's log at a station, with the frames and the source estimate from it, by the code that flies on board."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from protocol.signing import Verifier
 
 
 class SwarmLog:
-    """``counters``: of log queries that could not be answered, and revocations that were refused."""
+    """The log, its frames and its estimate. ``counters``: of unanswerable log queries and refused revocations."""
 
     def __init__(
         self,
@@ -31,7 +31,7 @@ class SwarmLog:
         *,
         judges_exposures: bool = True,
     ) -> None:
-        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: what makes them.
+        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: makes the estimators.
         ``judges_exposures``: see ``ObservationLog``.
         """
         self.counters: Counter[str] = Counter()
@@ -44,37 +44,37 @@ class SwarmLog:
 
     @property
     def fusion(self) -> Fusion:
-        """Log, hypothesis and outlook."""
+        """The fusion: log, hypothesis and outlook."""
         return self._world.fusion
 
     def start(self, started_ns: int) -> None:
-        """Begin a mission with the start command of that stamp; an earlier one than known changes nothing."""
+        """Begin a mission with the start command of that stamp; a stamp not later than the known start changes nothing."""
         if started_ns > self._started_ns:
             self._started_ns = started_ns
             self._world.start(started_ns)
 
     def take(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Entry]:
-        """The entries that are in the log from now on because this one has come; it waits for its drone's certificate."""
+        """Take an entry and yield the entries new in the log with it; without its drone's certificate an entry waits."""
         for proven, content in self._proofs.proven(entry, payload, now_ns):
             if self._world.take(proven, content, now_ns):
                 yield proven
 
     def is_signed(self, status: Status, now_ns: int) -> bool:
-        """Whether its drone has signed a status; in a swarm without certificates all count."""
+        """Return whether a status is signed by its drone; in a swarm without certificates every status counts."""
         return self._proofs.is_signed(status, now_ns)
 
     def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
-        """Leave out what does not count any more of a member's entries, as the drones do; ``passed_on_by``: one of these."""
+        """Take a revocation and drop the member's revoked entries, like the drones do; ``passed_on_by``: a drone, if known."""
         if self._revocations.take(revocation, now_ns, passed_on_by) is None:
             self._world.forget(self.fusion.log.beyond(revocation.member, revocation.counts))
 
     @property
     def revoked(self) -> frozenset[str]:
-        """Names of the members whose messages do not count any more."""
+        """Names of the revoked members: their messages do not count any more."""
         return self._revocations.names
 
     def advance(self, now_ns: int) -> None:
-        """Bring frames and hypothesis up to now: about 10 ms of work at most, more is left for the next calls."""
+        """Bring frames and hypothesis up to now: about 10 ms of work at most, the rest is left for the next calls."""
         self._world.advance(now_ns)
 
     @property
@@ -83,17 +83,17 @@ class SwarmLog:
         return self._world.is_behind
 
     def mission_from_local(self, drone: str, epoch: int, at_ns: int | None = None) -> Transform | None:
-        """Where a drone's local frame lies, as estimated from the log; None where that is not known."""
+        """Return a drone's local frame in the mission frame, as estimated from the log; None if unknown."""
         return self._world.frames.graph.mission_from_local(drone, epoch, at_ns)
 
     def posterior(self, now_ns: int) -> Posterior | None:
-        """What the estimator holds possible."""
+        """Return the estimator's posterior."""
         return posterior_of(self.fusion, now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What was dropped because its publisher has not signed it, and whose entries are put off."""
+        """Return the log's problems: dropped messages without a valid signature, and drones with entries put off."""
         return *self._proofs.problems(now_ns), *self._world.problems(now_ns)
 
     def summary(self) -> bytes:
-        """A request for the entries that are missing here."""
+        """Return a request for the entries missing here."""
         return self._exchange.summary()
