@@ -1,8 +1,8 @@
-"""How many log entries of each drone are taken: what is beyond that is put off, and comes again by the log query.
+"""Quotas of log entries for each drone: entries beyond the quota are deferred, and arrive again by the log query.
 
-Only when an entry is taken is decided here, never whether it counts: all agents come to hold the same. An honest drone publishes
-about 30 a second in flight: it is put off where it sends more than three cameras would, or where more than a minute of it comes
-at once after an agent's first minutes.
+A quota decides only the time of an entry's admission, never whether it counts: all agents come to hold the same. An honest drone
+publishes about 30 a second in flight. It is deferred above the rate of three cameras, or if more than a minute of its entries
+comes at once after an agent's first minutes.
 """
 
 from __future__ import annotations
@@ -12,41 +12,41 @@ from collections.abc import Iterator
 from protocol.bucket import Bucket
 from protocol.entries import Credential, Entry
 
-RATE, RATE_BESIDE = 100.0, 20.0  # entries a second: of three cameras; and for each other drone, which is seen
-BURST = 6_000.0  # a minute's; what was missed while a drone was not heard comes at once
+RATE, RATE_BESIDE = 100.0, 20.0  # entries a second: of three cameras; and for each other drone in view
+BURST = 6_000.0  # a minute's; entries missed during a lost link come at once
 FIRST, FIRST_NS = 40_000.0, 120_000_000_000  # after an agent's start: of an hour on the ground, and a flight that it joins late
-BOOT_RATE, BOOT_BURST = 0.1, 20.0  # boots of an agent: every look at a log costs something for each
-TOLD_NS = 10_000_000_000  # that a drone is put off is told for so long
+BOOT_RATE, BOOT_BURST = 0.1, 20.0  # boots of an agent: each costs time at every access to a log
+TOLD_NS = 10_000_000_000  # duration of the report on a deferred drone
 
 
 class Admission:
-    """The quotas of all drones; by their signatures, so that nobody uses up another one's."""
+    """The quotas of all drones, separate by signature: no drone can use up another drone's quota."""
 
     def __init__(self, drones: int) -> None:
-        """``drones``: of the mission."""
+        """``drones``: number of the mission's drones."""
         self._rate = RATE + RATE_BESIDE * (drones - 1)
         self._began_ns: int | None = None
-        self._quotas: dict[tuple[str, str], Bucket] = {}  # by drone, and what it is of
+        self._quotas: dict[tuple[str, str], Bucket] = {}  # by drone, and kind of quota
         self._put_off_ns: dict[str, int] = {}
 
     def admits(self, entry: Entry, now_ns: int) -> bool:
-        """Whether an entry, as its drone seems to have published it, may be taken now; before it is verified."""
+        """Return whether an entry, not yet verified, may be admitted now; the quota is that of its stated drone."""
         if all(quota.left(1e-9 * now_ns) >= 1.0 for quota in self._of(entry, now_ns)):
             return True
         self._put_off_ns[entry.drone] = now_ns
         return False
 
     def charge(self, entry: Entry, now_ns: int) -> None:
-        """An entry was taken."""
+        """Charge an admitted entry to its quotas."""
         for quota in self._of(entry, now_ns):
             quota.charge(1.0)
 
     def put_off(self, now_ns: int) -> frozenset[str]:
-        """The drones of which entries were put off recently."""
+        """Return the drones with recently deferred entries."""
         return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < TOLD_NS)
 
     def _of(self, entry: Entry, now_ns: int) -> Iterator[Bucket]:
-        """The quotas that an entry is charged to."""
+        """Yield the quotas to which an entry is charged."""
         if self._began_ns is None:
             self._began_ns = now_ns
         begins = abs(now_ns - self._began_ns) < FIRST_NS

@@ -1,4 +1,4 @@
-"""Hashes of the blocks of each publisher's entries: by these, logs find out that they hold different entries of one number."""
+"""Hashes of the blocks of each publisher's entries: they reveal logs with different entries of one number."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from itertools import cycle, islice
 from protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
 
 Publisher = tuple[str, str]  # drone, boot
-Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # of the entries with these numbers, in order, with them
+Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # number and bytes of each entry in a range, in order
 
 
 class Blocks:
-    """The blocks of which a log holds anything, with their hashes, computed when they are asked for: of one that has grown at its
-    end, only what is new.
+    """The non-empty blocks of a log with their hashes, computed on demand. After growth at a block's end, only the new part is
+    hashed.
 
-    A hash over the bytes in their order, and no sum as the log's digest: of sums a publisher could find two that are equal.
+    A hash covers the bytes in their order, unlike the log's digest, a sum: for sums a publisher could find two equal ones.
     """
 
     def __init__(self, payloads: Payloads) -> None:
@@ -24,7 +24,7 @@ class Blocks:
         self._hashes: dict[Publisher, dict[int, _Hash]] = {}
 
     def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
-        """What is held under a number has changed; ``empty``: nothing of its block is held any more."""
+        """Note a changed entry under a number; ``empty``: no entry of its block is held any more."""
         blocks = self._hashes.setdefault(publisher, {})
         block = number // BLOCK
         if empty:
@@ -35,11 +35,11 @@ class Blocks:
             blocks[block].digest = None
 
     def held(self, publisher: Publisher, block: int) -> bool:
-        """Whether anything of a block is held."""
+        """Return whether any entry of a block is held."""
         return block in self._hashes.get(publisher, ())
 
     def chosen(self, publishers: Sequence[Publisher], turn: int) -> list[tuple[Publisher, int]]:
-        """As many blocks as a summary carries: each turn others, until all have been told."""
+        """Return as many blocks as a summary carries: others each turn, until all have been published."""
         every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
         if len(every) <= MOST_BLOCKS:
             return every
@@ -47,7 +47,7 @@ class Blocks:
         return list(islice(cycle(every), start, start + MOST_BLOCKS))
 
     def hash(self, publisher: Publisher, block: int) -> bytes:
-        """The hash of a block held."""
+        """Return the hash of a held block."""
         found = self._hashes[publisher][block]
         if found.digest is not None:
             return found.digest
@@ -55,7 +55,7 @@ class Blocks:
 
 
 class _Hash:
-    """The hash of a block: of the entries before ``end``. ``digest``: None where there may be more."""
+    """The hash of a block: of the entries before ``end``. ``digest``: None if there may be more."""
 
     __slots__ = ("_last", "_whole", "digest", "end")
 
@@ -67,11 +67,11 @@ class _Hash:
 
     @property
     def missing(self) -> range:
-        """The numbers of the entries that are not in it yet, as far as there are any."""
+        """The numbers of entries that may not be in the hash yet."""
         return range(self.end, self._last)
 
     def extended(self, payloads: Iterable[tuple[int, bytes]]) -> bytes:
-        """The hash of all entries of the block: with those that were ``missing``."""
+        """Return the hash of all entries of the block, extended by ``missing`` entries."""
         for number, payload in payloads:
             _add(self._whole, payload)
             self.end = number + 1
@@ -80,12 +80,12 @@ class _Hash:
 
 
 def numbers_of(block: int) -> range:
-    """The sequence numbers of a block."""
+    """Return the sequence numbers of a block."""
     return range(block * BLOCK, (block + 1) * BLOCK)
 
 
 def hash_of(payloads: Iterable[bytes]) -> bytes:
-    """The hash of entries, from their bytes."""
+    """Return the hash of entries, from their bytes."""
     whole = blake2b(digest_size=HASH_BYTES)
     for payload in payloads:
         _add(whole, payload)
@@ -93,5 +93,5 @@ def hash_of(payloads: Iterable[bytes]) -> bytes:
 
 
 def _add(whole: blake2b, payload: bytes) -> None:
-    whole.update(len(payload).to_bytes(4))  # else two entries could be cut elsewhere
+    whole.update(len(payload).to_bytes(4))  # otherwise two entries could be cut elsewhere
     whole.update(payload)

@@ -1,4 +1,4 @@
-"""The chain of an estimator's states: extended step by step, and computed again beside itself where much of it changes."""
+"""The chain of an estimator's states: extended step by step, and recomputed in parallel after large changes."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from agent.fusion.checkpoints import thin, undo
 from agent.fusion.timeline import Timeline
 
 NEVER = -1  # before every step
-# Of a replay in a call, units of ``Estimator.work``: 4 ms, and so many times what the present chain takes: it comes to its end.
+# Limit of a replay in a call: 4 ms, in units of ``Estimator.work``, plus a multiple of the present chain's work: it does finish.
 _REPLAY_UNITS, _REPLAY_GAIN = 100, 2
 
-Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step to the one after it, and the work that it took
+Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step to the state after it, and its work
 
 
 class Chains:
     """The present chain of states, and the replay that is to take its place.
 
-    The present chain goes first, and the replay gets some of what is left of each slice of work: the flight must not wait for it,
-    nor for those of other agents on the same computer. Where that is so little that it hardly gains on the present, as on a
-    computer that is not much faster than what is new takes, it takes the place of the present chain before its end: what there is
-    to be computed is computed once then. Nor is anything replayed beside a chain that ``lags``, as after the start of an agent in
-    flight: its end is too old to tell a hypothesis, so it goes back itself.
+    The present chain has priority, and the replay gets part of the rest of each slice of work. The flight must not wait for the
+    replay, nor for other agents on the same computer. A replay that hardly gains on the present, as on a computer that can barely
+    keep up, takes the place of the present chain before its end. Then every step is computed only once. A chain that ``lags``, as
+    after an in-flight start of an agent, has no parallel replay. Its end is too old for a hypothesis, so the chain itself goes
+    back.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:
-        """``batches``: are told how many calls a replay has taken."""
+        """``batches``: receive the number of calls of each replay."""
         self._timeline, self._compute, self._batches = timeline, compute, batches
         self._base: Any = None
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._replay: dict[int, Any] | None = None
         self._calls = 0  # of the present replay
-        self._watched = NEVER, NEVER  # since which due step it has been watched, and its end then
-        self._catches_up = False  # whether it has taken the place of the present chain before its end
-        self.goes_back = False  # whether it did so in the last call
+        self._watched = NEVER, NEVER  # first due step of the observation of its pace, and its end then
+        self._catches_up = False  # whether the replay has taken the place of the present chain before its end
+        self.goes_back = False  # whether this happened in the last call
         self._lagged = 0  # calls for which the chain has lagged
 
     def begin(self, base: Any) -> None:
@@ -50,7 +50,7 @@ class Chains:
 
     @property
     def lags(self) -> bool:
-        """Whether the present chain ended, at the last call, too early to tell a hypothesis."""
+        """Whether the present chain ended, at the last call, too early for a hypothesis."""
         return self._lagged > 0
 
     @property
@@ -65,9 +65,9 @@ class Chains:
             undo(self._replay, step)
 
     def replay(self, step: int) -> None:
-        """Compute the states from the step on again, beside the present ones if these are of use."""
+        """Recompute the states from the step on, in parallel to the present ones if these are of use."""
         if self._replay is None and (self.lags or self._catches_up):
-            self._batches.took(self._lagged)  # so the pauses double: however often it begins again, it comes to the end
+            self._batches.took(self._lagged)  # the pauses double: however often it begins again, it comes to the end
             undo(self._states, step)
             return
         if self._replay is None:
@@ -77,9 +77,9 @@ class Chains:
         self._watched = since, min(from_step, next(reversed(self._replay), NEVER))
 
     def extend(self, due: int, oldest: int, budget: int) -> bool:
-        """Compute what is missing up to the due step, within the budget; whether the present chain is complete.
+        """Compute the missing states up to the due step, within the budget; return whether the present chain is complete.
 
-        ``oldest``: where the chain ends before that step, it lags.
+        ``oldest``: the chain lags if it ends before that step.
         """
         self.goes_back = False
         complete, left = self._extended(self._states, due, budget)
@@ -100,7 +100,7 @@ class Chains:
         return complete
 
     def _is_too_slow(self, replay: dict[int, Any], due: int, while_steps: int) -> bool:
-        """Whether a replay has, for a while, come less than one step nearer to the due one with each that became due."""
+        """Return whether a replay has, for a while, come less than one step nearer to the due step with each new due step."""
         (since, from_step), end = self._watched, next(reversed(replay), NEVER)
         if since == NEVER or due < since:
             self._watched = due, end
@@ -110,7 +110,7 @@ class Chains:
         return False
 
     def _extended(self, states: dict[int, Any], due: int, budget: int) -> tuple[bool, int]:
-        """Compute the states of a chain up to the due step; whether it is complete, and what is left of the budget."""
+        """Compute the states of a chain up to the due step; return whether it is complete, and the rest of the budget."""
         end, state = next(reversed(states.items()), (NEVER, self._base))
         for step in self._timeline.between(end, due):
             if budget <= 0:

@@ -1,4 +1,4 @@
-"""States of an estimator after some of the steps of a chain: where to go on from, when an earlier step changes."""
+"""States of an estimator after some of the steps of a chain: starting points of a replay when an earlier step changes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ def undo(states: dict[int, T], step: int) -> None:
 
 
 def thin(states: dict[int, T]) -> None:
-    """Where there are more than ``MOST_CHECKPOINTS``, drop the one without which replays have to begin earliest, relative to what
-    they must compute anyway.
+    """Limit the states to ``MOST_CHECKPOINTS``: drop the one whose loss lengthens replays least, relative to their necessary
+    steps.
 
-    So the spacing grows with the age, and a late entry costs about twice the steps that it changes, however old it is.
+    So the spacing grows with the age, and a late entry costs about twice the steps that it changes, at any age.
     """
     if len(states) <= MOST_CHECKPOINTS:
         return

@@ -1,4 +1,4 @@
-"""The version of the tables of what a camera counts, which the estimates of ``bayes`` and ``sources`` follow from."""
+"""The version of the tables of camera counts, from which the estimates of ``bayes`` and ``sources`` follow."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ from agent.fusion.sources.tables import TABLES
 
 @cache
 def tables_version() -> str:
-    """16 hex digits that change with any number of the tables."""
+    """Return 16 hex digits that change with any number of the tables."""
     return hashlib.blake2b(repr((RESPONSES, SOIL, TABLES, SOIL_SPECTRA)).encode(), digest_size=8).hexdigest()

@@ -1,9 +1,9 @@
-"""An estimator that computes elsewhere: its states are links of a chain, and its hypotheses come when they have been computed.
+"""An estimator computed elsewhere: its states are links of a chain, and its hypotheses arrive once they have been computed.
 
-An estimator's step is a pure function, so it does not matter where and when it is computed. To the engine ``Deferred`` is an
-estimator like any other, whose steps cost nothing: a state only says from which state and with which observations it follows. The
-hypothesis of a state is a question. Whoever folds for it asks for the next task, has a ``Folder`` compute it, and gives it the
-answer; until then the answer before serves. Which answer was there when is an input from outside; what it says is not.
+An estimator's step is a pure function, so place and time of its computation do not matter. For the engine ``Deferred`` is an
+ordinary estimator whose steps cost nothing: a state only refers to its predecessor and the observations since. The hypothesis of
+a state is a question. Its process requests the next task, has a ``Folder`` compute it, and returns the answer; until then the
+previous answer serves. The time of each answer is an input from outside; its content is not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from agent.fusion.checkpoints import thin, undo
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 
-MOST_OBSERVATIONS = 100  # in a task: to hand it over takes a few milliseconds
+MOST_OBSERVATIONS = 100  # in a task: its transfer takes a few milliseconds
 _WORK = 2  # of a step here, in units of ``Estimator.work``
 
 S = TypeVar("S")
@@ -27,7 +27,7 @@ S = TypeVar("S")
 
 class Link(Struct, frozen=True, eq=False):
     """A state. number: unique. origin: number of the first state of its chain, which begins at ``start_ns``. before: the state
-    that it follows from by the observations of ``step``; None: it is the first one.
+    that precedes it, by the observations of ``step``; None for the first state.
     """
 
     number: int
@@ -41,9 +41,9 @@ class Link(Struct, frozen=True, eq=False):
 class Task(Struct, frozen=True, eq=False):
     """A part of the way to an answer.
 
-    question: its number. start_ns: the mission's start. after: number of the state to go on from, which the folder holds; None:
-    from the initial state. links: number, step and observations of the states to be computed. at: the interval of which a
-    hypothesis of the last state is wanted; None: the way goes on with another task.
+    question: its number. start_ns: the mission's start. after: number of the starting state, held by the folder; None: the
+    initial state. links: number, step and observations of the states to be computed. at: the interval of the requested hypothesis
+    of the last state; None: another task continues the way.
     """
 
     question: int
@@ -61,7 +61,7 @@ class Told(Struct, frozen=True, eq=False):
 
 
 class Deferred:
-    """An estimator in the place of another one, which others compute."""
+    """Stands in for an estimator that is computed elsewhere."""
 
     def __init__(self, estimator: Estimator[Any]) -> None:
         self.estimator = estimator
@@ -69,27 +69,27 @@ class Deferred:
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
         self._link_numbers, self._question_numbers = count(1), count(1)
         self.digest = ""  # of the log, at the next question
-        self.answered_digest = ""  # of the log that the newest answer follows from
+        self.answered_digest = ""  # of the log of the newest answer
         self._questions: dict[int, tuple[Link, GridStep]] = {}  # without an answer, ascending
         self._digests: dict[int, str] = {}  # of the log, by question
-        self._asked: tuple[Link, GridStep] | None = None  # the newest one, answered or not
+        self._asked: tuple[Link, GridStep] | None = None  # the newest question, answered or not
         self._told, self._told_of = Told(), 0  # the newest answer, and the origin of its chain
 
     def initial(self, start_ns: int | None) -> Link:
-        """As ``Estimator``."""
+        """As ``Estimator.initial``."""
         number = next(self._link_numbers)
         return Link(number, number, start_ns)
 
     def step(self, state: Link, step: GridStep, observations: Sequence[Observation]) -> Link:
-        """As ``Estimator``, at once."""
+        """As ``Estimator.step``, at once."""
         return Link(next(self._link_numbers), state.origin, state.start_ns, state, step, tuple(observations))
 
     def work(self, state: Link, observations: int) -> int:
-        """As ``Estimator``."""
+        """As ``Estimator.work``."""
         return _WORK
 
     def hypothesis(self, state: Link, step: GridStep) -> Hypothesis | None:
-        """The newest that is known of the state's chain: of an earlier state and step, until this question is answered."""
+        """Return the newest known hypothesis of the state's chain; until the question is answered, of an earlier state."""
         if (state, step) != self._asked:
             self._asked = state, step
             number = next(self._question_numbers)
@@ -97,7 +97,7 @@ class Deferred:
         return self._newest(state).hypothesis
 
     def outlook(self, state: Link, step: GridStep) -> Outlook | None:
-        """The newest that is known of the state's chain."""
+        """Return the newest known outlook of the state's chain."""
         return self._newest(state).outlook
 
     @property
@@ -106,8 +106,10 @@ class Deferred:
         return bool(self._questions)
 
     def task(self, held: Collection[int], question: int | None = None) -> Task | None:
-        """What a folder that holds states of these numbers has to compute next for a question without an answer, the newest one
-        unless it is given; None where there is none. It changes nothing.
+        """Return the next task of an unanswered question for a folder that holds states of these numbers; None without a
+        question.
+
+        The default is the newest question. The call changes nothing.
         """
         number = next(reversed(self._questions), None) if question is None else question
         if number is None or number not in self._questions:
@@ -127,13 +129,15 @@ class Deferred:
         return Task(number, link.start_ns, after, tuple(links), None if missing else at)
 
     def next_task(self, held: Collection[int], begun: int | None) -> Task | None:
-        """As ``task``, for whoever computes one after the other: ``begun`` is the question of the last one where its answer takes
-        more. It is finished first, or late entries that keep coming could keep all answers back.
+        """Return the next task for sequential computation. ``begun``: question of the last task, if its answer takes further
+        tasks.
+
+        The begun question is finished first; otherwise a stream of late entries could hold back all answers.
         """
         return (None if begun is None else self.task(held, begun)) or self.task(held)
 
     def take(self, question: int, told: Told) -> None:
-        """Take an answer; one to a question that has an answer, or a newer one has, is left out."""
+        """Accept an answer; ignore it if its question, or a newer one, has an answer."""
         if question in self._questions:
             self._told, self._told_of = told, self._questions[question][0].origin
             self.answered_digest = self._digests[question]
@@ -153,14 +157,14 @@ class Folder(Generic[S]):
 
     @property
     def held(self) -> frozenset[int]:
-        """Numbers of the states that it holds."""
+        """Numbers of the held states."""
         return frozenset(number for number, _ in self._states.values())
 
     def fold(self, task: Task) -> Told | None:
-        """Compute a task; the answer, or None where another task follows.
+        """Compute a task; return the answer, or None if another task follows.
 
         Raises:
-            KeyError: a state that is to be gone on from is not held.
+            KeyError: the starting state is not held.
         """
         state = self._back_to(task)
         for number, step, observations in task.links:
@@ -188,7 +192,7 @@ class Folder(Generic[S]):
                 return told
 
     def _back_to(self, task: Task) -> S:
-        """The state to go on from; those after it are of no use any more."""
+        """Return the starting state; discard the states after it."""
         if task.after is None:
             self._states.clear()
             return self._estimator.initial(task.start_ns)
@@ -200,6 +204,6 @@ class Folder(Generic[S]):
 
 
 def _plain(hypothesis: Hypothesis) -> Hypothesis:
-    """With its sights computed, so that it can be handed over without what they are computed from."""
+    """Return the hypothesis with computed sights, so that it can be transferred without their inputs."""
     others = tuple(_plain(other) for other in hypothesis.others)
     return replace(hypothesis, sights=dict(hypothesis.sights), others=others)

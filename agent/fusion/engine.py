@@ -22,9 +22,9 @@ from agent.fusion.timeline import Timeline
 from agent.geometry import Vector3
 from protocol.entries import AnyEntry, Entry, EntryId
 
-RECOUNTED = 250  # entries that cease to count, or begin again, in a call of ``advance``: some milliseconds
+RECOUNTED = 250  # entries that begin or cease to count in a call of ``advance``: some milliseconds
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
-UNTOLD_NS = 500_000_000  # what is computed is told after so long, even if it is not all
+UNTOLD_NS = 500_000_000  # delay after which a hypothesis of the steps computed so far is published
 _AFTER = 2**63  # after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
@@ -39,21 +39,21 @@ class Fusion:
 
         hypothesis = H(E(.. E(E(initial, Z_1), Z_2) .., Z_n), due step)
 
-    where E is the estimator's ``step``, H its ``hypothesis``, and Z_1 .. Z_n are the sets of observations of all steps up to the
-    due one that have any. So it is a pure function of the log's content, of the known frames and of the due step; the order of
+    where E is the estimator's ``step``, H its ``hypothesis``, and Z_1 .. Z_n are the non-empty sets of observations of all steps
+    up to the due step. So it is a pure function of the log's content, of the known frames and of the due step. The order of
     arrival, duplicates, delays and the slicing of the work do not matter.
 
-    The estimator's state after every step that has observations is a checkpoint. A new entry discards the checkpoints from its
-    step on, and the steps from there on are computed again (replay). That holds for the newest step too, so without a hold a
-    cone shows in the hypothesis at the next ``advance``. Only while steps are left to be computed is the hypothesis an older one.
-    After ``UNTOLD_NS`` it is that of the newest state so far, if that is a later one and not older than ``LATE_NS``: who works
-    slowly and always has something left to compute does not stand still.
+    The estimator's state after every step with observations is a checkpoint. A new entry discards the checkpoints from its step
+    on, and the later steps are recomputed (replay). This includes the newest step; without a hold a cone shows in the hypothesis
+    at the next ``advance``. The hypothesis is an older one only while steps remain to be computed. After ``UNTOLD_NS`` the
+    hypothesis of the newest state so far replaces it, if this state is later and not older than ``LATE_NS``. So even a slow
+    computer that never catches up publishes new hypotheses.
 
-    Entries that come after their step has been computed are folded in batches (``lateness``), so that an entry that is late by a
-    second is in the hypothesis a second later at most.
-    Of entries that are late by more than ``LATE_NS`` the replay is made beside the present chain of states, which goes on without
-    them until it is complete; the next one takes all that have come meanwhile (``Batches``). So a drone that publishes old
-    entries again and again delays nothing, and each is in the hypothesis some seconds later (``pending`` and ``complete_ns``).
+    Entries that arrive after their step has been computed are folded in batches (``lateness``), so that an entry late by a second
+    is in the hypothesis a second later at most. Entries late by more than ``LATE_NS`` cause a replay in parallel to the present
+    chain of states, which continues without them until the replay is complete. The next replay takes all late entries received
+    meanwhile (``Batches``). So a drone that publishes old entries again and again delays nothing, and each is in the hypothesis
+    some seconds later (``pending`` and ``complete_ns``).
 
     Entries of a frame that is not known yet are in the log and its digest, and enter the hypothesis once the frame is known.
     Entries measured long before the mission's start are in the log only.
@@ -78,7 +78,7 @@ class Fusion:
         self._waiting: dict[FrameKey, dict[EntryId, None]] = {}  # entries whose frame is unknown
         self._waits_in: dict[EntryId, FrameKey] = {}
         self._latecomers = Latecomers()
-        self._recounted = 0  # how many of ``log.recounted`` have been seen to
+        self._recounted = 0  # processed entries of ``log.recounted``
         self._batches = Batches()
         self.late = Late(self._batches)
         self._timeline = Timeline(1e-9 * self._grid_ns)
@@ -87,11 +87,11 @@ class Fusion:
         self._chains.begin(self.estimator.initial(None))
         self._first_step = NEVER  # once started; earlier observations are ignored
         self._hold_ns = round(self.estimator.hold_s * 1e9)
-        self._due_step = NEVER  # the newest one that is to be computed
+        self._due_step = NEVER  # the newest step to be computed
         self._stale, self._ended = True, False
         self._told: tuple[int, Any, int] = (NEVER, None, NEVER)  # of the present hypothesis: newest step, its state, due step
-        self._put_at: tuple[int, int] | None = None  # time and due step when last nothing waited, but to be computed
-        self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the hypothesis
+        self._put_at: tuple[int, int] | None = None  # time and due step of the last call with only steps to compute
+        self.complete_ns = 0  # time of an ``advance``: all entries received before it are in the hypothesis
 
     @property
     def digest(self) -> str:
@@ -100,31 +100,31 @@ class Fusion:
 
     @property
     def hypothesis_digest(self) -> str:
-        """Digest of the log that the hypothesis follows from: an earlier one than now where another process computes it."""
+        """Digest of the log from which the hypothesis follows: an earlier log than now if another process computes it."""
         return self.estimator.answered_digest if isinstance(self.estimator, Deferred) else self.digest
 
     @property
     def pending(self) -> bool:
-        """Whether the hypothesis lacks something of the log, or of the known frames; further calls of ``advance`` add it."""
+        """Whether the hypothesis lacks part of the log, or of the known frames; further calls of ``advance`` add it."""
         return self.is_behind or (not self._ended and isinstance(self.estimator, Deferred) and self.estimator.waits)
 
     @property
     def is_behind(self) -> bool:
-        """As ``pending``, but for what another process has to compute first."""
+        """As ``pending``, except for computations of another process."""
         return not self._ended and (self._stale or self._waits or self._revision != self._frames.revision)
 
     @property
     def _waits(self) -> bool:
-        """Whether entries wait that have come late, or that have ceased to count or begun again."""
+        """Whether late entries wait, or entries that have begun or ceased to count."""
         return bool(self._latecomers or self.late) or self._recounted < len(self.log.recounted)
 
     @property
     def is_busy(self) -> bool:
-        """Whether much is being computed again, or was a moment ago: what reaches far back is to wait."""
+        """Whether a large replay is running, or was a moment ago: a further one has to wait."""
         return not self._ended and (self._chains.is_replaying or self._batches.is_resting)
 
     def begin_ns(self, now_ns: int) -> int:
-        """The first of all times now that have the same due step, and with it the same hypothesis."""
+        """Return the first of all times now with the same due step, and with it the same hypothesis."""
         return (now_ns - self._hold_ns) // self._grid_ns * self._grid_ns + self._hold_ns
 
     @property
@@ -136,7 +136,7 @@ class Fusion:
         return self.estimator.outlook(self.state, self._now_step)
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
-        """Where the camera was, mission frame, m, and 1 sigma of the horizontal distance; None where an entry is not fused."""
+        """Return the camera's place (mission frame, m) and 1 sigma of the horizontal distance; None for an entry not fused."""
         found = None
         with suppress(KeyError):  # it is not in the log
             found = self._observations.of(identity) if self.log.counts(identity) else None
@@ -159,11 +159,11 @@ class Fusion:
             self._told, self._stale = (NEVER, None, NEVER), True
 
     def end(self) -> None:
-        """Keep the log only, for good: there is no hypothesis from now on, and nothing is computed."""
+        """Keep the log only, for good: from now on there is no hypothesis and no computation."""
         self._ended, self.hypothesis, self._due_step = True, None, NEVER
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
-        """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
+        """Add an entry with its received bytes; return False if the log does not accept it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
         if not self._ended and isinstance(entry, self.estimator.reads) and not self.log.leaves_out(entry):
@@ -171,8 +171,8 @@ class Fusion:
         return True
 
     def _take(self, identity: EntryId, read: AnyEntry | None, step: int) -> None:
-        """Put an entry that changes a step, or nothing, in the place of what is held; now, or with a batch if it is late."""
-        if not self._first_step <= step <= self._chains.newest[0]:  # no step that was computed changes
+        """Replace the entry held of an identity by another, or by nothing; now, or with a batch if it is late."""
+        if not self._first_step <= step <= self._chains.newest[0]:  # no computed step changes
             self._rewind(self._put(identity, read))
         elif step < self._oldest_step:
             self.late.add(identity, read)
@@ -182,7 +182,7 @@ class Fusion:
             self._rewind(self._put(identity, read))
 
     def _recount(self) -> None:
-        """See to entries that have ceased to count, or begun again: as late as what comes now, which delays nothing."""
+        """Process entries that have begun or ceased to count: as late as a new entry, which delays nothing."""
         portion = self.log.recounted[self._recounted : self._recounted + RECOUNTED]
         self._recounted += len(portion)
         for identity, _ in portion:
@@ -196,8 +196,9 @@ class Fusion:
                 self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
-        """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
-        beside the present states if that is much.
+        """Remove entries that do not count any more; return the held ones among them.
+
+        Results derived from them are recomputed, in parallel to the present states if there are many.
         """
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:
@@ -208,11 +209,11 @@ class Fusion:
 
     @property
     def _oldest_step(self) -> int:
-        """What changes earlier steps is late."""
+        """Changes of earlier steps are late."""
         return self._due_step - LATE_NS // self._grid_ns
 
     def answered(self, question: int, told: Told) -> None:
-        """Take the answer to a question of an estimator that is computed elsewhere; the next ``advance`` tells it."""
+        """Accept the answer to a question of an estimator that is computed elsewhere; the next ``advance`` publishes it."""
         if isinstance(self.estimator, Deferred):
             self.estimator.take(question, told)
             self._told, self._stale = (NEVER, None, NEVER), True
@@ -220,8 +221,8 @@ class Fusion:
     def advance(self, now_ns: int, budget: int = SLICE_UNITS, *, takes_late: bool = True) -> None:
         """Bring the hypothesis up to the grid step of ``now_ns``, or back to it.
 
-        ``budget``: at most so many units of the estimator's work; a step is never split and at least one is computed. ``pending``
-        tells whether work is left for the next call. ``takes_late``: whether the replay of much may begin.
+        ``budget``: limit in units of the estimator's work; a step is never split and at least one is computed. ``pending`` is
+        True while work is left for the next call. ``takes_late``: whether a large replay may begin.
         """
         if self._ended:
             self.complete_ns = now_ns
@@ -229,7 +230,7 @@ class Fusion:
         before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
         if self._due_step < before:
             self._rewind(self._due_step + 1)
-            self._told = min(self._told[0], self._due_step), None, self._due_step  # what was told was of a time yet to come
+            self._told = min(self._told[0], self._due_step), None, self._due_step  # the published one was of the future
         self._stale = self._stale or self._due_step != before
         self._recount()
         was_replaying = self._chains.is_replaying
@@ -246,7 +247,7 @@ class Fusion:
             self.complete_ns, self._put_at = self._put_at[0], None
 
     def _take_waiting(self, before: int, takes_late: bool) -> None:
-        """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
+        """Add the entries whose batch is due, at a call that has advanced the due step from ``before``."""
         late = self.late.taken() if takes_late else {}
         if self._latecomers:
             latecomers = self._latecomers.all_taken() if late else self._latecomers.taken(before, self._due_step)
@@ -259,13 +260,13 @@ class Fusion:
         self._begin_replay(min(first.values(), default=_AFTER))
 
     def _begin_replay(self, step: int) -> None:
-        """Compute the states from the step on again, beside the present ones."""
+        """Recompute the states from the step on, in parallel to the present ones."""
         if step <= self._due_step:
             self._stale = True
             self._chains.replay(step)
 
     def _put(self, identity: EntryId, entry: AnyEntry | None) -> int:
-        """Put an entry's observation, if it has one, into the timeline, in the place of what is held of that identity.
+        """Replace the observation of an identity in the timeline by that of an entry, if it has any.
 
         Returns the first step that changes by it, or else ``_AFTER``.
         """
@@ -300,12 +301,12 @@ class Fusion:
             self._stale = True
 
     def _fold(self, budget: int) -> None:
-        """Compute what is missing, and tell the hypothesis of the newest state."""
+        """Compute the missing states, and publish the hypothesis of the newest state."""
         complete = self._chains.extend(self._due_step, self._oldest_step, budget)
         self._stale = not complete or self._chains.is_replaying
         (newest, state), (told, told_state, told_at) = self._chains.newest, self._told
         if not complete and newest <= told:
-            newest, state = told, told_state  # the newest is what was told; from now on it is an older one
+            newest, state = told, told_state  # the newest published state; from now on it is an older one
         waited = (self._due_step - told_at) * self._grid_ns > UNTOLD_NS and state is not None
         tells = complete or (waited and not (self._chains.lags and told == NEVER))
         if tells and (state is not told_state or self._due_step != told_at):
@@ -315,13 +316,13 @@ class Fusion:
             self.hypothesis = self.estimator.hypothesis(state, self._now_step)
 
     def _holds(self, step: int) -> bool:
-        """Whether the hypothesis follows from all steps up to this one, but for what waits."""
+        """Return whether the hypothesis follows from all steps up to this one, except for waiting entries."""
         newest, state = self._chains.newest
         missing = self._timeline.between(newest, min(step, self._due_step))
         return not missing and not self._chains.is_replaying and state is self._told[1]
 
     def _step(self, state: Any, index: int) -> tuple[Any, int]:
-        """The state after a step, and the work that it takes."""
+        """Return the state after a step, and its work."""
         identities = self._timeline.of(index)
         work = self._observations.missing(identities)
         observations = [found for identity in identities if (found := self._observations.of(identity)) is not None]
@@ -329,7 +330,7 @@ class Fusion:
         return self.estimator.step(state, self._grid_step(index), observations), work
 
     def _apply_frame_changes(self, *, begins: bool) -> None:
-        """Convert the entries again that were measured in frames whose estimate has changed. ``begins``: even if much follows."""
+        """Convert the entries of changed frames again. ``begins``: even if this causes a large replay."""
         changes = self._frames.changes(self._revision)
         first = min(changes.values(), default=0) // self._grid_ns
         if not begins and self._chains.newest[0] != NEVER and first < self._oldest_step:
@@ -344,7 +345,7 @@ class Fusion:
         self._change_from(min(steps, default=_AFTER))
 
     def _change_from(self, step: int) -> None:
-        """Compute the states from the step on again."""
+        """Recompute the states from the step on."""
         if step < self._oldest_step and self._chains.newest[0] != NEVER:
             self._begin_replay(step)
         else:
@@ -352,7 +353,7 @@ class Fusion:
 
     @property
     def _now_step(self) -> GridStep:
-        """The interval of the times now that have the present due step."""
+        """The interval of the times now with the present due step."""
         return self._grid_step(self._due_step, self._hold_ns)
 
     def _grid_step(self, index: int, later_ns: int = 0) -> GridStep:

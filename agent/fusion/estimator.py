@@ -39,9 +39,8 @@ class Sight(Struct, frozen=True, eq=False):
     """The apparent place of the source for a drone: relative to its own, biased localisation. Mission frame, as if the drone's
     poses were true.
 
-    The drone's bias (measured minus true) shifts its own position and the source it sees alike; so the apparent place y = x + b
-    has a smaller covariance than the true place x, and is what the drone has to fly to. position: (3,) metres. covariance:
-    (3, 3) m2.
+    The drone's bias (measured minus true) shifts its own position and its view of the source alike. So the apparent place y = x +
+    b has a smaller covariance than the true place x, and is the drone's target. position: (3,) metres. covariance: (3, 3) m2.
     """
 
     position: NDArray[np.float64]
@@ -56,17 +55,16 @@ class Sight(Struct, frozen=True, eq=False):
 class Hypothesis(Struct, frozen=True, eq=False):
     """The source estimate ("hypothesis" in the paper) at ``stamp_ns``, mission frame. The arrays are read-only.
 
-    position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: number of cones used. x0_stamp_ns: when the initial
-    estimate was declared. activity_bq, activity_sigma_bq: None if the estimator has no estimate of it.
-    evidence: log Bayes factor of a source against background alone; None if the estimator does not compute it: then
-    ``covariance`` is the filter's own, and need not match the actual error.
-    sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
-    mission's, or where it is none of them: then lines_kev is not None, and has the energies of the lines that its spectrum shows,
-    ascending. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
-    circle around this source, with a share of it farther out; None if the estimator tells one source only. look: of a source that
-    is told at rest, where it is if it moves, while that is not clear; the drones look there before they go on. contradicted: ids
-    of drones whose measurements are left out, as they do not fit while those of others do. turned_deg: by drone, by how much its
-    cones are certainly turned to the left of its heading.
+    position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: number of cones used. x0_stamp_ns: time at which the
+    initial estimate was declared. activity_bq, activity_sigma_bq: None if the estimator does not estimate the activity. evidence:
+    log Bayes factor of a source against background alone; None if the estimator does not compute it: then ``covariance`` is the
+    filter's own, and need not match the actual error. sights: the apparent place by drone; empty if the estimator has no pose
+    biases. nuclide: None if the estimator assumes the mission's, or for an unknown nuclide. lines_kev: for an unknown nuclide the
+    energies of the lines in its spectrum, ascending; otherwise None. others: further sources, in the order of their importance.
+    watched_s: live time of all cameras on or inside the circle around this source, with a share of the live time farther out;
+    None if the estimator reports one source only. look: for a source reported at rest that may move, its place if it moves; the
+    drones verify it before they continue. contradicted: ids of drones whose measurements are left out, as they contradict the
+    other drones' measurements. turned_deg: by drone, the certain turn of its cones to the left of its heading.
     """
 
     stamp_ns: int
@@ -103,11 +101,11 @@ class Hypothesis(Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exclusion:
-    """What a search for several sources has excluded beside those that it has found.
+    """The exclusion by a search for several sources, beside the sources that it has found.
 
-    limits_bq: by nuclide, the activity from which on sources are excluded in all of the area but the glare; None: nothing is yet.
-    left: (C,) the cells where a source of the least activity that is searched for may hide, and more measurements would tell.
-    glare: (C,) those near found sources, which outshine it.
+    limits_bq: by nuclide, the exclusion limit of the activity in all of the area but the glare; None: no limit yet. left: (C,)
+    cells that may hold a source of the least searched activity, where more measurements would decide. glare: (C,) cells near
+    found sources, which outshine a further source.
     """
 
     limits_bq: Mapping[str, float | None]
@@ -116,22 +114,21 @@ class Exclusion:
 
     @property
     def known_bq(self) -> dict[str, float]:
-        """The limits of those nuclides that have one."""
+        """The limits of the nuclides that have one."""
         return {nuclide: limit_bq for nuclide, limit_bq in self.limits_bq.items() if limit_bq is not None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """The posterior of a search, while no hypothesis is declared; of a search for several sources, which goes on, also beside
-    those that are: of one more of the least activity that is searched for. Mission frame.
+    """The posterior of a search, while no hypothesis is declared. Mission frame.
 
-    places: (C, 2) centres of the cells, which are squares along the axes, and cell_m: (C,) their sizes, metres. inside: (C,),
+    A search for several sources continues beside declared hypotheses: it is for one more source of the least searched activity.
+    places: (C, 2) centres of the cells, which are squares along the axes, and cell_m: (C,) their sizes, metres. inside: (C,)
     cells in the area. weight: (C,) P(source in the cell), adding up to 1 - ``none``. activity_bq: (C,) geometric mean of the
-    activity given a source in the cell. none: P(no source).
-    excluded_bq: sources of this activity or more are excluded, in the mean over the places where they may have been; None:
-    nothing is excluded yet. exclusion: where the estimator is one of several sources; then ``excluded_bq`` is the largest of its
-    limits. lead: the search for a source of which something has been measured, but not enough to tell of it: it comes first.
-    beyond: mean place (m) of a source beyond the fence, where that is more probable than all else.
+    activity given a source in the cell. none: P(no source). excluded_bq: exclusion limit of the activity, in the mean over the
+    possible places; None: no limit yet. exclusion: of an estimator of several sources; then ``excluded_bq`` is the largest of its
+    limits. lead: the search for a source with some measurements, but too few for a report: it has priority. beyond: mean place
+    (m) of a source beyond the fence, if that is more probable than all else.
     """
 
     places: NDArray[np.float64]
@@ -149,32 +146,33 @@ class Outlook:
 class Estimator(Protocol, Generic[S]):
     """Observations to hypothesis, as pure functions on an immutable state ``S``.
 
-    Nothing but the arguments may enter a result: no clock, no random state, no memory of earlier calls. Then the hypothesis is a
+    Results depend on the arguments alone: no clock, no random state, no memory of earlier calls. Then the hypothesis is a
     function of the log, and a late entry is merged by a replay from an earlier state.
     """
 
     name: str
     reads: tuple[type[AnyEntry], ...]  # the kinds of entries that it uses
     grid_s: float | None  # step width of its time grid; None: the mission's
-    hold_s: float  # delay by which it lags behind now, so that most entries arrive before their step is computed
+    hold_s: float  # lag behind now, so that most entries arrive before their step is computed
 
     def initial(self, start_ns: int | None) -> S:
-        """State before the first observation. ``start_ns``: the mission's start, None if it is not known."""
+        """Return the state before the first observation. ``start_ns``: the mission's start, None if it is not known."""
 
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
-        """State after a grid step that has observations (in the order of their entries' identities).
+        """Return the state after a grid step with observations (in the order of their entries' identities).
 
         Called in ascending order, for such steps only: the estimator itself accounts for the empty steps between (process noise,
         motion), and may not depend on now.
         """
 
     def work(self, state: S, observations: int) -> int:
-        """Cost of a step from this state with so many observations, in units of about 25 microseconds."""
+        """Return the cost of a step from this state with so many observations, in units of about 25 microseconds."""
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
-        """The source estimate of the state, predicted to ``step``, the interval in which now lies: not before its last
-        observation's step; shifted by ``hold_s`` against the grid.
+        """Return the source estimate of the state, predicted to ``step``, the interval of now.
+
+        ``step``: not before the last observation's step; shifted by ``hold_s`` against the grid.
         """
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
-        """The posterior of a search; None if the state has a hypothesis (but see ``Outlook``), or the estimator has none."""
+        """Return the posterior of a search; None if the state has a hypothesis (but see ``Outlook``), or for lack of a search."""

@@ -9,7 +9,7 @@ from protocol.errors import ProtocolError
 from protocol.keys import drone_key
 from protocol.summary import decode_summary, encode_summary
 
-MOST_ENTRIES = 500  # of one answer; for more the peer asks again
+MOST_ENTRIES = 500  # of one answer; the peer requests further ones
 MOST_BYTES = 1_000_000
 
 
@@ -17,22 +17,22 @@ class LogExchange:
     """Requests for entries missing from one agent's log, and answers to the requests of its peers."""
 
     def __init__(self, swarm: str, drone: str | None, log: ObservationLog, counters: Counter[str]) -> None:
-        """``drone``: whose log this is; None: a station's, which tells nobody what it holds."""
+        """``drone``: the log's owner; None: a station, which publishes no summary."""
         self._swarm, self._drone = swarm, drone
         self._log = log
         self._counters = counters
         self._turn = 0  # of the summaries: none has the hashes of all blocks
 
     def summary(self) -> bytes:
-        """A summary of the log, as a request for the entries that are missing from it."""
+        """Return a summary of the log, as a request for its missing entries."""
         self._turn += 1
         return encode_summary(self._log.mission_id, self._log.summary(self._turn))
 
     def answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of the entries that the peer lacks, some of every publisher, up to the limits of one answer.
+        """Return keys and payloads of the entries missing at the peer, some of every publisher, up to the limits of one answer.
 
-        An empty request is for the summary of this log. One that is no summary, or that of another mission's log, is counted and
-        not answered.
+        An empty request is for the summary of this log. A malformed summary, or a summary of another mission's log, is counted
+        and not answered.
         """
         if not request and self._drone is not None:
             return [(drone_key(self._swarm, self._drone, "log"), self.summary())]

@@ -1,8 +1,8 @@
-"""How far a camera turns its sensor's face, and not its edge, to a source: f, the cosine of the angle to the face's normal.
+"""Orientation of a camera's sensor face to a source: f, the cosine of the angle to the face's normal.
 
-The camera is taken to look along the drone's x axis, either way: entries do not tell how it is mounted. Of its heading psi
-in an exposure only the means C of cos 2 psi and S of sin 2 psi are known (``CountObservation.facing``), and f is that of a level
-camera, root mean square.
+Assumption: the camera looks along the drone's x axis, either way, as entries do not state its mounting. Of its heading psi in an
+exposure only the means C of cos 2 psi and S of sin 2 psi are known (``CountObservation.facing``). f is the root mean square of a
+level camera.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ MEAN_STEEPNESS = 0.41  # mean of the sine of that angle
 
 
 class Facing(NamedTuple):
-    """square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the way to the source, d the distance."""
+    """square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the vector to the source, d the distance."""
 
     square: Array
     ahead: Array
     aside: Array
 
     def cosine(self, least: float = 0.0) -> Array:
-        """f, or ``least`` at least: (f^2 + least^2)^(1/2)."""
+        """Return f with the lower limit ``least``: (f^2 + least^2)^(1/2)."""
         result: Array = np.sqrt(np.maximum(self.square, 0.0) + least * least)
         return result
 
     @staticmethod
     def of(x: Array, y: Array, distance: Array, twice_cos: Array | float, twice_sin: Array | float) -> Facing:
-        """Of a source at the horizontal way (x, y) from the camera, and at the distance d:
+        """Return f^2 and its derivatives for a source at the horizontal vector (x, y) from the camera, and at the distance d:
 
             f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2.
 

@@ -19,8 +19,8 @@ _NS = 1_000_000_000
 
 
 class GivenEstimator:
-    """Holds each place of the schedule until the next one's time; jumps take effect at the first grid step that begins at or
-    after that time. There is no hypothesis before the schedule's first time, nor before the mission's start.
+    """Holds each place of the schedule until the next time of the schedule; jumps take effect at the first grid step that begins
+    at or after that time. There is no hypothesis before the schedule's first time, nor before the mission's start.
 
     Raises:
         ConfigError: the schedule's times do not ascend.
@@ -39,19 +39,19 @@ class GivenEstimator:
             raise ConfigError("fusion.given.schedule: times must ascend; sort the rows [t_s, x, y] by t_s")
 
     def initial(self, start_ns: int | None) -> int | None:
-        """The state is the mission's start."""
+        """Return the state: the mission's start."""
         return start_ns
 
     def step(self, state: int | None, step: GridStep, observations: Sequence[Observation]) -> int | None:
-        """Uses no observations."""
+        """Return the same state; observations are not used."""
         return state
 
     def work(self, state: int | None, observations: int) -> int:
-        """About one unit for the step, and one for each observation."""
+        """Return about one unit for the step, and one for each observation."""
         return 1 + observations
 
     def hypothesis(self, state: int | None, step: GridStep) -> Hypothesis | None:
-        """The schedule's place at the beginning of the step, without error."""
+        """Return the schedule's place at the beginning of the step, without error."""
         if state is None:
             return None
         row = bisect_right(self._offsets_ns, step.start_ns - state) - 1
@@ -68,5 +68,5 @@ class GivenEstimator:
         )
 
     def outlook(self, state: int | None, step: GridStep) -> Outlook | None:
-        """None: it has no posterior of a search."""
+        """Return None: there is no posterior of a search."""
         return None

@@ -50,14 +50,14 @@ class InitialSearch:
         self._grid = inside
 
     def solve(self, cones: Sequence[ConeSurface]) -> tuple[float, float]:
-        """(x, y) of x0, mission frame, metres; bit-identical for the same cones."""
+        """Return (x, y) of x0, mission frame, metres; bit-identical for the same cones."""
         apex = np.array([cone.apex for cone in cones])
         axis = np.array([cone.axis for cone in cones])
         theta = np.array([cone.theta_rad for cone in cones])
         cos, sin = np.cos(theta), np.sin(theta)
 
         def distances(ground: Array) -> tuple[Array, Array, Array, Array]:
-            """Of points (..., 2): v (..., M, 3), along, across and r, (..., M) each."""
+            """Return v (..., M, 3), along, across and r, (..., M) each, of points (..., 2)."""
             heights = self.ground.heights_m(ground.reshape(-1, 2)).reshape(*ground.shape[:-1], 1)
             v = np.concatenate([ground, heights], axis=-1)[..., None, :] - apex
             along = np.sum(v * axis, axis=-1)

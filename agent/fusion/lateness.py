@@ -1,4 +1,4 @@
-"""Entries that come late: folded together, so that what is computed again stays in proportion to what is new."""
+"""Late entries: folded together, so that the recomputed steps stay in proportion to the new entries."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from agent.frames.batches import Batches
 from protocol.entries import AnyEntry, EntryId
 
 _LONGEST_STRIDE = 16  # steps
-_CALLS_A_STEP = 4  # where no step becomes due, as after the flight: a batch waits for so many calls for each of its steps
+_CALLS_A_STEP = 4  # without new due steps, as after the flight: calls that a batch waits for each of its steps
 
 
 class Latecomers:
     """Entries whose steps have been computed already, until their batch is due.
 
-    An entry that is late by n steps has n steps computed again. Of such entries at most one batch is folded in every m steps, m
-    being the largest power of two up to n of the latest one, so that all in all at most about three times as many steps are
-    computed as there are. Batches are folded at the multiples of m: at the same due steps by all agents, whose hypotheses stay
-    comparable meanwhile.
+    An entry late by n steps has n steps recomputed. Of such entries at most one batch is folded in every m steps, m being the
+    largest power of two up to n of the latest entry. So in total at most about three times as many steps are computed as there
+    are. Batches are folded at the multiples of m: at the same due steps by all agents, whose hypotheses stay comparable
+    meanwhile.
     """
 
     def __init__(self) -> None:
         self._entries: dict[EntryId, AnyEntry | None] = {}
         self._stride = 1
-        self._calls = 0  # since the first of the batch came
+        self._calls = 0  # since the first entry of the batch came
 
     def __bool__(self) -> bool:
-        """Whether any are waiting."""
+        """Return whether any entries wait."""
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None, steps: int) -> None:
-        """Add an entry that is late by so many steps; None: what is held of that identity goes."""
+        """Add an entry late by so many steps; None: the entry held of that identity is removed."""
         self._entries[identity] = entry
         self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _LONGEST_STRIDE))
 
@@ -37,23 +37,23 @@ class Latecomers:
         self._entries.pop(identity, None)
 
     def taken(self, before: int, due: int) -> dict[EntryId, AnyEntry | None]:
-        """The batch, if it is due: at a call that has brought the due step from ``before`` to ``due``."""
+        """Return the batch, if it is due: at a call that has advanced the due step from ``before`` to ``due``."""
         self._calls += 1
         if before // self._stride == due // self._stride and self._calls <= _CALLS_A_STEP * self._stride:
             return {}
         return self.all_taken()
 
     def all_taken(self) -> dict[EntryId, AnyEntry | None]:
-        """All that wait, where their steps are computed again anyway."""
+        """Return all waiting entries, when their steps are recomputed anyway."""
         entries, self._entries = self._entries, {}
         self._stride, self._calls = 1, 0
         return entries
 
 
 class Late:
-    """Entries that come so late that they wait for a batch of their own, and for the quota of their drone.
+    """Entries so late that they wait for a batch of their own, and for the quota of their drone.
 
-    None in the place of an entry: what is held of that identity goes.
+    None in the place of an entry: the entry held of that identity is removed.
     """
 
     def __init__(self, batches: Batches) -> None:
@@ -61,7 +61,7 @@ class Late:
         self._entries: dict[EntryId, AnyEntry | None] = {}
 
     def __bool__(self) -> bool:
-        """Whether any are waiting."""
+        """Return whether any entries wait."""
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None) -> None:
@@ -74,12 +74,12 @@ class Late:
 
     @property
     def put_off(self) -> frozenset[str]:
-        """The drones that have used up their quotas, and whose entries wait for them."""
+        """The drones with used-up quotas, for which entries wait."""
         drones = {identity.drone for identity in self._entries}
         return frozenset(drones - self._batches.admitted(drones))
 
     def taken(self) -> dict[EntryId, AnyEntry | None]:
-        """The entries whose drones have some of their quotas left."""
+        """Return the entries of the drones with quota left."""
         admitted = self._batches.admitted({identity.drone for identity in self._entries})
         taken = {identity: entry for identity, entry in self._entries.items() if identity.drone in admitted}
         self._entries = {identity: entry for identity, entry in self._entries.items() if identity.drone not in admitted}

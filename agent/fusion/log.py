@@ -1,6 +1,6 @@
 """The observation log: the set of all measurements made in this mission.
 
-Two logs that have got the same entries have the same digest, whatever the order in which the entries arrived.
+Two logs with the same entries have the same digest, in any order of arrival.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
-_TURN = 50  # entries of one publisher in an answer before it is the next one's turn
+_TURN = 50  # entries of one publisher in an answer before the next publisher's turn
 _MODULUS = 1 << (8 * _DIGEST_BYTES)
 _EVERYTHING = 1 << 64  # above all sequence numbers
 
 
 class Outcome(Enum):
-    """Result of offering an entry to the log. Only the first is in it then."""
+    """Result of offering an entry to the log. Only an ``ADDED`` entry is in the log."""
 
     ADDED = "added"
     DUPLICATE = "duplicate"
-    CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor what follows
+    CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor any later entry
     LEFT_OUT = "left_out"  # of a publisher that has contradicted itself, at this number or before
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
     TOO_LONG = "too_long"  # an exposure of more than ``MAX_EXPOSURE_NS``
@@ -43,22 +43,22 @@ class ObservationLog:
     """Entries of one mission by identity.
 
     Digest: the sum, modulo 2^128, of the BLAKE2b-128 hashes of the entries' bytes. A sum is independent of the order, takes one
-    addition per entry, and unlike XOR does not cancel equal terms. It detects accidental differences, not forgeries: the
-    publisher's signature is for those.
+    addition per entry, and unlike XOR does not cancel equal terms. The digest detects accidental differences, not
+    forgeries; the publishers' signatures detect those.
 
-    A publisher that contradicts itself counts up to the first contradiction: neither of the two entries does, nor anything with a
-    greater number in that boot. The first one that anybody proves decides, so that all who know the same entries leave out the
-    same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
+    A publisher that contradicts itself counts up to the first contradiction: neither of the two entries counts, nor any greater
+    number in that boot. The first proven contradiction decides, so that all agents with the same entries leave out the same, in
+    any order of arrival. The log's owner removes the held entries beyond it (``beyond``, ``last_counted``).
 
-    What its own drone has taken back (``Retraction``) stays in the log, so that all logs have one content, and does not count
-    (``counts``); nor do exposures of one drone that overlap (``overlaps``).
+    Entries retracted by their own drone (``Retraction``) stay in the log, so that all logs have one content, and do not count
+    (``counts``); nor do overlapping exposures of one drone (``overlaps``).
 
-    It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
-    an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
-    again. Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30
-    MB per hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry; an estimator that computes
-    elsewhere (``sources``) holds a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
-    ``agent.shell.memory`` warns the operator before memory runs out.
+    The log only grows, but for entries left out after a contradiction or a revocation. It is never compacted: a restarted agent
+    begins with an empty log and must be able to get all of it. After a late entry all later grid steps are recomputed.
+    Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30 MB per
+    hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry; an estimator computed elsewhere
+    (``sources``) holds a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory``
+    warns the operator before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:
@@ -82,45 +82,47 @@ class ObservationLog:
         self._sum = 0
 
     def __len__(self) -> int:
-        """Number of entries held."""
+        """Return the number of held entries."""
         return sum(map(len, self._payloads.values()))
 
     def __iter__(self) -> Iterator[Record]:
-        """The records held, in the order of their identities."""
+        """Iterate over the held records, in the order of their identities."""
         return (self.record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
     def payloads(self) -> Iterator[bytes]:
-        """The bytes of the entries held, in no order."""
+        """Iterate over the bytes of the held entries, in no order."""
         return chain.from_iterable(held.values() for held in self._payloads.values())
 
     def numbers(self, publisher: Publisher) -> Collection[int]:
-        """The sequence numbers of the entries held of a publisher."""
+        """Return the sequence numbers of the held entries of a publisher."""
         return self._numbered.get(publisher, {}).keys()
 
     def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
-        """The entries of one kind, of one drone or of all, in the order of their identities: a function of the log's content."""
+        """Return the entries of one kind, of one drone or of all, in the order of their identities: a function of the log's
+        content.
+        """
         held = (item for item in self._payloads[kind].items() if drone is None or item[0].drone == drone)
         return [decode_as(kind, payload) for _, payload in sorted(held)]
 
     def entry(self, identity: EntryId) -> Entry:
-        """The entry held of this identity. Raises KeyError without one."""
+        """Return the held entry of this identity. Raises KeyError without one."""
         return self.record(identity).entry
 
     def identity_of(self, entry: Entry) -> EntryId:
-        """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
+        """Return the identity object that the log holds for a held entry: with this one, users need no memory for another."""
         return self._numbered[entry.drone, entry.boot][entry.sequence]
 
     def counts(self, identity: EntryId) -> bool:
-        """Whether the entry of this identity is held, its drone has not taken it back, and it is no exposure that overlaps."""
+        """Return whether the entry of this identity is held, is not retracted by its drone, and is no overlapping exposure."""
         kind = self._kind_of(identity)
         return kind is not None and not self._counting.leaves_out(kind, identity)
 
     def leaves_out(self, entry: Entry) -> bool:
-        """Whether an entry held does not count: the opposite of ``counts``, in a third of the time."""
+        """Return whether a held entry does not count: the opposite of ``counts``, in a third of the time."""
         return self._counting.leaves_out(type(entry), self.identity_of(entry))
 
     def misexposed(self, since_ns: int) -> list[tuple[str, str]]:
-        """The drones with exposures since then that do not count, and why."""
+        """Return the drones with exposures since then that do not count, and the reason."""
         longer = [drone for drone, end_ns in sorted(self._too_long_ns.items()) if end_ns >= since_ns]
         return [(drone, "overlap") for drone in self._counting.overlapping(since_ns)] + [
             (drone, "are too long") for drone in longer
@@ -128,9 +130,9 @@ class ObservationLog:
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
-        """The entries held that have ceased to count (False), or begun again, in the order in which that happened.
+        """The held entries that have ceased to count (False), or begun again (True), in the order of these events.
 
-        It only grows: whoever holds what follows from the entries reads on where it was.
+        The sequence only grows: owners of derived results continue reading at their last position.
         """
         return self._counting.recounted
 
@@ -141,25 +143,25 @@ class ObservationLog:
 
     @property
     def publishers(self) -> Mapping[str, int]:
-        """The drones of which entries were taken, with the latest stamp of each."""
+        """The drones with accepted entries, with the latest stamp of each."""
         return self._newest_ns
 
     def last_counted(self, drone: str, boot: str) -> int:
-        """The last sequence number that a contradiction leaves; without one, more than any number."""
+        """Return the last sequence number before a contradiction; without one, more than any number."""
         found = self._contradictions.get((drone, boot))
         return _EVERYTHING if found is None else found.number - 1
 
     def revision(self, kind: type[Entry]) -> int:
-        """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
+        """Return a counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
         return self._revisions[kind]
 
     @property
     def digest(self) -> str:
-        """32 hex digits over all entries held."""
+        """32 hex digits over all held entries."""
         return f"{self._sum:032x}"
 
     def add(self, entry: Entry, payload: bytes) -> Outcome:
-        """Offer an entry; ``payload`` are the bytes that it was decoded from."""
+        """Offer an entry; ``payload``: its received bytes."""
         outcome = self._add(entry, payload)
         self.counters[outcome.value] += 1
         return outcome
@@ -180,7 +182,7 @@ class ObservationLog:
         if self._judges_exposures and isinstance(entry, Exposure) and entry.end_ns - entry.stamp_ns > MAX_EXPOSURE_NS:
             self._too_long_ns[entry.drone] = max(entry.end_ns, self._too_long_ns.get(entry.drone, entry.end_ns))
             return Outcome.TOO_LONG
-        self._counting.settle()  # what comes now counts from the beginning, or does not
+        self._counting.settle()  # a new entry counts from the beginning, or does not
         identity = entry.entry_id
         self._put(publisher, identity, type(entry), payload)
         self._counting.added(entry, identity)
@@ -197,7 +199,7 @@ class ObservationLog:
         self._sum = (self._sum + _hash(payload)) % _MODULUS
 
     def _held_with(self, publisher: Publisher, ranges: Iterable[Range]) -> Iterator[EntryId]:
-        """The identities held with these numbers."""
+        """Return the held identities with these numbers."""
         numbered, held = self._numbered.get(publisher, {}), self._held.get(publisher, SequenceSet())
         return (numbered[number] for first, last in ranges for number in held.within(first, last))
 
@@ -212,7 +214,7 @@ class ObservationLog:
         return None
 
     def record(self, identity: EntryId) -> Record:
-        """The record held of this identity. Raises KeyError without one."""
+        """Return the held record of this identity. Raises KeyError without one."""
         for kind, held in self._payloads.items():
             payload = held.get(identity)
             if payload is not None:
@@ -220,12 +222,13 @@ class ObservationLog:
         raise KeyError(identity)
 
     def identities(self, kind: type[Entry], drone: str) -> list[EntryId]:
-        """Those of the entries held of one kind and drone, ascending."""
+        """Return the identities of the held entries of one kind and drone, ascending."""
         return sorted(identity for identity in self._payloads[kind] if identity.drone == drone)
 
     def beyond(self, drone: str, last: Callable[[str], int], boot: str | None = None) -> list[EntryId]:
-        """The entries held of a drone whose numbers are greater than ``last`` of their boot, in the order of their identities.
-        ``boot``: of that one only.
+        """Return the held entries of a drone with numbers greater than ``last`` of their boot, in the order of their identities.
+
+        ``boot``: limits the result to that boot.
         """
         return sorted(
             identity
@@ -235,7 +238,7 @@ class ObservationLog:
         )
 
     def newest_ns(self, kind: type[Entry]) -> int:
-        """The latest stamp of the entries of a kind that count; 0 without any."""
+        """Return the latest stamp of the counted entries of a kind; 0 without any."""
         held, leaves_out = self._payloads[kind], self._counting.leaves_out
         newest = max(held, key=attrgetter("stamp_ns"), default=None)
         if newest is None or not leaves_out(kind, newest):
@@ -243,7 +246,7 @@ class ObservationLog:
         return max((one.stamp_ns for one in held if not leaves_out(kind, one)), default=0)
 
     def forget(self, identity: EntryId) -> bool:
-        """Remove an entry that does not count any more; whether it was held."""
+        """Remove an entry that does not count any more; return whether it was held."""
         kind = self._kind_of(identity)
         if kind is None:
             return False
@@ -263,10 +266,10 @@ class ObservationLog:
         return True
 
     def summary(self, turn: int = 0) -> dict[Publisher, Held]:
-        """What is held of each publisher: a peer that gets this can tell which entries are missing here.
+        """Return the held entries of each publisher in short: a peer derives the entries missing here.
 
-        As many publishers as a summary carries, those of each drone in turn: one that goes through many boots does not keep the
-        others out. ``turn``: the next summary has hashes of other blocks.
+        A summary carries a limited number of publishers, each drone's in turn: a drone with many boots does not keep the others
+        out. ``turn``: the next summary has hashes of other blocks.
         """
         turns = zip_longest(
             *([(drone, boot) for boot in islice(boots, MOST_PUBLISHERS)] for drone, boots in sorted(self._boots.items()))
@@ -283,11 +286,10 @@ class ObservationLog:
         return Held(ranges, None if found is None else found.number, blocks)
 
     def missing_from(self, summary: Summary, most: int) -> list[tuple[EntryId, Record]]:
-        """Up to ``most`` records held here that are missing from a log with this summary: first those that prove a contradiction
-        or show one, then some of every drone in turn.
+        """Return up to ``most`` records held here that are missing from a log with this summary.
 
-        In the order of the sequence numbers, so that the cost follows from what is returned and from the summary, however much
-        is missing; and nobody's entries wait for those of a drone that has many.
+        First come records that prove or show a contradiction, then some of every drone in turn: no drone's entries wait behind a
+        drone with many. In the order of the sequence numbers, so that the cost follows from the result and the summary alone.
         """
         missing = list(islice(self._contradicting(summary), most))
         waiting = deque(self._lacked(drone, summary) for drone in sorted(self._boots))
@@ -300,7 +302,7 @@ class ObservationLog:
         return missing[:most]
 
     def _lacked(self, drone: str, summary: Summary) -> Iterator[tuple[EntryId, Record]]:
-        """The records of a drone that are missing."""
+        """Yield the missing records of a drone."""
         for boot in self._boots[drone]:
             publisher = drone, boot
             numbered, told = self._numbered[publisher], summary.get(publisher, Held())
@@ -310,7 +312,7 @@ class ObservationLog:
                     yield numbered[sequence], self.record(numbered[sequence])
 
     def _contradicting(self, summary: Summary) -> Iterator[tuple[EntryId, Record]]:
-        """The proofs that a peer lacks; and whatever it holds in another version, with the rest of that block."""
+        """Yield the proofs missing at a peer; and entries held there in another version, with the rest of their block."""
         for publisher, told in summary.items():
             found = self._contradictions.get(publisher)
             if found is not None and told.ranges and told.ranges[-1][1] >= found.number:
@@ -326,7 +328,7 @@ class ObservationLog:
                     yield from ((numbered[number], self.record(numbered[number])) for number in numbers)
 
     def _payloads_of(self, publisher: Publisher, numbers: range) -> Iterator[tuple[int, bytes]]:
-        """The numbers of the entries held among these, with their bytes."""
+        """Return the numbers of the held entries among these, with their bytes."""
         numbered = self._numbered[publisher]
         return ((number, self.record(numbered[number]).payload) for number in numbers if number in numbered)
 

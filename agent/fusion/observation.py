@@ -36,7 +36,7 @@ class ConeSurface(Struct, frozen=True):
 
 
 class ConeObservation(Struct, frozen=True):
-    """A Compton cone with its possible readings, one or two, in the order in which they were published.
+    """A Compton cone with its possible readings, one or two, in the order of their publication.
 
     ``identity`` and ``epoch``: of the log entry; ``mission_from_local``: the transform of the publisher's local frame.
     Sigmas: 1-sigma errors of the drone's position (of the horizontal distance) and heading.
@@ -70,9 +70,9 @@ class ConeObservation(Struct, frozen=True):
 class CountObservation(Struct, frozen=True):
     """The counts of an exposure, and the camera's position in the middle of it, mission frame, metres.
 
-    ``stamp_ns``: the exposure's end, before which it is not known. ``facing``: means of cos 2 psi and sin 2 psi, psi the drone's
-    heading from east; 0, 0 tells nothing of it. ``way_m``: from where the camera was first to where it was last. The other fields
-    as for a cone.
+    ``stamp_ns``: the exposure's end, the first time at which it is known. ``facing``: means of cos 2 psi and sin 2 psi, psi the
+    drone's heading from east; 0, 0 for an unknown heading. ``way_m``: distance between the camera's first and last position. The
+    other fields as for a cone.
     """
 
     stamp_ns: int
@@ -96,10 +96,10 @@ Observation = ConeObservation | CountObservation
 def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | None = None) -> Observation | None:
     """Transform an entry into the mission frame; None if it holds no information about the source.
 
-    ``identity``: that of the entry as the log holds it, so that there is one in memory and not two.
+    ``identity``: the entry's identity as the log holds it, so that only one object is in memory.
 
-    That is decided by the entry's content alone, so that all agents decide alike: a cone whose readings are both impossible
-    (probability 0) or have no axis, or an exposure without live time.
+    The entry's content alone decides, so that all agents decide alike. Without information are a cone whose readings are both
+    impossible (probability 0) or have no axis, and an exposure without live time.
     """
     identity = identity or entry.entry_id
     if isinstance(entry, Cone):
@@ -110,7 +110,7 @@ def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | Non
 
 
 def known_ns(entry: Entry) -> int:
-    """The stamp of an entry's observation: of an exposure its end, before which it is not known."""
+    """Return the stamp of an entry's observation: of an exposure its end, the first time at which it is known."""
     return entry.end_ns if isinstance(entry, Exposure) else entry.stamp_ns
 
 
@@ -141,13 +141,15 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
 
 @lru_cache(maxsize=4096)
 def _alike(one: SpectrumBin) -> SpectrumBin:
-    """The bin of the same content that is held already: most hold one event or two, and each log thousands of them."""
+    """Return an equal bin that is held already: most hold one event or two, and each log thousands of them."""
     return one
 
 
 def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:
-    """1-sigma errors of position and heading at a place of the local frame. The covariance of an estimated frame includes the
-    error of the drone's own localisation, whatever the drone states, but not the error that a wrong clock adds.
+    """Return 1-sigma errors of position and heading at a place of the local frame.
+
+    The covariance of an estimated frame includes the error of the drone's own localisation, whatever the drone states, but not
+    the error that a wrong clock adds.
     """
     if mission_from_local.covariance is None:
         return told_m, entry.yaw_sigma_rad
@@ -156,7 +158,7 @@ def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector
 
 
 def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
-    """The drone's position at an offset, interpolated between the neighbouring samples, or that of the last one; local frame."""
+    """Return the drone's position at an offset, interpolated between neighbouring samples, or the last sample's; local frame."""
     after = next((place for place, sample in enumerate(poses) if sample.offset_ns >= offset_ns), len(poses) - 1)
     late, early = poses[after], poses[max(after - 1, 0)]
     span_ns = late.offset_ns - early.offset_ns
@@ -168,7 +170,7 @@ def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
 
 
 def _facing(poses: Sequence[PoseSample], turned_rad: float) -> tuple[float, float]:
-    """See ``CountObservation``; ``turned_rad``: of the local frame in the mission frame."""
+    """Return ``facing`` as in ``CountObservation``; ``turned_rad``: yaw of the local frame in the mission frame."""
     doubled = [2.0 * (yaw_of(sample.quaternion) + turned_rad) for sample in poses]
     return sum(map(math.cos, doubled)) / len(doubled), sum(map(math.sin, doubled)) / len(doubled)
 

@@ -1,8 +1,8 @@
-"""Exposures of one drone that overlap: it has one camera, so none of them counts.
+"""Overlapping exposures of one drone: a drone has one camera, so none of them counts.
 
-Which ones overlap depends on the set of exposures alone, not on the order in which they came: an exposure overlaps if another
-one of its drone, of whatever boot, shares a part of its time. An honest drone publishes none (``sensing.observer``), but those
-that it has taken back, which are no part of the set.
+The result depends on the set of exposures alone, not on their order of arrival. An exposure overlaps if another exposure of its
+drone, of any boot, shares a part of its time. An honest drone publishes no overlaps (``sensing.observer``), except with retracted
+exposures, which are not part of the set.
 """
 
 from __future__ import annotations
@@ -20,42 +20,42 @@ _end_ns = itemgetter(1)
 
 
 class Overlaps:
-    """The exposures of all drones in a log, as far as they are not taken back."""
+    """The exposures of all drones in a log, without the retracted ones."""
 
     def __init__(self) -> None:
         self._drones: defaultdict[str, _Exposed] = defaultdict(_Exposed)
 
     def add(self, identity: EntryId, end_ns: int) -> list[EntryId]:
-        """Add an exposure. Returns the other ones that overlap since."""
+        """Add an exposure. Returns the other exposures that overlap since."""
         return self._drones[identity.drone].add((identity.stamp_ns, end_ns, identity))
 
     def remove(self, identity: EntryId) -> list[EntryId]:
-        """Remove an exposure, if it is one of them. Returns the other ones that overlap no longer."""
+        """Remove an exposure, if it is held. Returns the other exposures that overlap no longer."""
         exposed = self._drones.get(identity.drone)
         return exposed.remove(identity) if exposed is not None else []
 
     def __contains__(self, identity: EntryId) -> bool:
-        """Whether an exposure overlaps another one."""
+        """Return whether an exposure overlaps another one."""
         exposed = self._drones.get(identity.drone)
         return exposed is not None and identity in exposed.overlapping
 
     def drones(self, since_ns: int) -> list[str]:
-        """The drones with exposures that overlap and have begun since then, sorted."""
+        """Return the drones with overlapping exposures begun since then, sorted."""
         return sorted(drone for drone, exposed in self._drones.items() if exposed.newest_ns >= since_ns)
 
 
 class _Exposed:
-    """The exposures of one drone. ``overlapping``: the identities of those that overlap."""
+    """The exposures of one drone. ``overlapping``: the identities of overlapping exposures."""
 
     def __init__(self) -> None:
         self.overlapping: set[EntryId] = set()
-        self._alone: list[_Span] = []  # ascending; they are disjoint
-        self._crowded: list[_Span] = []  # ascending; those that overlap
-        self._times = SequenceSet()  # of these, ns
+        self._alone: list[_Span] = []  # ascending; disjoint
+        self._crowded: list[_Span] = []  # ascending; overlapping
+        self._times = SequenceSet()  # of the overlapping exposures, ns
 
     @property
     def newest_ns(self) -> int:
-        """The latest beginning of those that overlap; -1 without any."""
+        """The latest beginning of an overlapping exposure; -1 without any."""
         return self._crowded[-1][0] if self._crowded else -1
 
     def add(self, span: _Span) -> list[EntryId]:
@@ -90,7 +90,7 @@ class _Exposed:
             self._times.add_range(span[0], span[1] - 1)
 
     def _part(self, removed: _Span) -> list[EntryId]:
-        """Judge those anew that overlapped an exposure, or each other beside it. Returns those that overlap no longer."""
+        """Judge the group around a removed exposure anew. Returns the exposures that overlap no longer."""
         begin_ns, end_ns = self._times.range_of(removed[0])
         first, last = bisect_left(self._crowded, (begin_ns,)), bisect_left(self._crowded, (end_ns + 1,))
         beside = self._crowded[first:last]
@@ -108,7 +108,7 @@ class _Exposed:
 
 
 def _groups(spans: list[_Span]) -> Iterator[list[_Span]]:
-    """Ascending spans in groups, of which none overlaps another one."""
+    """Yield ascending spans in groups that do not overlap each other."""
     group: list[_Span] = []
     until_ns = 0
     for span in spans:

@@ -36,10 +36,10 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PaperState:
-    """The cones gathered for x0 (paper, Sec. V-A), and the track once there is one."""
+    """The cones gathered for x0 (paper, Sec. V-A), and the track once it exists."""
 
     gathered: tuple[ConeSurface, ...] = ()
-    seen: int = 0  # cones so far, including those that are too close together for x0
+    seen: int = 0  # cones so far, including cones too close together for x0
     track: Track | None = None
 
 
@@ -55,13 +55,13 @@ class PaperEstimator:
     noise; q dt is its predecessor's (Baca et al. 2021). The first ``initial_cones`` (M) cones of pairwise baseline
     ``initial_baseline_m`` give x0 (Sec. V-A, ``initial.InitialSearch``) with the variance ``initial_variance_m2``.
 
-    The filter needs one reading of a cone. The paper does not say how it distinguishes the electron from the photon; by
-    default the reading with the smaller scattering angle is used (``PaperEstimatorConfig.order``).
+    The filter needs one reading of a cone. The paper does not say how it distinguishes the electron from the photon; the default
+    is the reading with the smaller scattering angle (``PaperEstimatorConfig.order``).
 
     The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model): z follows from x and
     y, so a correction moves the hypothesis along the ground only.
 
-    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``: a cone is ignored if its apex lies outside of that
+    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``. A cone is ignored if its apex lies outside of that
     box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a single cone of a drone with a wrong
     position (messages allow up to 100 km) could take the hypothesis away.
     """
@@ -80,7 +80,7 @@ class PaperEstimator:
         self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
-        """No cones gathered; independent of the mission's start."""
+        """Return the state without cones; independent of the mission's start."""
         return PaperState()
 
     def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
@@ -103,11 +103,11 @@ class PaperEstimator:
         return PaperState(gathered, seen, track)
 
     def work(self, state: PaperState, observations: int) -> int:
-        """About one unit for the step, and one for each observation."""
+        """Return about one unit for the step, and one for each observation."""
         return 1 + observations
 
     def hypothesis(self, state: PaperState, step: GridStep) -> Hypothesis | None:
-        """The track, predicted to the beginning of ``step`` (or to its last cone, if that is newer)."""
+        """Return the track, predicted to the beginning of ``step`` (or to its last cone, if that is newer)."""
         if state.track is None:
             return None
         track = self._predict(state.track, max(step.start_ns, state.track.stamp_ns))
@@ -121,7 +121,7 @@ class PaperEstimator:
         )
 
     def outlook(self, state: PaperState, step: GridStep) -> Outlook | None:
-        """None: it has no posterior of a search."""
+        """Return None: there is no posterior of a search."""
         return None
 
     def _is_near(self, x: float, y: float) -> bool:
@@ -148,9 +148,9 @@ class PaperEstimator:
         R is diagonal in the axes p_a of P, so the measurement is three independent scalars p_a . z of variance R_a. On ground of
         slope (east, north), p_a . (x, y, z(x, y)) has the gradient h = (p_ax + p_az east, p_ay + p_az north); for each a
 
-            g = S h,   s = h . g + R_a,   x <- x + g (p_a . (z - x)) / s,   S <- S - g g' / s,
+            g = S h,   s = h . g + R_a,   x <- x + g (p_a . (z - x)) / s,   S <- S - g g' / s.
 
-        which equals the correction with the whole R without a matrix to invert. ``dx, dy, dz``: correction of x so far.
+        The result equals the correction with the whole R, without a matrix to invert. ``dx, dy, dz``: correction of x so far.
         """
         x, y, pxx, pxy, pyy = track.x, track.y, track.pxx, track.pxy, track.pyy
         correction = project((x, y, self._ground.height_m(x, y)), cone.apex, cone.axis, cone.theta_rad, self._rule)
@@ -172,14 +172,14 @@ class PaperEstimator:
         return Track(track.stamp_ns, x, y, pxx, pxy, pyy, track.cones + 1, track.x0_stamp_ns)
 
     def _axes(self, normal: Vector3) -> tuple[tuple[Vector3, float], ...]:
-        """The columns of P with the diagonal of R_C (eq. (7))."""
+        """Return the columns of P with the diagonal of R_C (eq. (7))."""
         rho = self._config.measurement_variance_m2
         first, second = _perpendicular(normal)
         return (normal, rho), (first, rho * self._config.cross_axis_factor), (second, rho * self._config.cross_axis_factor)
 
 
 def _perpendicular(n: Vector3) -> tuple[Vector3, Vector3]:
-    """Two unit vectors that make an orthonormal basis with n: the second and third column of P."""
+    """Return two unit vectors that make an orthonormal basis with n: the second and third column of P."""
     flat = math.hypot(n[0], n[1])
     if flat < 1e-6:  # n is vertical: any horizontal pair
         return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)

@@ -12,10 +12,10 @@ from agent.geometry import Array
 
 
 class Posterior(Struct, frozen=True, eq=False):
-    """Where the source may be, mission frame, horizontal.
+    """The distribution of the source's place, mission frame, horizontal.
 
-    kind: ``grid``: cells of the search; ``sum``: a Gaussian sum; ``gaussian``: one Gaussian, all that the estimator tells.
-    stamp_ns: the time of which it speaks: that of the hypothesis; of a grid the time at which the fusion was asked.
+    kind: ``grid``: cells of the search; ``sum``: a Gaussian sum; ``gaussian``: one Gaussian, the estimator's complete result.
+    stamp_ns: its time: the hypothesis's; of a grid the time of the request.
     position: (C, 2) metres. weight: (C,) probabilities, adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component;
     of a cell, which is a square of side a, a^2 / 12 per axis. none: probability that there is no source.
     """
@@ -29,7 +29,7 @@ class Posterior(Struct, frozen=True, eq=False):
 
 
 def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
-    """The posterior of a fusion now; None before its estimator has one."""
+    """Return the posterior of a fusion now; None before its estimator has one."""
     hypothesis, outlook = fusion.hypothesis, fusion.outlook
     if hypothesis is not None:
         one = hypothesis.position[None, :2].copy(), np.ones(1), hypothesis.covariance[None, :2, :2].copy()
@@ -41,7 +41,7 @@ def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
 
 
 def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:
-    """The Gaussian sum of ``bayes``, its components those of all sites and modes of motion; None of another estimator."""
+    """Return the Gaussian sum of ``bayes``, with components of all sites and modes of motion; None for another estimator."""
     mixture = getattr(fusion.estimator, "mixture", None)
     track = None if mixture is None else mixture(fusion.state, stamp_ns)
     if track is None:

@@ -12,7 +12,7 @@ _NEGLIGIBLE_M = 1e-9
 
 
 class Correction(NamedTuple):
-    """innovation: x_k - x_k-1, projected point minus hypothesis, metres. normal: unit vector along which it was projected."""
+    """innovation: x_k - x_k-1, projected point minus hypothesis, metres. normal: unit vector of the projection's direction."""
 
     innovation: Vector3
     normal: Vector3
@@ -32,10 +32,10 @@ def project(point: Vector3, apex: Vector3, axis: Vector3, theta_rad: float, rule
     x_k - x_k-1 = -height normal on the surface, and normal = v at the apex.
 
     ``rule`` decides between the two cases. ``paper``: the surface if alpha < pi / 2, as printed in eq. (6). ``geometric``: the
-    surface if |beta| < pi / 2, which is the nearest point, as (A3) demands: of all rays of the surface the one along w makes the
+    surface if |beta| < pi / 2. This is the nearest point, as (A3) demands. Of all rays of the surface the ray along w makes the
     smallest angle with v, |beta|, and the foot of the perpendicular lies on that ray only while |beta| < pi / 2. The rules
-    differ: for alpha >= pi / 2 the paper's pulls a point that is near the surface all the way to the camera; for alpha < pi / 2
-    with theta > alpha + pi / 2 its formula yields a point behind the apex, where the cone has no surface.
+    differ. For alpha >= pi / 2 the paper's rule pulls a point near the surface all the way to the camera. For alpha < pi / 2 with
+    theta > alpha + pi / 2 its formula yields a point behind the apex, where the cone has no surface.
 
     On the surface itself the innovation is zero but the normal is still that of the surface: the cone confirms the point.
     None where u and v span no plane: the point at the apex, or on the axis (the nearest points then form a circle).

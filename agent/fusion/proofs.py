@@ -1,4 +1,4 @@
-"""Proofs of the log entries, and of the statuses: this drone's own are signed, those of others verified before they count."""
+"""Proofs of log entries and statuses: this drone's own are signed; other drones' are verified before they count."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from protocol.messages import Status
 from protocol.signing import Trust, Verifier, sign_entries, sign_status
 
 MOST_UNPROVEN = 500  # entries of a drone that wait for its certificate; more are left to the log query
-TOLD_NS = 10_000_000_000  # forgeries are told for this long
+TOLD_NS = 10_000_000_000  # duration of the report on forgeries
 
 Received = tuple[Entry, bytes]
 Own = tuple[str, str, str]
@@ -20,7 +20,7 @@ Own = tuple[str, str, str]
 class Proofs:
     """The proofs of one drone's mission.
 
-    ``forged``: what was dropped because its publisher has not signed it, by publisher and kind.
+    ``forged``: number of messages dropped without their publisher's signature, by publisher and kind.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Proofs:
         leaves_out: Callable[[Entry], bool] = lambda _: False,
     ) -> None:
         """``drones``: of the mission; only their entries are verified. ``own``: drone, mission and boot of the own entries.
-        ``trust`` None: nothing is signed, everything taken. ``leaves_out``: tells what does not count, though it is signed.
+        ``trust`` None: no signatures, all entries are accepted. ``leaves_out``: whether a signed entry does not count.
         """
         self._leaves_out = leaves_out
         self._own, self._trust, self._verifier = own, trust, verifier
@@ -42,7 +42,7 @@ class Proofs:
         self._forged_ns: dict[str, int] = {}
 
     def signed(self, entries: Sequence[Entry], now_ns: int) -> Sequence[Entry]:
-        """Entries that are published together, with their proofs; the first ones of a boot after its certificate."""
+        """Return jointly published entries with their proofs; before the first ones of a boot, its certificate."""
         if self._trust is None or not entries:
             return entries
         if self._introduced:
@@ -53,23 +53,23 @@ class Proofs:
             stamp_ns=now_ns, drone=drone, mission=mission, boot=boot, sequence=0, certificate=self._trust.certificate
         )
         signed = tuple(sign_entries((introduction, *entries), self._trust.sign))
-        if self._verifier is not None:  # so that what others hold in its name is verified here too
+        if self._verifier is not None:  # so that entries of its own name held by peers are verified here too
             self._verifier.accepts_entry(signed[0], as_bytes(signed[0]))
         return signed
 
     def signed_status(self, status: Status) -> Status:
-        """A status of this drone, as its receivers read it, with its signature."""
+        """Return a status of this drone with its signature."""
         return status if self._trust is None else sign_status(status, self._trust)
 
     def is_signed(self, status: Status, now_ns: int) -> bool:
-        """Whether another drone has signed its status."""
+        """Return whether another drone has signed its status."""
         if self._verifier is None or self._verifier.accepts_status(status):
             return True
         self._note(status.drone if status.drone in self._waiting else "others", status, now_ns)
         return False
 
     def proven(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Received]:
-        """What may be logged now that this has come: the entry, those that have waited for it, or nothing."""
+        """Yield the entries that may be logged after this one: it and the entries that have waited for it, or none."""
         if self._verifier is None:
             yield entry, payload
         elif entry.drone not in self._waiting:
@@ -86,7 +86,7 @@ class Proofs:
                 yield from self._released(entry, now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """One line for each drone in whose name something was forged or altered recently."""
+        """Return one line for each drone with recently forged or altered messages in its name."""
         told = []
         for name in sorted(self._forged_ns):
             if abs(now_ns - self._forged_ns[name]) < TOLD_NS:

@@ -1,4 +1,4 @@
-"""Entries of the observation log as their bytes, and two of them that contradict each other."""
+"""Entries of the observation log as their bytes, and pairs of contradicting entries."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from protocol.entries import Entry
 
 
 class Record(Struct, frozen=True):
-    """An entry as its bytes that crossed the link. Decoded it would take four times the memory."""
+    """An entry as its received bytes. Decoded it would take four times the memory."""
 
     kind: type[Entry]
     payload: bytes
@@ -21,8 +21,8 @@ class Record(Struct, frozen=True):
 
 
 class Contradiction(Struct, frozen=True):
-    """Two entries of one publisher with one sequence number and different bytes: where they are signed, proof that it, or who has
-    its key, told different drones different things.
+    """Two entries of one publisher with one sequence number and different bytes. If both are signed: proof that the publisher, or
+    another owner of its key, has sent different data to different drones.
     """
 
     number: int

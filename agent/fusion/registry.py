@@ -1,8 +1,8 @@
-"""The estimators by name, as the commands and the mission file call them: those of this package, and those of installed ones.
+"""Estimators by name, as in commands and the mission file: this package's, and installed packages'.
 
 Another package adds an estimator by an entry point of the group ``radron.estimators``: its name is the estimator's, its object a
-callable that takes a ``MissionConfig`` and returns an ``Estimator``. Only what is installed can be named: neither a mission file
-nor a recorded flight can make an agent import anything else.
+callable that takes a ``MissionConfig`` and returns an ``Estimator``. Only installed estimators can be named: neither a mission
+file nor a recorded flight can make an agent import anything else.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     """Make the estimator of that name for a mission.
 
     - ``paper``: the paper's filter, with the projection rule as printed.
-    - ``paper-geometric``: the same with the rule that the geometry asks for.
+    - ``paper-geometric``: the same with the geometrically correct rule.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
-    - ``sources``: several sources at rest, of unknown number and nuclides, or one that moves, from spectra and cones.
+    - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones.
     - ``given``: the schedule of fusion.given.
     - any other: of an installed package.
 
     Raises:
-        ConfigError: no such estimator, the mission lacks what it needs, or what is installed under that name is no estimator.
+        ConfigError: no such estimator, the mission lacks a required part, or the installed object is no estimator.
     """
     maker = _MAKERS.get(name)
     return maker(mission) if maker is not None else _installed(_entry_point(name, "fusion.estimator"), mission)
 
 
 def check_estimator(name: str, where: str) -> None:
-    """Raise ConfigError, naming ``where``, if there is no estimator of that name; nothing is imported to find out."""
+    """Raise ConfigError, naming ``where``, if there is no estimator of that name; nothing is imported for the check."""
     if name not in _MAKERS:
         _entry_point(name, where)
 
 
 def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
-    """As ``estimator_named``, for a process that cannot wait: one whose steps take long has to be computed elsewhere."""
+    """Make the estimator for a process that cannot wait: slow estimators are computed elsewhere."""
     estimator = estimator_named(name, mission)
     if name not in _SLOW:
         return estimator
@@ -66,7 +66,7 @@ def _entry_point(name: str, where: str) -> EntryPoint:
 
 
 def _installed(point: EntryPoint, mission: MissionConfig) -> Estimator[Any]:
-    """The estimator that another package provides.
+    """Make the estimator of another package.
 
     Raises:
         ConfigError: it cannot be imported or made, or lacks a member of the interface.
@@ -75,7 +75,7 @@ def _installed(point: EntryPoint, mission: MissionConfig) -> Estimator[Any]:
         estimator = point.load()(mission)
     except ConfigError:
         raise
-    except Exception as error:  # foreign code: it may fail in any way
+    except Exception as error:  # foreign code may fail in any way
         raise ConfigError(
             f"estimator {point.name!r}: {point.value} cannot be used: {type(error).__name__}: {error}; correct or uninstall it"
         ) from error
@@ -99,7 +99,7 @@ def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
 def _bayes(mission: MissionConfig) -> Estimator[Any]:
     from shapely import Polygon  # noqa: PLC0415
 
-    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  a drone that flies by another has no memory for it
+    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  other estimators save its memory
 
     return BayesEstimator(mission, Polygon(mission.area.polygon_m))
 
@@ -129,4 +129,4 @@ _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "given": _given,
 }
 _SLOW = frozenset({"sources"})  # a step takes up to a second
-ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # those of this package
+ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # of this package

@@ -1,6 +1,6 @@
-"""What its own drone has taken back: which entries of a log do not count, as clock or localisation were wrong.
+"""Retractions: entries of a log that do not count, taken back by their own drone as its clock or localisation was wrong.
 
-That depends on the retractions held alone, not on when they came. A drone can take back only what it has published itself.
+The result depends on the held retractions alone, not on their order of arrival. A drone can retract only its own entries.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ class Retractions:
 
     def __init__(self) -> None:
         self._held: defaultdict[Publisher, dict[int, Range]] = defaultdict(dict)  # by the retraction's own number
-        self._numbers: dict[Publisher, SequenceSet] = {}  # all that they take back
-        self._stale: set[Publisher] = set()  # of which retractions were removed since
+        self._numbers: dict[Publisher, SequenceSet] = {}  # all retracted numbers
+        self._stale: set[Publisher] = set()  # publishers with retractions removed since
 
     def takes_back(self, publisher: Publisher, number: int) -> bool:
-        """Whether the measurement with that number does not count; after ``settled``."""
+        """Return whether the measurement with that number does not count; after ``settled``."""
         numbers = self._numbers.get(publisher)
         return numbers is not None and number in numbers
 
     def add(self, retraction: Retraction) -> list[Range]:
-        """Take a retraction, after ``settled``; the numbers that count no more since: each once, however often taken back."""
+        """Add a retraction, after ``settled``; return the newly excluded numbers: each once, however often retracted."""
         publisher = retraction.drone, retraction.boot
         self._held[publisher][retraction.sequence] = retraction.first, retraction.last
         numbers = self._numbers.setdefault(publisher, SequenceSet())
@@ -35,13 +35,13 @@ class Retractions:
         return changed
 
     def remove(self, publisher: Publisher, number: int) -> None:
-        """The retraction with that number, if it is one, does not count any more."""
+        """Remove the retraction with that number, if it is one."""
         if number in self._held.get(publisher, ()):
             del self._held[publisher][number]
             self._stale.add(publisher)
 
     def settled(self) -> list[tuple[Publisher, list[Range]]]:
-        """The numbers that count again, as their retractions have been removed since the last call."""
+        """Return the numbers that count again, as their retractions have been removed since the last call."""
         if not self._stale:
             return []
         changed = []

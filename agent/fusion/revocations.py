@@ -1,4 +1,4 @@
-"""The revocations in effect: a set in which the order of arrival does not matter."""
+"""The revocations in effect: a set, independent of the order of arrival."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ MOST_REFUSED = 20  # in a second, of one member; each costs a third of a millise
 
 
 class Revocations:
-    """``held``: those that count. ``names``: of the revoked members."""
+    """``held``: the revocations in effect. ``names``: of the revoked members."""
 
     def __init__(self, verifier: Verifier | None, counters: Counter[str]) -> None:
         """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
         self._verifier, self._counters = verifier, counters
         self._second = 0
-        self._refusals = Counter[str]()  # in that second, by who has sent what was refused: nobody uses up the others' share
+        self._refusals = Counter[str]()  # in that second, by sender of the refused message: no sender uses up another's share
         self.held: tuple[Revocation, ...] = ()
         self.names: frozenset[str] = frozenset()
 
     def take(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> str | None:
-        """Put a revocation into effect; why not, or None. "known" where it would change nothing; "flood" where so many of the
-        same sender were refused in this second that no more of its signatures are verified: genuine ones come again.
+        """Put a revocation into effect; return the reason of a refusal, or None.
+
+        "known": it would change nothing. "flood": so many messages of the same sender were refused in this second that no more of
+        its signatures are verified; genuine ones come again.
 
         ``passed_on_by``: another drone, or this one, if it was known before a restart; None: it comes from its station, whose
-        certificate must be valid by now: the stamp is its own word, and a key that is no longer guarded must not revoke anybody.
+        certificate must be valid by now. The stamp is the station's own statement, and a key that is no longer guarded must not
+        revoke any member.
         """
         sender = passed_on_by or revocation.station
         if self._is_flooded(sender, now_ns):
@@ -45,7 +48,7 @@ class Revocations:
         return refused
 
     def confirms(self, word: Obeying, now_ns: int, passed_on_by: str) -> bool:
-        """Whether a revoked drone has signed that it obeys one of these; what was refused counts for the flood, too."""
+        """Return whether a revoked drone has signed its obedience to a held revocation; refusals count for the flood, too."""
         if word.drone not in self.names or self._is_flooded(passed_on_by, now_ns):
             return False
         if self.counts(word):
@@ -55,12 +58,12 @@ class Revocations:
         return False
 
     def counts(self, word: Obeying) -> bool:
-        """Whether a word is of a revocation that counts, and signed by its drone."""
+        """Return whether a message is of a revocation that counts, and signed by its drone."""
         verifier, held = self._verifier, (one for one in self.held if one.member == word.drone)
         return verifier is not None and any(verifier.accepts_obeying(word, one) for one in held)
 
     def leaves_out(self, entry: Entry | EntryId) -> bool:
-        """Whether an entry, or that of an identity, does not count."""
+        """Return whether an entry, or the entry of an identity, does not count."""
         return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
 
     def _is_flooded(self, sender: str, now_ns: int) -> bool:

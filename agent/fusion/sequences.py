@@ -1,4 +1,4 @@
-"""A set of sequence numbers, kept as ranges: small while the numbers have few gaps, as those of one boot do."""
+"""A set of sequence numbers, kept as ranges: small while the numbers have few gaps, as within one boot."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class SequenceSet:
                 self._lasts.append(last)
 
     def add(self, number: int) -> None:
-        """Add a number; one that is held already changes nothing."""
-        if self._lasts and number == self._lasts[-1] + 1:  # as numbers mostly come
+        """Add a number; a held number changes nothing."""
+        if self._lasts and number == self._lasts[-1] + 1:  # the usual order of numbers
             self._lasts[-1] = number
         else:
             self.add_range(number, number)
@@ -38,7 +38,7 @@ class SequenceSet:
         self._firsts[begin:end], self._lasts[begin:end] = [first], [last]
 
     def discard(self, number: int) -> None:
-        """Remove a number; one that is not held changes nothing."""
+        """Remove a number; a number that is not held changes nothing."""
         place = bisect_right(self._firsts, number) - 1
         if place < 0 or number > self._lasts[place]:
             return
@@ -52,12 +52,12 @@ class SequenceSet:
         return place > 0 and number <= self._lasts[place - 1]
 
     def meets(self, first: int, last: int) -> bool:
-        """Whether any number of a range is held."""
+        """Return whether any number of a range is held."""
         place = bisect_right(self._firsts, last)
         return place > 0 and self._lasts[place - 1] >= first
 
     def range_of(self, number: int) -> Range:
-        """The range that holds a number. Raises KeyError where none does."""
+        """Return the range that holds a number. Raises KeyError if no range does."""
         place = bisect_right(self._firsts, number) - 1
         if place < 0 or number > self._lasts[place]:
             raise KeyError(number)
@@ -67,12 +67,14 @@ class SequenceSet:
         return zip(self._firsts, self._lasts, strict=True)
 
     def within(self, first: int, last: int) -> Iterator[int]:
-        """The numbers held of a range, ascending; what is held beside it is not looked through."""
+        """Yield the held numbers of a range, ascending; the cost does not depend on other numbers."""
         for place in range(bisect_left(self._lasts, first), bisect_right(self._firsts, last)):
             yield from range(max(first, self._firsts[place]), min(last, self._lasts[place]) + 1)
 
     def without(self, other: SequenceSet) -> Iterator[Range]:
-        """The numbers of this set that are not in the other one, as ranges; what the other one holds is not looked through."""
+        """Yield the numbers of this set that are not in the other one, as ranges; the cost follows from the result, not the other
+        set.
+        """
         at = 0
         while at < len(self._firsts):
             start, last = self._firsts[at], self._lasts[at]

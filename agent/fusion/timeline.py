@@ -1,4 +1,4 @@
-"""What was observed, by step of the time grid; of one drone only so much counts in a step, whatever it publishes."""
+"""Observations by step of the time grid, with a limit for each drone in a step, whatever it publishes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _Kind = tuple[str, bool]  # of observations: the drone, and whether they are exp
 
 
 class Seen(Struct, frozen=True, gc=False):
-    """An entry that holds an observation, and the epoch of the local frame that it was measured in."""
+    """An entry that holds an observation, and the epoch of its local frame."""
 
     identity: EntryId
     epoch: int
@@ -24,12 +24,12 @@ class Seen(Struct, frozen=True, gc=False):
 
     @property
     def kind(self) -> _Kind:
-        """What it is one of."""
+        """Kind of the observation: drone, and whether it is an exposure."""
         return self.identity.drone, self.is_exposure
 
 
 class Timeline:
-    """Which entries were observed in each step. What counts depends on the entries held alone, not on their order of arrival."""
+    """The observed entries by step. The counted ones depend on the held entries alone, not on their order of arrival."""
 
     def __init__(self, grid_s: float) -> None:
         """``grid_s``: width of a step."""
@@ -39,11 +39,11 @@ class Timeline:
         self._step_of: dict[EntryId, int] = {}
 
     def __len__(self) -> int:
-        """Number of steps with observations."""
+        """Return the number of steps with observations."""
         return len(self._steps)
 
     def add(self, step: int, identity: EntryId, epoch: int, *, is_exposure: bool) -> bool:
-        """Add an entry's observation; whether that changes what counts in its step."""
+        """Add an entry's observation; return whether this changes the counted ones of its step."""
         if step not in self._seen:
             self._seen[step] = []
             insort(self._steps, step)
@@ -55,11 +55,11 @@ class Timeline:
         return place - _first(held, seen.kind) < self._most(seen.kind)
 
     def step_of(self, identity: EntryId) -> int | None:
-        """The step in which an entry was observed; None where it holds no observation."""
+        """Return the step in which an entry was observed; None for an entry without observation."""
         return self._step_of.get(identity)
 
     def remove(self, identity: EntryId) -> int | None:
-        """Remove an entry's observation; the step that has changed by it, or None."""
+        """Remove an entry's observation; return the changed step, or None."""
         step = self._step_of.pop(identity, None)
         if step is None:
             return None
@@ -74,15 +74,15 @@ class Timeline:
         return step if counted else None
 
     def of(self, step: int) -> list[EntryId]:
-        """The entries whose observations count in a step, in the order of their identities."""
+        """Return the entries whose observations count in a step, in the order of their identities."""
         return sorted(self._counted(self._seen[step]))
 
     def between(self, after: int, until: int) -> list[int]:
-        """The steps with observations after one step, up to another, ascending."""
+        """Return the steps with observations after one step, up to another, ascending."""
         return self._steps[bisect_right(self._steps, after) : bisect_right(self._steps, until)]
 
     def since(self, step: int) -> list[Seen]:
-        """All that was observed from a step on."""
+        """Return all entries observed from a step on."""
         first = bisect_left(self._steps, step)
         return [seen for step in self._steps[first:] for seen in self._seen[step]]
 
@@ -98,7 +98,7 @@ class Timeline:
         return self._max_exposures if kind[1] else MOST_OBSERVATIONS
 
     def _counted(self, held: list[Seen]) -> Iterator[EntryId]:
-        """Of each drone and kind as many as count."""
+        """Yield the counted entries of each drone and kind, up to their limit."""
         first = 0
         while first < len(held):
             kind = held[first].kind
@@ -116,5 +116,5 @@ def _kind(seen: Seen) -> _Kind:
 
 
 def _first(held: list[Seen], kind: _Kind) -> int:
-    """Where a drone's observations of a kind begin."""
+    """Return the index of a drone's first observation of a kind."""
     return bisect_left(held, kind, key=_kind)
