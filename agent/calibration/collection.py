@@ -1,4 +1,4 @@
-"""What a camera sees of the known source: pixels, energies by block, coincidences, and cones by facing."""
+"""Measurements of a known source by a camera: pixels, energies by block, coincidences, and cones by facing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_COARSE_READOUTS = 3000  # that are held back for it
 MIN_PAIR_KEV = 60.0  # energy of each cluster of a pair: above fluorescence
 _GAINS = tuple(Reading(float(gain)) for gain in np.geomspace(0.6, 1.7, 53))
 _HALF_LINE = 0.12  # relative width to each side within which a pair adds up to the line
-WEAK_KEV, STRONG_KEV = (5.0, 12.0), 40.0  # energies of pixels whose times are compared for the time walk
+WEAK_KEV, STRONG_KEV = (5.0, 12.0), 40.0  # energies of pixels compared for the time walk
 FloatArray = NDArray[np.float64]
 
 
@@ -28,8 +28,8 @@ class Collection:
     """Sums over the readouts of one camera and source; facings are measured one after the other.
 
     ``coarse_gain``: energies read by the given calibration over true ones, to 2 %; None until the line has been seen.
-    energies_kev: of single clusters, by the calibration with this gain; blocks: where on the sensor, 0 .. 15, row by row.
-    walk_ns: by how much weak pixels are later than strong ones of the same cluster.
+    energies_kev: of single clusters, by the calibration with this gain; blocks: of the sensor, 0 .. 15, row by row. walk_ns:
+    delay of weak pixels after strong ones of the same cluster.
     """
 
     def __init__(self, calibration: Calibration, nuclide: str, line_kev: float, config: DetectionConfig) -> None:
@@ -55,7 +55,7 @@ class Collection:
         self._chain = self._new_chain()
 
     def end_facing(self) -> None:
-        """Evaluate what is still held back."""
+        """Evaluate the hits still held back."""
         if self._pending:
             self._look()
         if self.cones:

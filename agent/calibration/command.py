@@ -26,7 +26,7 @@ from agent.errors import ConfigError, DetectorError
 
 
 class Order(Struct, frozen=True):
-    """What to calibrate: the drone, the source, its facings (with a file each, or measured live), background, and folder."""
+    """A calibration: the drone, the source, its facings (with a file each, or measured live), background, and folder."""
 
     drone: DroneConfig
     source: Source
@@ -87,7 +87,7 @@ def run_calibrate(order: Order, ask: Callable[[str], None]) -> bool:
 
 
 def closing(result: Result, own: Path) -> str:
-    """What the operator is to do with a calibration in its folder ``own``."""
+    """Return the operator's next step with a calibration in its folder ``own``."""
     if verdict(result) != "usable" or result.orientation is None:
         return f"{own}: kept for the record; {verdict(result)}"
     rpy = ", ".join(f"{angle:.1f}" for angle in result.orientation.camera_rpy_deg)

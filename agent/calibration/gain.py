@@ -90,7 +90,7 @@ def _cost(counts: Array, edges: Array, nuclide: str, gain: float, shape: tuple[f
     if not 0.3 < gain < 3.0 or np.abs(strengths).max() > 50.0:
         return 1e12
     width, loss = np.exp(np.clip(shape[0], -3.0, 3.0)), _LOSS_KEV * np.exp(np.clip(shape[1], -1.5, 1.5))
-    gain = gain / (1.0 - loss / strongest_line_kev(nuclide))  # of what is not lost
+    gain = gain / (1.0 - loss / strongest_line_kev(nuclide))  # of the charge not lost
     peak = np.zeros(len(counts))
     for energy, photons in GAMMAS[nuclide]:
         if 0.5 * edges[0] < energy * gain < 2.0 * edges[-1]:

@@ -27,7 +27,7 @@ def verdict(result: Result) -> str:
 
 
 def table(result: Result) -> Table:
-    """Each goal with what was reached."""
+    """Return each goal with the value reached."""
     shown = Table(title=f"calibration {result.stamp}: {verdict(result)}", show_header=False)
     for goal in goals(result):
         state = "[green]ok[/]" if goal.reached else "[red]missed[/]"

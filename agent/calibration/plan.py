@@ -13,13 +13,13 @@ from agent.detector.sensor import attenuation_per_mm
 from agent.detector.spectroscopy.shapes import peak_area_mm2, strongest_line_kev
 from agent.errors import ConfigError
 
-HITS_PER_PIXEL = 8.0  # of which a healthy pixel has none once in 3,000: 22 of them are masked in vain
+HITS_PER_PIXEL = 8.0  # one healthy pixel in 3,000 has none of them: 22 are masked in vain
 PEAK_EVENTS = 40 * BLOCKS * BLOCKS  # 3 % in each block: the resolution is 2.5 %, and the peak is found beside a continuum
 PAIRS = 600  # coincidences: 5 % of the drift time
 CONES = 600  # 1 degree: a cone is 10 degrees wide, and some are of scattered photons
 MAX_MINUTES = 240.0
 _PAIRS_PER_PEAK_EVENT = 0.4  # measured with Cs-137 in the simulation; of cones there are rather more
-_HITS_PER_EVENT = 9.0  # pixel hits for each direct photon; with those by scattered ones
+_HITS_PER_EVENT = 9.0  # pixel hits for each direct photon, scattered photons included
 _MARGIN = 1.15
 
 
@@ -79,7 +79,7 @@ def plan(source: Source) -> Plan:
 
 
 def is_enough(collection: Collection, share: float) -> bool:
-    """Whether a share of all facings has yielded its share of what the goals need."""
+    """Whether a share of all facings has yielded its share of the events that the goals need."""
     return (
         collection.hits >= share * HITS_PER_PIXEL * SENSOR_PIXELS**2
         and collection.pairs >= share * max(PAIRS, _PAIRS_PER_PEAK_EVENT * PEAK_EVENTS)

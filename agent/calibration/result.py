@@ -1,4 +1,4 @@
-"""The calibration of a camera from what was collected: values with uncertainties, goals, and a verdict."""
+"""The calibration of a camera from the collected measurements: values with uncertainties, goals, and a verdict."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agent.detector.spectroscopy.shapes import strongest_line_kev
 from agent.geometry import Vector3
 
 GAIN_GOAL, BLOCK_GOAL, DRIFT_GOAL, ORIENTATION_GOAL_DEG, BACKGROUND_GOAL = 0.01, 0.03, 0.05, 1.0, 0.10
-MAX_GAIN_OFF = 0.4  # relative; a camera that is further off is defect, or its calibration is another one's
+MAX_GAIN_OFF = 0.4  # relative; a camera further off is defect, or its calibration belongs to another
 MAX_TURNED_DEG = 20.0  # against the drone file: twice the prior
 MAX_WALK_NS = 20.0
 
@@ -33,7 +33,7 @@ class Background(Struct, frozen=True):
 
 
 class Goal(Struct, frozen=True):
-    """A goal, what was reached, and whether that is enough."""
+    """A goal, the value reached, and whether that is enough."""
 
     name: str
     reached: bool
@@ -81,7 +81,7 @@ def evaluate(
     background: Background | None,
     stamp: str,
 ) -> Result:
-    """Fit everything to what has been collected of a source at the facings."""
+    """Fit everything to the measurements of a source at the facings."""
     energies = collection.energies_kev
     coarse = collection.coarse_gain or 1.0
     found = fit_gain(energies, source.nuclide)

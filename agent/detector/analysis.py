@@ -64,7 +64,7 @@ class Summary:
     noise_rows: int
     repaired_rows: int  # hits moved to the neighbouring period of the chip's counter
     measurements: int  # of the file, one appended to the other
-    notes: tuple[str, ...]  # what the file lacks
+    notes: tuple[str, ...]  # on missing parts of the file
     duration_s: float
     live_time_s: float
     hits: int

@@ -22,10 +22,9 @@ class DetectorChain:
     """The chain of one detector. Readouts are given in order; the results do not depend on how the stream is cut into readouts.
 
     Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
-    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` those that
+    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` the hits that
     its reader moved to the neighbouring period of the chip's counter; ``noise`` is the mask of noisy pixels with the count of
-    masked hits; ``dead_blocks`` tells where nothing is seen. ``scale`` corrects the energies of the calibration: they are
-    multiplied by it.
+    masked hits; ``dead_blocks`` lists the blocks that see nothing. ``scale`` is multiplied with the energies of the calibration.
     """
 
     def __init__(
@@ -35,11 +34,8 @@ class DetectorChain:
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
-        """Args:
-            config: coincidence window, thresholds and line windows.
-            nuclide: whose lines make cones, as in the mission; None: hits and coincidences only.
-            calibration: of the camera.
-            on_energies: receives the energies (keV) of all events.
+        """Args: config: coincidence window, thresholds and line windows. nuclide: its lines make cones, as in the mission; None:
+        hits and coincidences only. calibration: of the camera. on_energies: receives the energies (keV) of all events.
 
         Raises:
             ConfigError: the nuclide is unknown.

@@ -15,7 +15,7 @@ _MOST_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and i
 
 
 def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Cluster]]:
-    """Group clusters that are sorted by tick: a group continues while each follows the one before within the window."""
+    """Group clusters that are sorted by tick: a group continues while each cluster follows the previous one within the window."""
     events: list[list[Cluster]] = []
     last = -(1 << 62)
     for cluster in clusters:
@@ -55,7 +55,7 @@ def _may_be_satellite(cluster: Cluster) -> bool:
 
 
 def _parent(by_energy: list[Cluster], of: int) -> int | None:
-    """Index of the largest cluster within reach of one, among those that are larger."""
+    """Index of the largest cluster within reach of a cluster, among the larger ones."""
     small = by_energy[of]
     for place in range(len(by_energy) - 1, of, -1):
         x, y = by_energy[place].x_mm - small.x_mm, by_energy[place].y_mm - small.y_mm

@@ -58,7 +58,7 @@ class DirectionScan:
             self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
 
     def best(self) -> Direction | None:
-        """The most likely direction; None where the cones fit a single source no better than isotropic ones.
+        """The most likely direction; None if the cones fit a single source no better than isotropic cones do.
 
         As the likelihood of a cone has the mean 1 over the sphere, the mean of their product is the Bayes factor of one distant
         source against isotropic cones.

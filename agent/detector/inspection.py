@@ -1,4 +1,4 @@
-"""What a file of the camera holds: times, rates, pixels, clusters and spectrum (``radron-agent inspect``)."""
+"""The content of a file of the camera: times, rates, pixels, clusters and spectrum (``radron-agent inspect``)."""
 
 from __future__ import annotations
 
@@ -38,13 +38,12 @@ class NoisyPixel(Struct, frozen=True):
 
 
 class Inspection(Struct, frozen=True, kw_only=True):
-    """What a file holds; arrays are for the picture.
+    """The content of a file; arrays are for the picture.
 
     pixels: hits of each (65536,) by matrix index. spectrum: events in bins of 2 keV. sizes: clusters by their number of pixels,
-    the last bin is for larger ones. rate: hits in successive parts of ``rate_bin_s``. dead_pixels: pixels without hits;
-    None where too few hits tell. delay_ns: median and 95 % quantile, over the clusters, of the energy-weighted mean time after
-    the earliest hit: the drift in the sensor, and the time walk. lines_kev: lines in the spectrum of no known
-    nuclide.
+    the last bin is for larger ones. rate: hits in successive parts of ``rate_bin_s``. dead_pixels: pixels without hits; None with
+    too few hits. delay_ns: median and 95 % quantile, over the clusters, of the energy-weighted mean time after the earliest hit:
+    the drift in the sensor, and the time walk. lines_kev: lines in the spectrum of no known nuclide.
     """
 
     file: str
@@ -149,7 +148,7 @@ def inspect_hits(
 
 
 def inspect_frame(path: Path, calibration: Calibration) -> Inspection:
-    """Inspect a frame of time over threshold: its hits have no time, so those that touch are one cluster.
+    """Inspect a frame of time over threshold: its hits have no time, so touching hits are one cluster.
 
     Raises:
         DetectorError: the file is not such a frame.

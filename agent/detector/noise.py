@@ -23,9 +23,9 @@ class NoiseMask:
     Time is divided into beats of 0.1 s. With m the mean number of hits of a healthy pixel in a beat, a pixel with c hits gains
     min(c, 1 + SHARE m) - SHARE m: about 1 at most, however many hits a burst has, and negative while it fires no more than SHARE
     times as often as the mean; the sum is kept at 0 or above (Page's CUSUM test, Biometrika 41, 1954). A pixel whose sum exceeds
-    NOISY is masked. So with background only, a pixel that fires 30 times a second is masked after a second, one that fires once a
-    second after ten, and never one that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels. Consequently more than
-    160 equally noisy pixels, such as a column or a row, hide each other; noise of that kind is not detected.
+    NOISY is masked. With background only, a pixel that fires 30 times a second is masked after a second, a pixel that fires once
+    a second after ten, and never a pixel that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels. Consequently more
+    than 160 equally noisy pixels, such as a column or a row, hide each other; noise of that kind is not detected.
 
     A healthy pixel is not masked. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
     within minutes, and in any field 400 times as often as the others; the border of a sensor irradiated from the side is hit only
@@ -54,7 +54,7 @@ class NoiseMask:
         return (f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked",)
 
     def without_noise(self, hits: PixelHits, clock_ns: int, since_ns: int) -> PixelHits:
-        """The hits, sorted by time, without those of noisy pixels. ``clock_ns``: UTC time of tick 0.
+        """The hits, sorted by time, without hits of noisy pixels. ``clock_ns``: UTC time of tick 0.
 
         A beat is evaluated when the next one begins, so that the result does not depend on how the hits are divided into calls.
         Hits from before ``since_ns``, UTC, are late (or have a wrong stamp) and count in that time's beat.
@@ -80,7 +80,7 @@ class NoiseMask:
         return hits.take(kept)
 
     def _advance(self, beat: int) -> None:
-        """Advance to the beat, evaluating those before it."""
+        """Advance to the beat, evaluating the beats before it."""
         if self._beat - PERIOD_BEATS < beat <= self._beat:  # further back: the clock was set
             return
         if self._fired:
@@ -91,7 +91,7 @@ class NoiseMask:
         self._beat = beat
 
     def _judge(self, fired: NDArray[np.uint16]) -> None:
-        """Evaluate a beat in which the pixels (N,) fired, each as often as it is listed, and mask those that are noisy now."""
+        """Evaluate a beat in which the pixels (N,) fired, each as often as listed, and mask the noisy ones."""
         healthy = np.count_nonzero(self._masked_periods[fired] == 0) if self.pixels else len(fired)
         expected = SHARE * healthy / _PIXELS
         most = 1 + round(expected)
@@ -108,7 +108,7 @@ class NoiseMask:
             self._mask_pixels(fired[mark > self._expected + NOISY])
 
     def _mask_pixels(self, noisy: NDArray[np.uint16]) -> None:
-        """Mask those among them that are not masked yet."""
+        """Mask the pixels among them that are not masked yet."""
         new = noisy[self._masked_periods[noisy] == 0]
         if len(new) == 0:
             return
@@ -119,7 +119,7 @@ class NoiseMask:
         self.pixels += len(new)
 
     def _end_period(self) -> None:
-        """Count the period for each masked pixel that was quiet, and restart the count of those that were not."""
+        """Count the period for each masked pixel that was quiet, and restart the count of the others."""
         if self.pixels == 0:
             return
         out = self._masked_periods.nonzero()[0]

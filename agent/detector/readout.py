@@ -56,7 +56,7 @@ class Readout(Struct, frozen=True):
     """Everything that a detector measured in [start_ns, end_ns), UTC. Readouts of one detector are contiguous.
 
     ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
-    reported as lost (overflow), ``repaired_hits`` those that its reader moved to the neighbouring period of the chip's counter.
+    reported as lost (overflow), ``repaired_hits`` hits that its reader moved to the neighbouring period of the chip's counter.
     """
 
     start_ns: int
@@ -71,8 +71,8 @@ class Readout(Struct, frozen=True):
 def shed(readout: Readout, most: int) -> Readout:
     """The readout up to a time before which there are at most ``most`` hits; the others count as lost.
 
-    The time lies in a pause, so that no event is shed in part; where hits never pause, it is that of the first hit too many.
-    The live time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
+    The time lies in a pause, so that no event is shed in part; without a pause it is the time of the first excess hit. The live
+    time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
     """
     hits = readout.hits
     if len(hits) <= most:

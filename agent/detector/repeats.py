@@ -1,4 +1,4 @@
-"""Readouts that come again: a camera that has hung delivers what it measured once as if it were new."""
+"""Readouts that come again: a camera that has hung delivers an old measurement as if it were new."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ class Repeats:
     """Leaves out the readouts of a camera that delivers the same hits again and again, under whatever times.
 
     Pixels, times over threshold and the times between the hits, to 1.6 ns, are as random as decay and noise, and never come
-    again: of one cluster of three pixels all of this is equal to that of another one once in 1e11 times or more rarely, of two
-    events in one readout once in 1e16. One or two pixels alone may well be noisy ones with always the same pulse, which
-    ``NoiseMask`` leaves out; a camera that repeats so little is mute after that.
+    again: two clusters of three pixels agree in all of this once in 1e11 times or more rarely, two events in one readout once in
+    1e16. One or two pixels alone may well be noisy pixels with always the same pulse, which ``NoiseMask`` leaves out; a camera
+    that repeats so little is mute after that.
 
-    Once a readout has come again nothing is used until one with enough hits is new: empty ones in between may be repeated, too.
+    After a repeated readout nothing is used until a readout with enough hits is new: empty readouts in between may be repeated,
+    too.
     """
 
     def __init__(self) -> None:

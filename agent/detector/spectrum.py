@@ -1,4 +1,4 @@
-"""The coarse spectrum of a camera, as it is published with its counts."""
+"""The coarse spectrum of a camera, as published with its counts."""
 
 from __future__ import annotations
 

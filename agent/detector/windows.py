@@ -1,8 +1,8 @@
-"""Which events may be of a gamma line: the windows around the lines of the nuclides that are looked for.
+"""Selection of events by gamma line: the windows around the lines of the nuclides searched for.
 
-The total energy of a coincidence says which line its cone is made for. Of one nuclide that is named, the window is the mission's
-(the paper's 20 %). Where the nuclide is not known, the lines of all candidates are looked for, and such windows would overlap and
-take in the whole spectrum: each then reaches as far as the resolution puts a line's events, and the nearest line counts.
+The total energy of a coincidence decides the line of its cone. For a named nuclide the window is the mission's (the paper's 20
+%). For an unknown nuclide the lines of all candidates are searched for, and such windows would overlap and take in the whole
+spectrum: each window then reaches as far as the resolution puts a line's events, and the nearest line counts.
 """
 
 from __future__ import annotations
@@ -82,6 +82,6 @@ def _named(energy_kev: float, config: DetectionConfig) -> Window:
 
 
 def _one_of_many(energy_kev: float, config: DetectionConfig) -> Window:
-    """The mission's limits of electron and photon are those of one line, so here each line has the kinematic ones."""
+    """The mission's limits of electron and photon belong to one line, so here each line has the kinematic limits."""
     half_kev = min(_REACH * math.sqrt(energy_variance(energy_kev)), config.energy_window * energy_kev)
     return Window(Line.of(energy_kev), half_kev, half_kev)

@@ -49,7 +49,7 @@ class Unpacker:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Readout]:
-        """The readouts that are complete with ``data``, one by one; those before a corrupt frame are yielded before the error.
+        """The readouts that are complete with ``data``, one by one; readouts before a corrupt frame are yielded before the error.
 
         Raises:
             DetectorError: not such a stream; what follows cannot be trusted, and the link must be reopened.

@@ -1,6 +1,6 @@
-"""Who commanded and revoked what: the commands and revocations in a flight's record, and what became of each.
+"""Audit of a flight's record: the commands and revocations in it, their senders, and their outcomes.
 
-A command is in the record as it arrived, with its certificate, and what the pilot decided follows it. Nothing is judged anew.
+A command is in the record as it arrived, with its certificate, and the pilot's decision follows it. Nothing is judged anew.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Audited:
 
 
 def mission_of(flight: RecordedFlight) -> str:
-    """The mission that was in force, and who uploaded it."""
+    """The mission in force, and its uploader."""
     header = flight.header
     text, origin = f"mission {header.mission.mission_id} ({header.mission.name})", header.origin
     if origin is None:
@@ -69,11 +69,11 @@ def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = Non
     """The commands of a flight in the order of their arrival. Copies with the same outcome are one.
 
     Args:
-        flight: its record; see there for what may be missing afterwards.
+        flight: its record; see there for possible gaps.
         progress: called regularly with the share done, 0 to 1.
 
     Raises:
-        FlightRecordError: the record is of another version of the protocol, or what is in it cannot be read.
+        FlightRecordError: the record is of another version of the protocol, or its content cannot be read.
     """
     reader = _Reader(flight)
     found: dict[tuple[object, ...], Audited] = {}
@@ -195,7 +195,7 @@ class _Reader:
         return None
 
     def signer(self, certificate: bytes) -> Peer | str:
-        """Whose certificate this is, or why it is nobody's."""
+        """Return the holder of a certificate, or the reason without one."""
         if not certificate:
             return "unsigned"
         if self._authority is None:

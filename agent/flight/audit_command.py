@@ -19,7 +19,7 @@ def run_audit(path: Path) -> None:
     """Print the commands of a flight, with a progress bar on stderr.
 
     Raises:
-        FlightRecordError: there is no record, or it cannot be read; where only a part of it can, after what is in that.
+        FlightRecordError: there is no record, or it cannot be read; of a partly readable one the readable part is printed first.
     """
     flight = RecordedFlight(path, whole=False)
     terminal = Console(stderr=True)
@@ -38,7 +38,7 @@ def run_audit(path: Path) -> None:
 
 
 def lines(drone: str, found: Sequence[Audited]) -> list[str]:
-    """A line for each command: when, under whose name, by which certificate, what, to whom, and what the drone made of it."""
+    """Return a line for each command: time, sender's name, certificate, action, addressees, and the drone's verdict."""
     if not found:
         return [f"{drone}: no commands"]
     rows = [

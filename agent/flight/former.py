@@ -1,4 +1,4 @@
-"""Messages of version 1 of the protocol, which old records hold, for whoever reads a record without flying it again."""
+"""Messages of version 1 of the protocol, in old records, for reading a record without a replay."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def read_message(key: str, payload: bytes) -> AnyMessage | FormerCommand:
     """A message in a record, of this version of the protocol or the former one, as it would be today.
 
     Raises:
-        ProtocolError: it is none.
+        ProtocolError: no valid message.
     """
     if key.startswith(_FORMER_ROOT) and parse_key(_todays(key)).kind == "command":
         try:
@@ -42,11 +42,11 @@ def read_message(key: str, payload: bytes) -> AnyMessage | FormerCommand:
 
 
 def as_today(key: str, payload: bytes) -> tuple[str, bytes]:
-    """Key and payload as of this version of the protocol. The bytes of log entries stay as they are, and so do digests; commands,
-    which had neither nonce nor signature, have no counterpart: they are no message of today.
+    """Key and payload as of this version of the protocol. The bytes of log entries and digests are unchanged; commands, which had
+    neither nonce nor signature, have no counterpart in this version.
 
     Raises:
-        ProtocolError: it is none.
+        ProtocolError: no valid message.
     """
     if not key.startswith(_FORMER_ROOT):
         return key, payload

@@ -29,11 +29,11 @@ _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec"
 class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
-    ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
-    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``deferred``: whether a slow
-    estimator was computed in another process. ``tells_obeyed``: whether the statuses tell which order was obeyed last; those of
-    older records do not. ``judges_exposures``: whether exposures that overlap or are too long do not count; in older records
-    they did. ``tables``: version of the tables of what a camera counts; empty in older records.
+    ``authority``: of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended. ``origin``: of a mission
+    that an operator has uploaded; None: of the mission file. ``deferred``: whether a slow estimator was computed in another
+    process. ``tells_obeyed``: whether the statuses state the last order obeyed; in older records they do not.
+    ``judges_exposures``: whether exposures that overlap or are too long do not count; in older records they did. ``tables``:
+    version of the tables of a camera's counts; empty in older records.
     """
 
     mission: MissionConfig
@@ -98,14 +98,14 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         )
 
     def check_tables(self, file: Path) -> None:
-        """Raise FlightRecordError where the estimates were computed with other tables of what a camera counts."""
+        """Raise FlightRecordError if the estimates were computed with other tables of a camera's counts."""
         if self.tables not in ("", tables_version()):
             release = self.versions.get("radron", "unknown")
             text = f"{file}: recorded with other tables of what a camera counts"
             raise FlightRecordError(f"{text}: replay it with the radron that recorded it ({release})")
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
-        """Raise FlightRecordError where the messages are of another version of the protocol; ``do``: what was to be done."""
+        """Raise FlightRecordError if the messages are of another version of the protocol; ``do``: the intended action."""
         if self.protocol not in known:
             text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
             raise FlightRecordError(

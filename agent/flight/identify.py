@@ -1,8 +1,8 @@
 """Identification of a vehicle's response to setpoints from a recorded flight.
 
-Drag comes from the tilt (``agent.navigation.drag``), whoever flew. Dead time and attitude lag are those with which a cascade with
-PX4's default gains, given the vehicle's setpoints and localisation, tilts most like the vehicle: least squares of the thrust
-acceleration, on a grid that is refined once.
+Drag comes from the tilt (``agent.navigation.drag``), under agent or pilot alike. Dead time and attitude lag are fitted: a cascade
+with PX4's default gains, given the vehicle's setpoints and localisation, is to tilt like the vehicle. The fit is least squares of
+the thrust acceleration, on a grid that is refined once.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def items(stream: BinaryIO) -> Iterator[McapItem]:
 
     Raises:
         UnfinishedError: the file has no end.
-        One of DAMAGE: no MCAP file, or a record that cannot be.
+        One of DAMAGE: no MCAP file, or an impossible record.
     """
     if _exactly(stream, MAGIC_SIZE) != MAGIC:
         raise ValueError("it does not begin as an MCAP file")

@@ -32,7 +32,7 @@ class FlightRecord(NamedTuple):
 
 
 class RecordedCall(NamedTuple):
-    """A call of the pilot, and topics and contents of its results; those of the last call may have been cut off."""
+    """A call of the pilot, and topics and contents of its results; the results of the last call may have been cut off."""
 
     record: FlightRecord
     results: list[tuple[str, bytes]]
@@ -71,13 +71,13 @@ class RecordedFlight:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """What the records lack, as sentences about a file; known once they have been read."""
+        """Gaps of the records, as sentences about a file; known once the records have been read."""
         beginning = (f"{self.files[0].name}: the beginning is missing: {REMOVED}",) if self.lacks_beginning else ()
         end = (f"{self.files[-1].name}: {UNFINISHED}; the end may be missing",) if self.truncated and self.flaw is None else ()
         return (*beginning, *((self.flaw,) if self.flaw is not None else ()), *end)
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[FlightRecord]:
-        """All records in order, or those of some topics, up to the end, a gap or damage."""
+        """All records in order, or of some topics only, up to the end, a gap or damage."""
         self.read_bytes, self.truncated, self.flaw = 0, False, None
         self._first_sequence: int | None = None
         expected: int | None = None

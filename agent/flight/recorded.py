@@ -1,4 +1,4 @@
-"""A pilot whose calls are recorded before they are made, and whose results are recorded after them."""
+"""A recorded pilot: its calls are recorded before, its results after each call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
 from protocol.messages import Stage, Ticket, Upload
 from protocol.revocations import Revocation
 
-MOST_REFUSED = 20  # commands, of which a record tells why, in each second: a flood must not fill it
+MOST_REFUSED = 20  # commands recorded with their reason, in each second: a flood must not fill a record
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -74,7 +74,7 @@ class RecordedPilot:
 
     @property
     def revocations(self) -> tuple[Revocation, ...]:
-        """What has been revoked in flight."""
+        """The revocations in flight."""
         return self._pilot.revocations
 
     @property
@@ -155,7 +155,7 @@ class RecordedPilot:
         self._run(self._pilot.decline, reason)
 
     def answered(self, question: int, told: Told) -> None:
-        """See ``Fusion``. When the answer was there is recorded, not what it says, which follows from the log."""
+        """See ``Fusion``. The time of the answer is recorded, not its content, which follows from the log."""
         self._sink.write(topics.ANSWERED, msgspec.json.encode(question))
         self._run(self._pilot.fusion.answered, question, told)
 

@@ -34,8 +34,8 @@ class _Record(NamedTuple):
 class FlightRecorder:
     """Writes the records of one flight on a thread of its own.
 
-    Everything older than about ``FLUSH_S`` survives a kill of the process. Where the disk fails or is too slow, records are lost:
-    they are counted, ``problems`` reports it, and the gap shows in the records' sequence numbers.
+    Everything older than about ``FLUSH_S`` survives a kill of the process. Records are lost if the disk fails or is too slow: the
+    losses are counted, ``problems`` reports them, and the gap shows in the records' sequence numbers.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class FlightRecorder:
 
         Args:
             folder: for the files; created if missing.
-            limit_mb: of all files in the folder together; the oldest are removed first, those of this flight included.
+            limit_mb: of all files in the folder together; the oldest are removed first, files of this flight included.
             header: of the flight.
             clock_ns: wall time.
 

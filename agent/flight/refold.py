@@ -1,8 +1,8 @@
-"""The log of an older flight folded by today's estimator: what remains of a replay where the pilot of the record is gone.
+"""The log of an older flight folded by today's estimator: the remainder of a replay without the pilot of the record.
 
 A record of another version of the protocol cannot be replayed call by call: this pilot neither reads nor writes its messages. But
-its log entries are still read, and the hypothesis is a function of them. So each recorded hypothesis is compared with what the
-estimator of today makes of the same log. That tells whether an old result still stands, not that the old program was right.
+its log entries are still read, and the hypothesis is a function of them. So each recorded hypothesis is compared with that of
+today's estimator by the same log. The comparison shows whether an old result still stands, not that the old program was right.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class Told(Struct, frozen=True):
 class Refolded(Struct, frozen=True, kw_only=True):
     """The comparison of one record.
 
-    ``recorded``: number of hypotheses in it. ``same_log``: of those, where the log here had the same digest; only these are
-    compared. ``identical``: of these, with the same bits of position and covariance. ``differences_m``: horizontal, of the
-    others, infinite where today's estimator has no hypothesis of that log.
+    ``recorded``: number of hypotheses in it. ``same_log``: of these, with the same digest of the log here; only these are
+    compared. ``identical``: of the compared ones, with the same bits of position and covariance. ``differences_m``: horizontal,
+    of the others, infinite if today's estimator has no hypothesis by that log.
     """
 
     drone: str

@@ -103,7 +103,7 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
 
 
 def _signatures(flight: RecordedFlight) -> RecordedSignatures | None:
-    """What signs and verifies in the replay; None for a flight without certificates."""
+    """Return the signatures of the replay; None for a flight without certificates."""
     header = flight.header
     header.check_protocol(flight.files[0], "replay")
     if not header.certificate:
@@ -163,7 +163,7 @@ class _Comparison:
         error: str | None,
         is_last: bool,
     ) -> None:
-        """Compare the results of a call with the recorded ones. Those of the last call may have been cut off."""
+        """Compare the results of a call with the recorded ones. The results of the last call may have been cut off."""
         self._now_ns = call.publish_ns
         if self._began_ns is None:
             self._began_ns = call.publish_ns

@@ -20,15 +20,15 @@ CALIBRATION_TYPE = "text/plain"  # of the attachments
 
 
 def segment_path(folder: Path, header: FlightHeader, number: int) -> Path:
-    """Path of a segment: names sort by time, and those of one flight share its boot id."""
+    """Path of a segment: names sort by time; names of one flight share its boot id."""
     began = datetime.fromtimestamp(header.started_ns // 1_000_000_000, UTC)
     return folder / f"{header.drone.id}-{began:%Y%m%dT%H%M%SZ}-{header.boot}-{number:04d}.mcap"
 
 
 class Segment:
-    """Writes one file in compressed chunks: what was written is on disk, and readable, from the next ``flush`` on.
+    """Writes one file in compressed chunks: records are on disk, and readable, from the next ``flush`` on.
 
-    Raises OSError where the disk does.
+    Raises OSError of the disk.
     """
 
     def __init__(self, path: Path, header: FlightHeader, number: int) -> None:
@@ -60,7 +60,7 @@ class Segment:
 
     @property
     def is_there(self) -> bool:
-        """Whether the file is still where it was made: what is written into a removed one is lost."""
+        """Whether the file is still in its place: records in a removed file are lost."""
         try:
             return self.path.stat().st_ino == os.fstat(self._file.fileno()).st_ino
         except FileNotFoundError:

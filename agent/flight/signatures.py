@@ -1,4 +1,4 @@
-"""The drone's own signatures in a replay: its private key is in no record, but what it has signed is."""
+"""The drone's own signatures in a replay: its private key is in no record, but its signed messages are."""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary
 WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
 NOTICE = "in/notice"
-ANSWERED = "in/answered"  # JSON: number of a question of the estimator whose answer was there: agent/fusion/deferred.py
+ANSWERED = "in/answered"  # JSON: number of a question of the estimator, at the time of its answer: agent/fusion/deferred.py
 DECLINE = "in/decline"  # JSON: why an uploaded mission is not taken over
-OUT = "out/"  # what the topics of results begin with
+OUT = "out/"  # prefix of the topics of results
 ADVANCE = "call/advance"  # JSON: {}
 STEP = "call/step"
 HYPOTHESIS = "out/hypothesis"  # JSON, after every update; null where it was withdrawn
@@ -80,7 +80,7 @@ def decode_sightings(data: bytes) -> list[SeenDrone]:
 
 
 def encode_readout(readout: Readout) -> bytes:
-    """A readout; empty for one that is too large: the flight cannot be replayed beyond it."""
+    """Encode a readout; empty if too large: the flight cannot be replayed beyond it."""
     try:
         return pack(readout)
     except DetectorError:

@@ -41,7 +41,7 @@ def brake(
 
 
 def comes_to_rest(state: PeerState, limits: LimitsConfig) -> Vector3:
-    """Where a drone stops, at its height, if it brakes from now on as fast as acceleration and jerk allow."""
+    """Return the stopping place of a drone, at its height, if it brakes from now on as fast as acceleration and jerk allow."""
     (x, y, z), (u, v, _) = state.position, state.velocity
     stopping_s = 0.5 * (hypot(u, v) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3)
     return x + stopping_s * u, y + stopping_s * v, z

@@ -52,7 +52,7 @@ class Detours:
         return seen
 
     def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Reflex corners (C, 2) and the distances (C, C) between those that see each other, else infinity."""
+        """Reflex corners (C, 2) and the distances (C, C) between corners in view of each other, else infinity."""
         if self._graph is None:
             corners = np.concatenate([_inward_corners(part) for part in shapely.get_parts(self._area)])
             first, second = np.triu_indices(len(corners), k=1)

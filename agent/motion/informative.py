@@ -1,8 +1,8 @@
 """Informative search: the waypoint from which the expected information gain, on the way and there, is largest.
 
 The information that a count over T seconds gives about the position of a source is 4 T Var(sqrt(lambda)) over the possible
-positions, with the expected rate lambda (the square root of a Poisson count has a variance of 1/4, whatever the rate). It is zero
-where all possible positions give the same rate: far away, or where a source has been excluded.
+positions, with the expected rate lambda (the square root of a Poisson count has a variance of 1/4, whatever the rate). The
+information is zero if all possible positions give the same rate: far away, or where a source has been excluded.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _LEFT = 0.2  # weight of positions that are left to the other drones
 
 
 class Belief(Struct, frozen=True):
-    """Where a source may be. places: (C, 2) m, a regular grid; weight: (C,), summing to 1 - none; activity_bq: (C,)."""
+    """Possible positions of a source. places: (C, 2) m, a regular grid; weight: (C,), summing to 1 - none; activity_bq: (C,)."""
 
     places: Array
     weight: Array
@@ -48,7 +48,7 @@ class Waypoints:
     """Chooses waypoints inside one area, whose bounding box is at most LARGEST_M2."""
 
     def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
-        """``height_m``: above the ground, on which the source lies. Speed and acceleration are those flown with."""
+        """``height_m``: above the ground, on which the source lies. Speed and acceleration are the limits of the flight."""
         self._height_m, self._speed_mps, self._turn_mps2 = height_m, speed_mps, acceleration_mps2
         west, south, east, north = area.bounds
         pitch_m = min(max(sqrt((east - west) * (north - south) / _NODES), 2.0), _COARSEST_M)
@@ -80,11 +80,11 @@ class Waypoints:
         """The waypoint to fly to next.
 
         Args:
-            belief: where a source may be.
+            belief: possible positions of a source.
             position: this drone's; frame of the area.
             velocity: this drone's.
-            others: positions of the drones that share the search; what is nearer to them is mostly left to them.
-            behind: (x, y, b) of lines: a waypoint p is one where n . p >= b for n = (x, y), as far as there are any.
+            others: positions of the drones that share the search; places nearer to them are mostly left to them.
+            behind: (x, y, b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
         """
         rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position

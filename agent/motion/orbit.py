@@ -20,7 +20,7 @@ _CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the ba
 
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
-    """Radius of one of the circles around the same centre for drones that do not hear each other: they are apart by twice the
+    """Radius of one of the concentric circles for network components without a link. The circles are apart by twice the
     separation, so that the vehicles' deviations do not bring drones on two of them together; see ``ring_lift_m``.
 
     ``ring``: from 0 on; ``fits_hypothesis``: the radius of the shared circle follows the hypothesis' RMS.
@@ -32,14 +32,14 @@ def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> f
 
 
 def ring_change_s(mission: MissionConfig) -> float:
-    """Longest time (s) from the shared circle to any other one of those that sides apart fly on."""
+    """Longest time (s) from the shared circle to any other circle of separate network components."""
     outermost_m = ring_radius_m(mission, len(mission.drones) - 1, fits_hypothesis=True)
     return (outermost_m - ring_radius_m(mission, 0, fits_hypothesis=True)) / _RADIUS_MPS + 2.0 * _TIME_S
 
 
 def ring_lift_m(mission: MissionConfig, ring: int) -> float:
-    """By how much such a circle is higher than the shared one: every other one by the separation. Sides that do not hear each
-    other have different hypotheses, several metres apart where one has few cameras, so that their circles may cross.
+    """Return how much higher such a circle is than the shared one: every second circle by the separation. Network components
+    without a link have different hypotheses, several metres apart if one has few cameras, so that their circles may cross.
     """
     return mission.limits.separation_m * (ring % 2)
 
@@ -50,10 +50,12 @@ def highest_circle_m(mission: MissionConfig) -> float:
 
 
 def second_height_m(mission: MissionConfig) -> float | None:
-    """Height (m) above the ground of the second half of a turn around a source; None: its height is known, and one will do.
+    """Height (m) above the ground of the second half of a turn around a source; None if the source's height is known, so that one
+    height suffices.
 
     From one height alone, counts fit a source above the cameras and its mirror image below them alike. No higher than the highest
-    circle, which those that cross or return pass over, and below the lowest layer of vehicles that return without their agents.
+    circle, which crossing or returning drones pass over, and below the lowest altitude layer of vehicles that return after the
+    loss of their agents.
     """
     if mission.source_height_m[1] <= 0.0:
         return None

@@ -56,8 +56,8 @@ class PathFollower:
     def advance(self, s: float, position: Sequence[float], reach_m: float = _REACH_M) -> float:
         """The progress of a drone at ``position`` whose progress was ``s``.
 
-        It is the nearest point of the path between s and s + ``reach_m``; this window keeps a drone from skipping to the next
-        lane, or across the end of the path, where the way out and the way back are equally near.
+        The progress is the nearest point of the path between s and s + ``reach_m``; this window keeps a drone from skipping to
+        the next lane, or across the end of the path, where the way out and the way back are equally near.
         """
         best, best_gap = s, math.inf
         for begin, x, y, dx, dy, length in self._legs_from(s, s + reach_m):

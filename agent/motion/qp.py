@@ -41,7 +41,7 @@ _SETTINGS = {
 }
 _USABLE = ("solved", "solved inaccurate", "maximum iterations reached")
 _INTERRUPTED = "interrupted"
-# Not part of OSQP's interface, but what it asks itself in each iteration; it also knows of a SIGINT that came after the last one.
+# Not part of OSQP's interface, but its own check in each iteration; covers a SIGINT after the last iteration, too.
 _has_caught_sigint = ctypes.CDLL(osqp.ext_builtin.__file__).osqp_is_interrupted
 
 
@@ -118,7 +118,7 @@ class LimitedProblem:
         )
         matrix = sparse.vstack((fixed, planes), format="csc")
         matrix.sort_indices()
-        # Position of the k-th placeholder: its column and row among those of the final matrix, which are in this order.
+        # Position of the k-th placeholder: its column and row in the final matrix, which are in this order.
         height, width = matrix.shape
         entries = np.repeat(np.arange(width), np.diff(matrix.indptr)) * height + matrix.indices
         where = np.searchsorted(entries, columns_index * height + fixed.shape[0] + rows_index)
@@ -168,9 +168,9 @@ class LimitedProblem:
 def _solved(solver: osqp.OSQP) -> Any:
     """OSQP's result; no SIGINT gets lost meanwhile.
 
-    OSQP catches SIGINT itself while it solves, and only stops. So it is kept back until the solution is there; where another
-    thread of the process lets it through, it is raised anew: it ends a simulation, and where it is ignored, as an agent does,
-    the problem is solved once more.
+    OSQP catches SIGINT itself while it solves, and only stops. So the signal is kept back until the solution is there. If another
+    thread of the process lets it through, it is raised anew: this ends a simulation; in an agent, which ignores it, the problem
+    is solved once more.
     """
     while True:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

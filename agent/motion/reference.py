@@ -1,4 +1,4 @@
-"""What planners hand to the tracker, and what they know of the other drones.
+"""Inputs of the tracker from the planners, and states of the other drones.
 
 All of ``agent.motion`` works in one planning frame, the drone's own local ENU frame: metres, seconds, radians.
 """

@@ -1,7 +1,7 @@
 """Inter-agent separation: half-planes along the horizon from the peers' plans; as a last resort evasion by measured positions.
 
 Distances are horizontal: because of the downwash, drones do not pass above one another. Of two drones the one with the smaller id
-has the right of way: the other keeps the whole margin and it keeps 60 % of it, so that they do not both evade fully and meet
+has the right of way: the other keeps the whole margin, and the first 60 % of it, so that they do not both evade fully and meet
 again.
 """
 
@@ -21,8 +21,8 @@ from agent.motion.reference import PeerState
 LEAST_MARGIN_M = 2.0  # of plans, beyond the separation of vehicles: covers a vehicle's deviation from its plan in a transient
 _MARGIN_SIGMAS = 3.0  # of the combined recent RMS deviation of both
 DOUBT_SIGMAS = 2.0  # of a position error, that separation and fence allow for
-_RIGHT_OF_WAY = 0.6  # share of the margin kept by the one with the right of way
-# rad; the one that gives way rotates the other's direction by this, and so passes on one side instead of head-on
+_RIGHT_OF_WAY = 0.6  # share of the margin kept by the drone with the right of way
+# rad; the drone that gives way rotates the other's direction by this, and so passes on one side instead of head-on
 _PASS_TURN = 0.35
 
 
@@ -31,11 +31,11 @@ class PeerPlan(Struct, frozen=True):
 
     positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to be far
     away. sigma_m: 1-sigma error of the other's position relative to this drone. measured: its position by its own localisation,
-    for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because the frames it is placed by
-    are estimated. deviation_m: horizontal RMS deviation from its plans. blind: it does not know of this drone, or
-    nobody steers it by what it knows, so it never gives way. away: (H, 2), unit vectors: it may be anywhere beyond lines across
-    these through its positions, not just there. radius_m: of the circle of which these lines are the tangents nearest to this
-    drone, whose centre lies in their direction; negative: in the opposite one, and this drone keeps outside; infinite: straight.
+    for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because its position rests on
+    estimated frames. deviation_m: horizontal RMS deviation from its plans. blind: unaware of this drone, or without an agent that
+    steers it, so it never gives way. away: (H, 2), unit vectors: the other may be anywhere beyond lines across these through its
+    positions. radius_m: of the circle of which these lines are the tangents nearest to this drone, with its centre in their
+    direction; negative: in the opposite direction, and this drone keeps outside; infinite: straight.
     """
 
     id: str
@@ -105,7 +105,7 @@ class PeerPlan(Struct, frozen=True):
         return found + [(px + k * dx, py + k * dy) for k in range(1, count + 2 - len(found))]
 
     def state(self, now_ns: int) -> PeerState:
-        """The plan's state now; better than a pose for spacing, as it is free of noise and of the vehicle's lag."""
+        """The plan's state now; better than a pose for spacing, because free of noise and of the vehicle's lag."""
         place = (now_ns - self.stamp_ns) * 1e-9 / self.step_s
         if len(self.positions) == 1:
             return PeerState(self.positions[0])
@@ -144,7 +144,7 @@ def half_planes(nominal: Array, here: tuple[float, float], other: Array, distanc
 
     nominal: (H, 2), this drone's planned positions; other: (H + 1, 2), the other's positions now and at the steps. Returns
     normals (H, 2) and offsets (H,). The normal turns with the nominal relative position, but never by more than a right angle
-    from step to step: a nominal path through the other drone must not be taken for one around it.
+    from step to step: a nominal path through the other drone must not be taken for a path around it.
     """
     relative = nominal - other[1:]
     normals = np.empty_like(relative)
@@ -167,8 +167,8 @@ def escape(
 ) -> tuple[float, float] | None:
     """The last resort: a horizontal velocity (m/s) to take at once, or None while measured positions and velocities need none.
 
-    It is needed if both drones, braking from now on along straight lines, would still come closer than the separation. Then both
-    brake, and the one that has to give way also backs off. A blind one is not expected to brake.
+    An escape is needed if both drones, braking from now on along straight lines, would still come closer than the separation.
+    Then both brake, and the drone without the right of way also backs off. Blind drones are not assumed to brake.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):

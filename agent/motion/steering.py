@@ -24,19 +24,21 @@ from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, esca
 
 _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
-# Where the two conflict, the fence yields, by at most the margin between the vehicles; the less, the more doubtful their places.
+# Where the two conflict, the fence yields, by at most the margin between the vehicles, and less with a larger position
+# uncertainty.
 _FENCE_YIELDS = 1.0
-# The line between two sides, behind which drones fly that cannot give way, yields less than all else, but for a large doubt.
+# The separation line between two network components, whose drones cannot give way, yields less than all else, except with a large
+# position uncertainty.
 _LINE_YIELDS = 0.3
-_FACING = -0.9  # cosine between the normals of two lines that face each other
-# The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
-# them, a drone turned back into the next one on the circle, which could not brake in time. They yield more for a larger doubt,
-# unless this half-plane is the only one near the plan: a drone that caught up with its place on the circle cut the corner, where
-# another one came down 3.4 m beside its home, and passed it at 2.3 m.
+_FACING = -0.9  # cosine between the normals of two facing lines
+# Soft-constraint weight of a lost peer's possible positions, above that of a peer with a link: pushed away from them, a drone
+# turned back into the next one on the circle, which could not brake in time. The weight grows with the position uncertainty,
+# unless this half-plane is the only one near the plan: a drone that caught up with its slot cut the corner, and passed another
+# drone, landing 3.4 m beside its home, at 2.3 m.
 _UNHEARD_YIELDS = 2.0
 # Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
-# (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). Expected back within a second, two that passed each other at
-# 8 m/s came 1 m nearer than their plans allowed.
+# (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). With an expected return within a second, two drones passing
+# each other at 8 m/s came 1 m nearer than their plans allowed.
 RETURN_S = 3.4
 
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
@@ -73,9 +75,9 @@ class Situation(Struct, frozen=True):
 class _Neighbour(Struct, frozen=True):
     """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
 
-    ``is_blind``: it does not know of this drone. ``away``: (H, 2), normals of the lines that it is beyond; None where it is at
-    these positions. ``yields``: metres per metre of slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``:
-    what is held for the sake of its doubtful place.
+    ``is_blind``: unaware of this drone. ``away``: (H, 2), normals of the lines that it is beyond; None if it is at these
+    positions. ``yields``: metres per metre of slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``: extra
+    distance for its position uncertainty.
     """
 
     positions: Array
@@ -99,7 +101,7 @@ class Steering:
         self._problem = LimitedProblem(prediction, step_s, 2, flat, _ROWS)
         self._speed_squared = (limits.speed_mps * OCTAGON_INRADIUS) ** 2
         self._acceleration_squared = (limits.acceleration_mps2 * OCTAGON_INRADIUS) ** 2
-        self._lasting: Array = np.linspace(1.0, 0.0, horizon)  # share at each step of what is lacking now
+        self._lasting: Array = np.linspace(1.0, 0.0, horizon)  # share of the present lack of distance at each step
         self._fading: list[float] = np.exp(-((step_s * np.arange(horizon + 1) / RETURN_S) ** 2)).tolist()
 
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
@@ -114,7 +116,7 @@ class Steering:
         clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
-        # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
+        # Pushed by a line, the fence or others, the drone may be far from its optimum, and from the obstacles there.
         previous = situation.previous()
         found, apart = self._constrained(situation, optimum, peers, (previous,), (normals, offsets))
         if found is not None and apart:
@@ -134,7 +136,7 @@ class Steering:
         self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], fence: Piece
     ) -> tuple[Array | None, bool]:
         """Jerks (H, 2) of the solution that passes others on the same side as the first of ``plans``, (H, 2) each, and whether it
-        keeps apart from those near any of them, or the optimum. ``fence``: the piece that the plan stays inside.
+        keeps apart from the peers near any of these plans, or the optimum. ``fence``: the piece that the plan stays inside.
         """
         (normals, offsets), nominal, free = fence, plans[0], optimum[1, :, :2]
         neighbours, _ = self._neighbours(situation, np.array((free, *plans)), peers)
@@ -194,10 +196,10 @@ class Steering:
         return neighbours, clear
 
     def _yields(self, peer: PeerPlan, lacking_m: float) -> float | Array:
-        """Metres per metre of slack by which the distance from a drone yields, of which so much is lacking now.
+        """Return by how many metres the distance from a drone yields per metre of slack; ``lacking_m``: the present lack of it.
 
-        What is lacking because a place is doubtful can be had only after a while, at the end of the plan: until then the others,
-        and the fence, must not lose as many metres. One that gives no way may keep it from that for long.
+        Distance for a position uncertainty can be gained only after a while, at the end of the plan: until then the others, and
+        the fence, must not lose as many metres. A drone that gives no way may prevent the gain for long.
         """
         doubted_m = _doubted_m(peer)
         if peer.blind:
@@ -221,11 +223,11 @@ class Steering:
     def _half_planes(
         self, situation: Situation, position: Array, nominal: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """The half-planes of neighbours and fence; per step, that which the nominal plan (H, 2) violates most, and those that it
-        or the unconstrained optimum (H, 2) does.
+        """Return the half-planes of neighbours and fence; per step the worst violated by the nominal plan (H, 2), and the next
+        worst by this plan or the unconstrained optimum (H, 2).
 
-        The optimum, on the way home through the others, may be far from where they have pushed the plan, and violate all of
-        theirs by more than the plan does that of one who is in the way there.
+        On the way home through the others, the optimum may be far from the plan, which they have pushed aside, and violate all of
+        their half-planes by more than the plan violates that of a drone in its way.
         """
         if not neighbours and len(fence[0]) == 0:
             return None
@@ -258,7 +260,7 @@ class Steering:
     def _apart(self, position: Array, neighbours: Sequence[_Neighbour]) -> bool:
         """Whether a solution (H, 2) keeps the bare separation from the others, as far as it can.
 
-        Where the distance is growing already, no better solution exists.
+        With a distance that grows already, no better solution exists.
         """
         for other in neighbours:
             if other.away is not None:
@@ -277,10 +279,10 @@ class Steering:
 
 
 def _with_room(lines: Sequence[_Neighbour], separation_m: float) -> list[_Neighbour]:
-    """Lines with distances for all of which there is room between them.
+    """Return the lines with distances that leave room between facing lines.
 
-    Where two face each other with less, both give up as large a share of what they hold beyond the separation. Kept in full, the
-    distances drove a drone to where two lines are farther apart, if only by 7 cm in a metre, and far out of the area.
+    Two lines facing each other with less room both give up the same share of their distance beyond the separation. Kept in full,
+    the distances drove a drone to where two lines are farther apart, if only by 7 cm in a metre, and far out of the area.
     """
     fitted = list(lines)
     for (first, _), (second, _) in combinations(enumerate(lines), 2):
@@ -308,5 +310,5 @@ def _room_m(one: _Neighbour, other: _Neighbour) -> float:
 
 
 def _doubted_m(peer: PeerPlan) -> float:
-    """What is held of a drone for the sake of its doubtful place, beyond the bare separation."""
+    """Extra distance from a drone for its position uncertainty, beyond the bare separation."""
     return max(0.0, DOUBT_SIGMAS * peer.sigma_m - peer.doubt_m)

@@ -36,12 +36,12 @@ def survey_paths(
     lane_spacing_m: float,
     starts: Mapping[str, Point2] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """A path (M, 2) for each drone over what is not covered yet; (0, 2) where nothing is left.
+    """Return a path (M, 2) for each drone over the uncovered area; (0, 2) if nothing is left.
 
     Args:
         area: simple polygon to search.
         drones: ids of the active drones, in any order.
-        coverage: swaths flown by any drone, including those that dropped out.
+        coverage: swaths flown by any drone, including drones that dropped out.
         lane_spacing_m: largest distance between lanes.
         starts: positions of the drones, as common knowledge; drones without one are ordered by id.
     """
@@ -99,7 +99,7 @@ def covered(coverage: Sequence[Swath]) -> Area:
 
 
 def left(area: Polygon, done: Area, swath_m: float) -> Area:
-    """The part of the area outside of what is ``done``, without slivers narrow against the swath's width; may be empty."""
+    """The part of the area that is not ``done``, without slivers narrow against the swath's width; may be empty."""
     if done.is_empty:
         return area
     rest = area.difference(done)
@@ -112,7 +112,7 @@ def left(area: Polygon, done: Area, swath_m: float) -> Area:
 
 
 def _opened(shape: Area, sliver_m: float, tolerance: float) -> Area:
-    """Without what is narrower; simplified by that share of it."""
+    """Return the shape without narrower parts; simplified by that share of the width."""
     opened = shape.buffer(-sliver_m / 2.0, join_style="mitre").buffer(sliver_m / 2.0, join_style="mitre")
     simple: Area = shapely.simplify(opened, tolerance * sliver_m)
     return simple
@@ -131,7 +131,7 @@ def _divide(area: Area, drones: list[str], starts: Mapping[str, Point2]) -> list
 
 
 def _axes(area: Area) -> list[NDArray[np.float64]]:
-    """Unit vectors (2,) along the sides of the minimum rotated rectangle, the one nearer to x first; x or y positive."""
+    """Unit vectors (2,) along the sides of the minimum rotated rectangle, the nearer to x first; x or y positive."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
     side = corners[1] - corners[0]
     side = side / np.hypot(side[0], side[1])

@@ -2,8 +2,8 @@
 
 The tracker drives a virtual vehicle, a triple integrator, whose state is free of measurement noise; the real one follows it. At
 every replan the virtual vehicle's next seconds are optimised to follow the reference within the limits. Mostly no limit is
-active, and the solution is a matrix product (``prediction``); where one is, OSQP solves the constrained problem (``qp``); where
-that fails or vehicles come too close to each other, the plan is to brake (``steering``).
+active, and the solution is a matrix product (``prediction``); otherwise OSQP solves the constrained problem (``qp``). If that
+fails, or vehicles come too close to each other, the plan is to brake (``steering``).
 """
 
 from __future__ import annotations
@@ -101,9 +101,9 @@ class Tracker:
         Args:
             now_ns: UTC; the reference begins now.
             state: the vehicle's own measured position and velocity.
-            reference: where to fly; may be infeasible.
+            reference: path to fly; may be infeasible.
             peers: the other drones' plans.
-            ground: heights of the ground (N,) at positions (N, 2), where it is not level; the z of the reference, and floor and
+            ground: heights of the ground (N,) at positions (N, 2), if not level; the z of the reference, and floor and
                 ceiling of the fence, are then above the ground along the plan.
         """
         start = self._continued(now_ns, state)
@@ -155,8 +155,8 @@ class Tracker:
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
         """Setpoint for now: position, velocity, acceleration, ahead by the vehicle's dead time.
 
-        The acceleration is the one with which the vehicle flies the plan: see ``agent.motion.feedforward``. ``yaw_rate_rps``: the
-        yaw rate commanded at the same time.
+        With this acceleration the vehicle flies the plan: see ``agent.motion.feedforward``. ``yaw_rate_rps``: the yaw rate
+        commanded at the same time.
         """
         response = self._response
         position, velocity, acceleration, jerk = self._at((now_ns - self._stamp_ns) * 1e-9 + response.lag_s)

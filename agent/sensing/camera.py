@@ -1,4 +1,4 @@
-"""The own camera: from its readouts to log entries, with what the operator should know of it."""
+"""The own camera: from its readouts to log entries, with its problems for the operator."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Camera:
         self._is_silent = False
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What is wrong with the camera, or with what it sees. Whether it is there before a flight is for its driver to say."""
+        """Problems of the camera, or of its view, one line each. Before a flight its driver reports a missing camera."""
         if self._newest_ns is not None:
             self._newest_ns = min(self._newest_ns, now_ns)  # the clock may have been set back
             self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS

@@ -1,8 +1,8 @@
-"""Sequence numbers of the own log entries: which of them were given since a time, and which while the clock was wrong.
+"""Sequence numbers of the own log entries: the numbers given since a time, and those given with a wrong clock.
 
-When a clock is set back, it may have been wrong before, or be wrong from then on. Once the others' clocks tell that it is right
-now, the entries that it stamped wrongly are taken back: if it had been set ahead by the same step, all since then; otherwise
-those with later stamps than the time to which it was set back. If it reaches those stamps again first, nothing is taken back.
+A clock that is set back may have been wrong before, or be wrong from then on. Once the others' clocks confirm it, its wrongly
+stamped entries are taken back. After a forward step by the same amount these are all entries since then, otherwise the entries
+with later stamps than the time to which it was set back. If the clock reaches these stamps again first, nothing is taken back.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from msgspec import Struct
 
 _LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set, as the agent sees it
 _SET_BACK_NS = 1_000_000_000  # by less, stamps are hardly wrong
-_ALIKE_NS = 1_000_000_000  # two steps of a clock: of one that drifts, and of an agent that was late
+_ALIKE_NS = 1_000_000_000  # two steps of a clock: drift, and a late agent
 _NOTED_NS = 1_000_000_000
 _MOST_NOTED, _MOST_STEPS = 600, 8
 
 
 class _Doubted(Struct, frozen=True):
-    """Numbers of entries whose stamps may be wrong, and the latest time that the clock told before it was set back."""
+    """Numbers of entries whose stamps may be wrong, and the latest time by the clock before it was set back."""
 
     first: int
     last: int
@@ -65,7 +65,7 @@ class Numbering(Iterator[int]):
             self._doubted = _Doubted(first, self._next - 1, before_ns)
 
     def _first_later_than(self, now_ns: int) -> int:
-        """The first number of a later stamp; what was noted at such times is forgotten."""
+        """Return the first number of a later stamp; the notes of such times are forgotten."""
         first = self._next
         while self._noted and self._noted[-1][0] > now_ns:
             first = self._noted.pop()[1]
@@ -82,9 +82,10 @@ class Numbering(Iterator[int]):
         return first
 
     def since(self, stamp_ns: int) -> tuple[int, int] | None:
-        """The first and the last number given since that time, or up to a second earlier; None without any but those told before.
+        """Return the first and the last number given since that time, or up to a second earlier; None without numbers beyond the
+        ones returned before.
 
-        They are taken back with the next number, so that a localisation that jumps all the time has nothing told again and again.
+        The entries are taken back with the next number, so that a localisation that jumps all the time repeats no retraction.
         """
         earlier = [number for noted_ns, number in self._noted if noted_ns <= stamp_ns]
         first, (told_first, told_next) = earlier[-1] if earlier else 1, self._told

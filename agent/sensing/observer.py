@@ -94,8 +94,8 @@ class Observer:
         )
 
     def taken_back(self, stamp_ns: int, first: int, last: int) -> Retraction:
-        """The log entry that takes back those of these numbers, which a wrong clock has stamped: what is measured at the same
-        stamps from now on is used.
+        """Return the log entry that takes back the entries of these numbers with stamps of a wrong clock; later measurements at
+        the same stamps are used.
         """
         self._waiting.clear()
         self._end_ns = self._unused_ns = self._elsewhere_ns = 0
@@ -103,7 +103,7 @@ class Observer:
         return self.retraction(stamp_ns, first, last)
 
     def drop_until(self, until_ns: int) -> None:
-        """Drop what was measured until then, but not logged yet: this drone may have been elsewhere."""
+        """Drop measurements until then that are not logged yet: this drone may have been elsewhere."""
         self._empty()
         self._elsewhere_ns = until_ns
 
@@ -121,20 +121,19 @@ class Observer:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong with the camera: one line or none."""
+        """Problems of the camera: one line or none."""
         if self._silent_s < SILENT_S:
             return ()
         return (f"camera: no hit for {SILENT_S:g} s or more, not even background; its counts are not used",)
 
     def observe(self, detections: Detections) -> list[Entry]:
-        """Log entries of a stretch of detections, or of those before it that have waited for the telemetry of their time; counts
-        are held until an exposure is full.
+        """Return the log entries of a stretch of detections, and of earlier stretches that have waited for their telemetry.
+        Counts are held until an exposure is full.
 
-        The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
-        counted in ``dropped``, where they are longer than an exposure may be, where the pose is not known (before the first
-        telemetry, while there was no telemetry) or not trusted, or where they overlap earlier ones (a clock stepped back):
-        measured at a wrong place, they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are
-        taken, whatever their direction, and the others counted in ``withheld``.
+        The zeros of a mute camera are not used (see ``unseen``): these are no evidence against a source. Stretches are dropped
+        and counted in ``dropped`` if longer than the longest exposure, without a known (telemetry missing) or trusted pose, or if
+        overlapping earlier ones (a backward clock step): measurements at a wrong place would mislead the whole swarm. Of more
+        cones than ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -157,7 +156,7 @@ class Observer:
         return span_ns is not None and end_ns > span_ns[1] + HELD_NS
 
     def _unused(self, end_ns: int) -> list[Entry]:
-        """What was held until a stretch that is not used."""
+        """Return the entries held until a stretch that is not used."""
         self._unused_ns = end_ns
         return self._exposure() if self._start_ns is not None else []
 
@@ -197,11 +196,11 @@ class Observer:
         return span_ns[0] - HELD_NS <= start_ns and end_ns <= span_ns[1] + HELD_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
-        """Poses of the time of which the camera delivered nothing that is used: exposures without live time. They carry no
-        information on the source, but without them the drone's frame could not be estimated, or told after a jump, any more.
+        """Return poses for the time without usable data of the camera: exposures without live time. These carry no information on
+        the source, but without them the drone's frame could not be estimated, or published after a jump, any more.
 
-        A readout that may still come is waited for, and no longer than that: poses that come late have everybody estimate all
-        frames since then again, and with them the source.
+        The wait for a readout is as short as possible: after late poses every drone estimates all frames since then again, and
+        with them the source.
         """
         entries: list[Entry] = []
         span_ns = self._history.span_ns

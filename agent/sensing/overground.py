@@ -1,7 +1,7 @@
 """The camera's place over the ground on which the source lies, by the rangefinder.
 
-An autopilot's own height drifts by a metre and more. Beside a source at 8 m that is a wrong direction by 7 degrees; to a vehicle
-that has landed a metre from it, by 45 degrees, in a hundred cones a second, and the whole swarm followed them away.
+An autopilot's own height drifts by a metre and more: an error of the direction by 7 degrees beside a source at 8 m, and by 45
+degrees for a vehicle that has landed a metre from it. With a hundred such cones a second the whole swarm followed them away.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from protocol.entries import CarriedFrame
 class OverGround:
     """Places of one drone in its local frame, as its measurements state them.
 
-    Only where that frame is known exactly, or carried on from one that is, and the ground is level: elsewhere the height is part
-    of what is estimated, or of the ground's shape.
+    Only for a frame that is known exactly, or continued from such a frame, over level ground: otherwise the height is part of the
+    estimate, or of the ground's shape.
     """
 
     def __init__(self, member: DroneInMission, ground: Ground, carried: Callable[[int], CarriedFrame | None]) -> None:

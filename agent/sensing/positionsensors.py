@@ -21,7 +21,7 @@ _UNIT_TOLERANCE = 0.01  # of a direction's length; it is brought to 1
 
 
 class PositionSensors:
-    """Log entries of one drone's satellite receiver and relative sensors. What cannot be used is counted and dropped."""
+    """Log entries of one drone's satellite receiver and relative sensors. Unusable measurements are counted and dropped."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class PositionSensors:
         )
 
     def begin_anew(self) -> None:
-        """What was logged of later stamps is taken back."""
+        """Begin anew: the entries with later stamps are taken back."""
         self._newest_ns = self._elsewhere_ns = 0
 
     def drop_until(self, until_ns: int) -> None:
@@ -71,11 +71,11 @@ class PositionSensors:
         self._elsewhere_ns = until_ns
 
     def sighting(self, seen: SeenDrone) -> Sighting | None:
-        """The log entry of a relative observation, its direction in the local frame; None where it cannot be used.
+        """Return the log entry of a relative observation, its direction in the local frame; None if unusable.
 
-        Where the clock was set back, the log holds this drone's poses of those stamps already, and that they are right: what it
-        sees of the others now would contradict where they were then. Such a sighting is ``NOT_LOGGED``, until these are taken
-        back (``begin_anew``). So is one of a time at which this drone may have been elsewhere (``drop_until``).
+        After a backward clock step the log already holds poses of this drone at these stamps, and present sightings of the others
+        would contradict their former positions. Such a sighting is ``NOT_LOGGED``, until the poses are taken back
+        (``begin_anew``). The same holds for a sighting of a time at which this drone may have been elsewhere (``drop_until``).
         """
         if seen.target not in self._others:
             self._counters["sightings_of_nobody"] += 1

@@ -3,8 +3,8 @@
 {"stamp_ns": 1767225600000000000, "target": "d2", "direction": [0.98, 0.2, 0.0], "direction_sigma_rad": 0.03,
  "range_m": 12.1, "range_sigma_m": 0.3}
 
-Direction (unit vector, body FLU) and range are those of ``agent.vehicle.interface.SeenDrone``; one of them may be omitted, with
-its sigma. A sensor that sees no drone sends an empty line each second.
+Direction (unit vector, body FLU) and range are as in ``agent.vehicle.interface.SeenDrone``; one of them may be omitted, with its
+sigma. A sensor that sees no drone sends an empty line each second.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _DECODER = msgspec.json.Decoder(SeenDrone)
 class SightingsFeed:
     """Reads the feed at ``address``, reconnecting as long as it is open.
 
-    ``counters``: sightings, malformed, dropped_stale, and those of the link.
+    ``counters``: sightings, malformed, dropped_stale, and the link's.
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -37,7 +37,7 @@ class SightingsFeed:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, one line each."""
+        """The present problems, one line each."""
         return tuple(text for text in (self._feed.problem, self._flaw) if text is not None)
 
     async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
@@ -50,7 +50,7 @@ class SightingsFeed:
                 yield seen
 
     def _sighting(self, line: bytes) -> SeenDrone | None:
-        """One line; malformed lines, and those too old for an own pose, are counted and dropped."""
+        """Parse one line; malformed lines, and lines too old for an own pose, are counted and dropped."""
         try:
             seen = _DECODER.decode(line)
         except msgspec.MsgspecError as error:

@@ -21,7 +21,7 @@ HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; la
 @dataclass(slots=True)
 class Acquisition:
     """An acquisition of at most ``length_ns``, requested at ``called_ns``. The camera's threads set ``started_ns`` and append
-    blocks, then set ``ended_ns``; the event loop takes the blocks. All times by one clock, which nobody sets.
+    blocks, then set ``ended_ns``; the event loop takes the blocks. All times by one clock, which is never set.
     """
 
     called_ns: int
@@ -33,7 +33,7 @@ class Acquisition:
 
 
 class Utc:
-    """UTC of times by a clock that nobody sets. Where UTC is set, readouts move with it, and their hits as far."""
+    """UTC of times by a clock that is never set. After a step of UTC, readouts and their hits move by the step."""
 
     def __init__(self, utc_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
         self._utc_ns, self._steady_ns = utc_ns, steady_ns

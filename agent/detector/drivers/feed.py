@@ -18,7 +18,7 @@ class FeedDetector:
     """Reads the feed at ``address`` ("host:port"), and reconnects while it is open.
 
     Readouts whose end differs from the clock by more than 2 s are dropped and counted; to the detection chain such a gap is dead
-    time. ``counters``: readouts, dropped_stale, corrupt_frames, and those of the link.
+    time. ``counters``: readouts, dropped_stale, corrupt_frames, and the link's.
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:

@@ -1,15 +1,15 @@
 """The MiniPIX TPX3 through ``pypixet``, the Python module of the vendor's Pixet SDK.
 
-Calls and constants are those of Advacam's Python API manual and its examples: ``pypixet.start``, ``exit``,
+Calls and constants are from Advacam's Python API manual and its examples: ``pypixet.start``, ``exit``,
 ``pixet.devicesByType(PX_DEVTYPE_TPX3)``, ``refreshDevices``; of a device ``setOperationMode(PX_TPX3_OPM_TOATOT)``, ``setBias``,
 ``parameters().get("DDBlockSize").setU32``, ``doSensorRefresh``, ``registerEvent``, ``doAdvancedAcquisition`` with
 ``PX_ACQTYPE_DATADRIVEN``, ``lastAcqPixelsRefInc().rawPixels()`` and ``abortOperation``. ``rawPixels`` gives five columns: matrix
 index, ToA, overflow, FToA, ToT, with the same meaning as in a .t3pa file.
 
-ToA counts from the start of an acquisition. Its time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the
-transfer from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock
-with an error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts. These times are by a clock that
-nobody sets: where the computer's UTC was set ahead by 3 s within the minute, hits kept to the former time.
+ToA counts from the start of an acquisition. Its time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the transfer
+from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock with an
+error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts. These times are by a clock that is never
+set: otherwise, after a step of the computer's UTC by 3 s within the minute, hits kept to the former time.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class Calibration:
 
 
 def calibration_files(path: Path) -> tuple[Path, ...]:
-    """The files of a calibration: those of its folder, or Pixet's configuration alone."""
+    """The files of a calibration: of its folder, or Pixet's configuration alone."""
     if not path.is_dir():
         return (path,)
     drift = path / DRIFT_FILE

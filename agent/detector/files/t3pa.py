@@ -39,8 +39,8 @@ class T3paReader:
     of lost data) show the progress.
 
     Appended measurements are read one after the other, with a pause of 10 us between them; ``measurements`` counts them, and
-    ``measurement`` (from 1) chooses a single one. ``notes`` tells what the file lacks: columns, or the end of its last
-    row, which is ignored then.
+    ``measurement`` (from 1) chooses a single one. ``notes`` names missing parts of the file: columns, or the end of its last row,
+    which is ignored then.
 
     ToA in the file may be extended, or may wrap. With ``toa_bits`` None a wrap is recognised: of 30 bits (every 26.8 s, a gap
     that only the weakest sources leave empty) by a step back of more than half of the range; of 14 bits (every 0.41 ms) where the

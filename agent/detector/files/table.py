@@ -30,7 +30,7 @@ _FTOA_STEPS = 32
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Delimiter of the rows (None: blanks), place of each of ``COLUMNS`` in a row (None: missing), and what is worth telling."""
+    """Delimiter of the rows (None: blanks), place of each of ``COLUMNS`` in a row (None: missing), and notes for the user."""
 
     delimiter: str | None
     places: tuple[int | None, ...]
@@ -139,6 +139,6 @@ def _delimiter(text: str) -> str | None:
 
 
 def _names(text: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:  # the one name of two words is found before the blanks separate
+    if delimiter is None:  # the name of two words is found before the blanks separate
         return [name.replace("_", " ") for name in re.sub(r"matrix +index", "matrix_index", text).split()]
     return [name.strip() for name in text.split(delimiter)]

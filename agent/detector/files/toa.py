@@ -28,7 +28,7 @@ _CONTEXT = 256  # hits of the call before, among which some of the same event ma
 def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return times of arrival (N,) in 25 ns steps, in the order of the readout, with misplaced hits moved by one period.
 
-    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to those across its own if
+    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to hits across its own if
 
     - the time falls back by that period from one to the other in the order of the readout, and none across its own border was
       read out nearer to it, or
@@ -66,7 +66,7 @@ class BorderRepair:
 
 
 def _moved(toa: NDArray[np.int64], row: NDArray[np.intp], later: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the times of the hits behind a border, (M,), those moved behind the next one that belong there.
+    """Return the times of the hits behind a border, (M,), moved behind the next border where they belong there.
 
     ``toa``, ``row``: times and rows of all hits beside a border (N,); ``later``: which of them are behind one.
     """

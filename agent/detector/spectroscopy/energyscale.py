@@ -1,9 +1,9 @@
 """Gain stabilisation, as in spectrometers: the lines of the nuclides in view are a reference for the camera's energy scale.
 
-A Kalman filter of two states: g, the natural logarithm of the gain over that of the calibration, a random walk; and e, the error
-with which the place of the lines is read, which stays as it is. A reading is z = g + e + noise, its noise from the likelihood of
-the spectrum by gain. So the scale follows every change from its first evidence on, as far as the readings tell it; and it is
-moved away from the calibration only as far as the lines are read better than a camera is calibrated.
+A Kalman filter of two states: g, the natural logarithm of the gain over that of the calibration, a random walk; and e, the
+constant error of reading the place of the lines. A reading is z = g + e + noise, its noise from the likelihood of the spectrum by
+gain. So the scale follows every change from its first evidence on, as far as the readings show it, and leaves the calibration
+only as far as the lines are read more exactly than a camera is calibrated.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class EnergyScale:
         self._recent = Recogniser()  # energies since the last look
         self._since_ns: int | None = None
         self._is_told = False  # that the gain is off
-        for nuclide in CANDIDATES:  # what takes long, now: whichever of them is followed in flight
+        for nuclide in CANDIDATES:  # the slow part in advance, for each nuclide that may be followed in flight
             mixtures((nuclide,), NEAR)
         if named is not None:
             self.follow((named,))
             mixtures((named,), FAR)
 
     def follow(self, nuclides: tuple[str, ...]) -> None:
-        """Take the lines of these nuclides for reference; none: as before. Others than before are read with an error of their
-        own; where all are others, what was read before was not of the lines that it was taken for, and the calibration holds.
+        """Take the lines of these nuclides for reference; none: as before. New nuclides are read with an error of their own. If
+        all are new, the former readings were of other lines than assumed, and the calibration holds.
         """
         if not nuclides or nuclides == self._nuclides:
             return
@@ -130,8 +130,8 @@ def read(counts: Array, nuclides: tuple[str, ...], readings: tuple[Reading, ...]
     """Logarithm of the gain by which a spectrum (B,) of these nuclides is read, and its 1 sigma: the maximum of the likelihood by
     gain, and its curvature. ``readings``: equally spaced in it.
 
-    None where the spectrum does not need the nuclides' peaks by this evidence, has others, or lacks some; or where the maximum
-    is the first or the last reading.
+    None if the spectrum does not need the nuclides' peaks by this evidence, has others, or lacks some, and if the maximum is the
+    first or the last reading.
     """
     if counts.sum() < 1.0:
         return None

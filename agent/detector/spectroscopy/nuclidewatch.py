@@ -17,11 +17,11 @@ LOOK_NS = 10_000_000_000
 class NuclideWatch:
     """Recognises the nuclide every LOOK_NS, and compares it with the mission's.
 
-    Where there are several candidates, there may be several sources, whose spectrum is that of no one nuclide; so only lines are
-    told that no mixture of candidates explains.
+    With several candidates there may be several sources, whose spectrum is that of no single nuclide; so only lines are reported
+    that no mixture of candidates explains.
 
     The nuclides that are seen are the reference for the camera's energy scale: the mission's one, until another is recognised; of
-    several candidates those that are present. What was read before that scale has jumped is forgotten.
+    several candidates the ones present. Readings from before a jump of that scale are forgotten.
     """
 
     def __init__(self, expected: str | tuple[str, ...]) -> None:

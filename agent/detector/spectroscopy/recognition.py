@@ -24,8 +24,8 @@ from agent.geometry import Array
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
-_READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # any of which may be a camera's
-_ROUNDS = (80, 40)  # iterations of the first fit, and of later ones, which start from the one before
+_READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # of possible cameras
+_ROUNDS = (80, 40)  # iterations of the first fit, and of later fits, which start from the previous one
 _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
 
@@ -33,7 +33,7 @@ _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 class Recognition:
     """``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to that without them, or
     to that with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
-    ``against``: what in the spectrum speaks against the nuclide; None: nothing. ``gain``: mean of the readings by likelihood.
+    ``against``: the evidence against the nuclide in the spectrum, or None. ``gain``: mean of the readings by likelihood.
     """
 
     nuclide: str
@@ -128,7 +128,7 @@ class Recogniser:
         return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
 
     def present(self, nuclides: Sequence[str]) -> tuple[str, ...]:
-        """Those of these nuclides without which their mixture does not explain the spectrum, the weaker ones left out first."""
+        """Return the nuclides that their mixture needs to explain the spectrum; the weaker ones are left out first."""
         if self.events < LEAST_EVENTS:
             return ()
         every = mixtures(tuple(nuclides), _READINGS)

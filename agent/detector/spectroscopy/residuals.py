@@ -1,4 +1,4 @@
-"""Peaks that a fitted spectrum does not explain, or lacks: whether a nuclide fits, and what lines one has that nobody knows.
+"""Peaks that a fitted spectrum does not explain, or lacks: whether a nuclide fits, and the lines of an unknown nuclide.
 
 Both are judged by a matched filter: the residuals of the fit, weighted by their variance, against the shape of a single line. The
 model is good to some per cent, so its share enters the variance: however many events there are, small deviations prove nothing.
@@ -16,7 +16,7 @@ from agent.geometry import Array
 
 _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place of scattered photons
 MORE_SIGMAS = 7.0  # of a peak that is not explained; spectra of known nuclides reach 6
-LESS_SIGMAS = 4.5  # of a peak that is missing; those of known nuclides 3.5
+LESS_SIGMAS = 4.5  # of a missing peak; lines of known nuclides reach 3.5
 _MOST_LINES = 6
 _APART = 0.07  # relative distance of two lines that are told apart
 _ROUNDS = 150
@@ -25,7 +25,9 @@ Fitted = Callable[[Array, Array, Array | None, int], tuple[Array, Array]]
 
 
 def contradiction(counts: Array, expected: Array, lines_kev: Iterable[float]) -> str | None:
-    """What in the counts (B,) contradicts those expected (B,) of a nuclide with these lines, as they are read; None: nothing."""
+    """Return the contradiction between the counts (B,) and the expected ones (B,) of a nuclide with these lines, as read; or
+    None.
+    """
     sigmas = _sigmas(counts, expected)
     more = int(sigmas.argmax())
     if sigmas[more] > MORE_SIGMAS:
@@ -36,7 +38,7 @@ def contradiction(counts: Array, expected: Array, lines_kev: Iterable[float]) ->
 
 def line_energies(counts: Array, common: Array, fitted: Fitted) -> tuple[int, ...]:
     """Energies (keV, ascending) of the peaks in the counts (B,) that the common components (K, B) do not explain: the most
-    significant one, and so on with its peak and continuum among the components.
+    significant peak, then the next with this peak and its continuum among the components.
     """
     parts, found = common, list[float]()
     while len(found) < _MOST_LINES:

@@ -33,8 +33,8 @@ _NATURAL: tuple[tuple[tuple[float, float], ...], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How a camera reads energies. gain: after its calibration, 1 is right. loss_kev: mean of the charge that is lost below the
-    pixels' thresholds, exponentially distributed; the simulated sensor's is 4, other models' of the same sensor about 8.
+    """The energy response of a camera. gain: after its calibration, 1 is right. loss_kev: mean of the charge that is lost below
+    the pixels' thresholds, exponentially distributed; the simulated sensor's is 4, other models' of the same sensor about 8.
     """
 
     gain: float = 1.0
