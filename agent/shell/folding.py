@@ -65,7 +65,7 @@ class Folding:
             self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
 
     async def _compute(self, deferred: Deferred) -> None:
-        """Start the process and exchange tasks and answers until its end.
+        """Start the process, and exchange tasks and answers until the process ends.
 
         Raises:
             OSError, EOFError: the process has ended, or hangs.

@@ -104,7 +104,7 @@ class Supervisor:
     def _hear(self, heartbeats: int, poll: select.poll) -> None:
         """Take the agent's lines: heartbeats, and lines for the service manager."""
         data = _read(heartbeats)
-        if data is None:  # the agent has closed the pipe: it is exiting
+        if data is None:  # pipe closed: the agent is exiting
             with suppress(KeyError):
                 poll.unregister(heartbeats)
             return

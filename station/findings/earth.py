@@ -75,7 +75,7 @@ def kml(findings: Findings) -> str:
 def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> bytes | None:
     """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of all sources of the estimate; EPSG:4326.
 
-    Across the antimeridian its longitudes go on beyond 180 degrees. None where an activity or a constant is not known.
+    Across the antimeridian the longitudes continue beyond 180 degrees. None without a known activity and constant.
     """
     margin_m = findings.mission.area.fence_margin_m
     corners = np.array(findings.mission.area.polygon_m)
@@ -147,7 +147,7 @@ def _rates_usvph(source: SourceFrame, activity_bq: float, places: NDArray[np.flo
 
 
 def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> BaseGeometry:
-    """The places on Earth (longitude, latitude), cut where they cross the antimeridian (RFC 7946, 3.1.9)."""
+    """Return the places on Earth (longitude, latitude), cut at the antimeridian (RFC 7946, 3.1.9)."""
     whole = _KINDS[kind]([(round(longitude, 8), round(latitude, 8)) for longitude, latitude in _lonlat(findings, places)])
     west, _, east, _ = whole.bounds
     if max(-west, east) <= 180.0:
@@ -162,7 +162,7 @@ def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> B
 
 
 def _lonlat(findings: Findings, places: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
-    """Longitudes and latitudes (degrees); the longitudes within half a turn of the datum's, and so without a jump."""
+    """Return longitudes and latitudes (degrees); longitudes within half a turn of the datum's, without a jump."""
     middle = findings.datum.longitude_deg
     on_earth = map(findings.on_earth, places)
     return [((longitude - middle + 180.0) % 360.0 - 180.0 + middle, latitude) for latitude, longitude, _ in on_earth]

@@ -30,7 +30,7 @@ def circle(middle: Sequence[float], radius_m: float, points: int = 72) -> list[P
 
 
 def cordon_radius_m(nuclide: str, activity_bq: float | None, level_usvph: float = CORDON_USVPH) -> float | None:
-    """Distance on the ground within which the dose rate at 1 m is above a level; None if nowhere, or not known."""
+    """Return the ground distance (m) within which the dose rate at 1 m exceeds a level; None if nowhere, or unknown."""
     at_one = rate_usvph(nuclide, activity_bq) if activity_bq is not None else None
     if at_one is None or at_one / HEIGHT_M**2 <= level_usvph:
         return None
