@@ -11,6 +11,7 @@ from enum import Enum
 from typing import Any
 
 import fields
+import files
 import msgspec
 
 from agent.config.drone import DroneConfig
@@ -103,6 +104,7 @@ def pages() -> dict[str, str]:
         "scenario.md": _config(_SCENARIO, Scenario, elsewhere={MissionConfig: "mission.md"}),
         "protocol.md": _protocol(),
         "api.md": _api(),
+        "files.md": files.page(),
     }
 
 
