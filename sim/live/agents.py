@@ -1,4 +1,4 @@
-"""The agents of a live swarm on this machine: started, struck by faults, started anew, and ended."""
+"""The agents of a live swarm on this machine: started, struck by faults, restarted, and ended."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ GONE_S = 5.0  # after a kill; else it is stuck in the kernel
 
 
 class Agents:
-    """``running``: the agents whose end has not been reported yet, in the order of their starts."""
+    """``running``: the agents without a reported end, in the order of their starts."""
 
     def __init__(self, files: RunFolder, drones: Sequence[str]) -> None:
-        """``drones``: in the mission's order; none on this machine: empty. Their files are written before they are started."""
+        """``drones``: in the mission's order; empty without agents on this machine. Their files are written before their
+        start.
+        """
         self.drones = tuple(drones)
         self.running: list[Child] = []
         self._files = files
         self._children: dict[str, Child] = {}
 
     async def start(self, drone: str) -> None:
-        """Start an agent; one that was killed is awaited first, and its log is continued."""
+        """Start an agent; the end of a killed one is awaited first, and its log is continued."""
         if (before := self._children.get(drone)) is not None:
             with suppress(TimeoutError):
                 await asyncio.wait_for(before.ended(), GONE_S)
@@ -38,7 +40,7 @@ class Agents:
         self.running.append(child)
 
     def signal(self, drone: str, number: int) -> None:
-        """Send a signal to an agent and its watchdog; to none where it has ended."""
+        """Send a signal to an agent and its watchdog; no effect on an ended agent."""
         child = self._children.get(drone)
         if child is not None and child.exit_code is None:
             with suppress(ProcessLookupError):
@@ -56,7 +58,7 @@ class Agents:
         return self._children[drone].exit_code
 
     async def has_ended(self, drone: str) -> bool:
-        """Whether it was started, and its last process has ended; one that was just killed has a moment to end."""
+        """Return whether its last process has started and ended; a killed agent gets a moment to end."""
         child = self._children.get(drone)
         if child is None:
             return False
@@ -65,9 +67,9 @@ class Agents:
         return child.exit_code is not None
 
     def folder(self, drone: str) -> Path:
-        """Its folder, with ``state/`` and ``flight/``."""
+        """Return its folder, with ``state/`` and ``flight/``."""
         return self._files.agent(drone)
 
     async def stop(self) -> None:
-        """End all."""
+        """End all agents."""
         await asyncio.gather(*(child.stop(STOP_S) for child in self._children.values()))

@@ -122,7 +122,7 @@ def live(
 
 
 def _beside(program: str) -> str:
-    """Another program of radron as the user must call it: with this one's folder, unless it is found without."""
+    """Return the call of another radron program: with this one's folder, unless the path finds it."""
     own = Path(sys.argv[0]).with_name(program)
     return str(own) if shutil.which(program) is None and own.is_file() else program
 
@@ -137,7 +137,7 @@ def _places(
     identity: Path | None = None,
     insecure: bool = False,
 ) -> Places | None:
-    """Hosts and endpoints of the agents; None: here, with encrypted links."""
+    """Return hosts and endpoints of the agents; None: on this machine, with encrypted links."""
     from sim.live.places import Places  # noqa: PLC0415
 
     if not external:
@@ -157,7 +157,7 @@ def _places(
 
 
 def _address(given: str | None, vehicles: str) -> tuple[str, int] | None:
-    """Host and port of a ground station."""
+    """Return host and port of a ground station."""
     if given is None:
         return None
     if vehicles != "emulated":

@@ -22,7 +22,7 @@ from sim.world.frame import LocalFrames
 TRUTH_S = 0.05  # interval of truths
 LANDING_S = 120.0
 READY_AGAIN_S = 5.0  # time until a vehicle that was just disarmed can be armed again, and its agent knows
-SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras are off
+SETTLE_S = 15.0  # time for the agents' logs to become equal after the cameras are off
 
 
 class Course:
@@ -36,8 +36,8 @@ class Course:
         faults: FaultPlayer | None = None,
         watch: Callable[[float, Truth], bool] | None = None,
     ) -> None:
-        """``scenario``: with the agents' mission. ``watch``: sees each truth of the mission, with the time (s) since the start
-        command, and ends the mission by returning True.
+        """``scenario``: with the agents' mission. ``watch``: called with each truth of the mission and the time (s) since the
+        start command; True ends the mission.
         """
         mission = scenario.mission
         self._seed = seed
@@ -80,7 +80,7 @@ class Course:
         )
 
     async def mission_flown(self) -> Flight:
-        """From the start command to the landing, by the scenario's rules; the agents are ready.
+        """Fly from the start command to the landing, by the scenario's rules; the agents are ready.
 
         Raises:
             LiveError: no drone takes off, or the world fails.
@@ -116,7 +116,7 @@ class Course:
             if self._faults is not None:
                 self._faults.step(time_s, truth)
             self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in ON_GROUND}
-            # Agents that have landed from an earlier mission have not ended this one.
+            # Agents on the ground since an earlier mission have not ended this one.
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:
                 position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
@@ -132,5 +132,5 @@ class Course:
         return self._over or not self._unstarted()
 
     def _unstarted(self) -> tuple[str, ...]:
-        """The drones that have not flown yet. One that is down again after a short flight must not be sent up once more."""
+        """Return the drones that have not flown yet. A drone down again after a short flight must not be started once more."""
         return tuple(agent.drone for agent in self._operator.observer.agents if agent.drone not in self._started_drones)

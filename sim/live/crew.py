@@ -1,4 +1,4 @@
-"""PX4 parameters that a crew sets before a mission; the others keep their defaults."""
+"""PX4 parameters set by a crew before a mission; the others keep their defaults."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Guidance(NamedTuple):
 
     @classmethod
     def of(cls, truth: VehicleTruth | None) -> Guidance:
-        """The localisation in the scenario; None: the scenario does not mention the vehicle."""
+        """Return the localisation in the scenario; None: the scenario does not mention the vehicle."""
         if truth is None:
             return cls()
         switches = any(event.switch_to == "slam" for event in truth.events)
@@ -31,7 +31,7 @@ class Guidance(NamedTuple):
 
 
 def crew_parameters(mission: MissionConfig, place: Sequence[float], guidance: Guidance = Guidance()) -> dict[str, float]:  # noqa: B008
-    """Parameters of a vehicle that is launched from ``place`` in the mission frame."""
+    """Return the parameters of a vehicle with launch place ``place`` in the mission frame."""
     area = mission.area
     farthest_m = max(hypot(x - place[0], y - place[1]) for x, y in area.polygon_m) + area.fence_margin_m
     parameters: dict[str, float] = {

@@ -26,7 +26,7 @@ class ByteServer:
         self.counters: Counter[str] = Counter()
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Listen; returns the port (0: a free one is taken). Raises OSError where it is in use."""
+        """Listen; return the port (0: a free one is chosen). Raises OSError if it is in use."""
         self._server = await asyncio.start_server(self._serve, host, port)
         found: int = self._server.sockets[0].getsockname()[1]
         return found
@@ -82,6 +82,6 @@ class LineServer(ByteServer):
     """Serves one sensor's data, a JSON object per line."""
 
     def send(self, said: Sequence[object]) -> None:
-        """Send some lines; without any, an empty one as a keep-alive."""
+        """Send some lines; without any, an empty line as a keep-alive."""
         if self.clients:
             self.send_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in said) or b"\n")

@@ -18,7 +18,7 @@ from protocol.stages import ON_GROUND
 from sim.geometry import Array
 from sim.vehicle.px4.fleet import VehicleReport
 
-SILENT_S = 3.0  # a status comes each second: after so long without a message an agent counts as silent
+SILENT_S = 3.0  # a status comes each second: after so long without a message an agent's link counts as lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Belief:
     evidence: float | None = None
 
     def sight_of(self, drone: str) -> Belief:
-        """The estimate itself: each drone's own view of the source is not published."""
+        """Return the estimate itself: each drone's own view of the source is not published."""
         return self
 
 
@@ -54,7 +54,7 @@ class ObservedAgent:
 
     @property
     def stage(self) -> Stage:
-        """Its reported stage; after its death, the autopilot's action: return, then landed.
+        """Return its reported stage; after its death, the autopilot's action: return, then landed.
 
         An agent that died on the ground, or was restarted there after its flight, counts as landed.
         """
@@ -72,22 +72,22 @@ class ObservedAgent:
 
     @property
     def outlook(self) -> None:
-        """Its search state is not published."""
+        """Return None: its search state is not published."""
         return None
 
     @property
     def ticket(self) -> Ticket | None:
-        """The ticket that a command to the drone needs; None before a status."""
+        """Return the ticket needed by a command to the drone; None before a status."""
         return self.status.ticket if self.status is not None else None
 
     @property
     def finding(self) -> str:
-        """The result of a search that found nothing; else empty."""
+        """Return the result of a search without a find; else empty."""
         return self.status.finding if self.status is not None else ""
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The problems that it reports."""
+        """Return its reported problems."""
         return self.status.problems if self.status is not None else ()
 
     def hear(self, message: DroneMessage, now_s: float) -> None:
@@ -120,7 +120,7 @@ class ObservedAgent:
             self._belief = None
 
     def obstacle(self, mission_id: str, now_s: float, without: Collection[str] = ()) -> str | None:
-        """Why it cannot be started, or None; ``without``: drones that it does not wait for."""
+        """Return the obstacle to its start, or None; ``without``: drones that it does not wait for."""
         if not self.alive:
             return "not in the mesh yet"
         if self.status is None or now_s - self.heard_s > SILENT_S:
@@ -150,7 +150,7 @@ class Observer:
         self.agents = [ObservedAgent(drone.id) for drone in mission.drones]
         self._places = {drone.id: place for place, drone in enumerate(mission.drones)}
         self.listeners: list[Callable[[int, AnyDroneMessage], None]] = []  # called with each message and the drone's index
-        self.refused = 0  # invalid messages, and statuses that their drones have not signed
+        self.refused = 0  # invalid messages, and statuses without their drones' signatures
 
     def receive(self, key: str, payload: bytes) -> None:
         """Process a message from the mesh."""
@@ -178,18 +178,18 @@ class Observer:
             agent.look(vehicle, now_s, agent.drone in alive)
 
     def obstacles(self, without: Collection[str] = ()) -> list[str]:
-        """Reasons against a start, a line for each drone that has one; ``without``: drones that are not waited for."""
+        """Return the obstacles to a start, at most one line for each drone; ``without``: drones that are not waited for."""
         now_s = self._clock_s()
         waiting = [agent for agent in self.agents if agent.drone not in without]
         found = [(agent.drone, agent.obstacle(self._mission_id, now_s, without)) for agent in waiting]
         return [f"{drone}: {text}" for drone, text in found if text is not None]
 
     def has_problems(self) -> bool:
-        """Whether a live agent reports a problem."""
+        """Return whether a live agent reports a problem."""
         return any(agent.alive and agent.problems for agent in self.agents)
 
     def agreed(self) -> bool:
-        """Whether all live agents have reported the same digest, and with it the same position, bit for bit."""
+        """Return whether all live agents have reported the same digest, and with it the same position, bit for bit."""
         told = [agent.estimate for agent in self.agents if agent.alive]
         estimates = [estimate for estimate in told if estimate is not None]
         return len(estimates) == len(told) > 0 and len({(each.digest, each.sources[0].position_m) for each in estimates}) == 1

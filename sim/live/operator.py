@@ -24,7 +24,7 @@ from sim.live.worldprocess import LiveError, WorldProcess
 
 LOOK_S = 0.1  # polling interval of conditions
 REPEAT_S = 0.5  # interval between copies of a command
-RENEW_S = 8.0  # after which a command is stamped anew; agents refuse a start older than 10 s
+RENEW_S = 8.0  # interval of new stamps of a command; agents refuse a start older than 10 s
 STATION = "sim"  # its name in a swarm without certificates
 
 
@@ -32,7 +32,7 @@ class Operator:
     """``observer``: the agents as observed. ``watchers``: called with each truth."""
 
     def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Agents, view: View) -> None:
-        """``agents``: those on this machine."""
+        """``agents``: the agents on this machine."""
         self.mission = mission
         self.world = world
         self.view = view
@@ -59,11 +59,11 @@ class Operator:
 
     @property
     def landed(self) -> bool:
-        """Whether all agents are on the ground."""
+        """Return whether all agents are on the ground."""
         return all(agent.stage in ON_GROUND for agent in self.observer.agents)
 
     async def get_ready(self, within_s: float, without: Collection[str] = ()) -> None:
-        """Wait until every agent can be started, and report what is waited for; ``without``: drones that come later.
+        """Wait until every agent can be started, and report the obstacles; ``without``: drones that come later.
 
         Raises:
             LiveError: an agent ends, or they are not ready in time.

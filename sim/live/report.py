@@ -15,9 +15,9 @@ from sim.vehicle.px4.fleet import VehicleReport
 class AgentEnd(Struct, frozen=True, kw_only=True):
     """One agent at the end of a flight: its source estimate, the digest of its log, and its counters.
 
-    position_m: mission frame; None without a hypothesis. setpoints: position targets that its vehicle received (known only of
-    emulated vehicles); computed_setpoints: those that differ from the one before; largest_gap_s: longest time
-    between two of these in offboard. failsafes: how often the autopilot took over. truth: source of the vehicle's position: the
+    position_m: mission frame; None without a hypothesis. setpoints: position targets received by its vehicle (known only of
+    emulated vehicles); computed_setpoints: targets that differ from the one before; largest_gap_s: longest time between two
+    of these in offboard. failsafes: number of the autopilot's failsafes. truth: source of the vehicle's position: the
     emulated "world", PX4's own "simulation", or the vehicle's own "estimate".
     """
 
@@ -43,7 +43,7 @@ class LiveReport(Struct, frozen=True, kw_only=True):
     agreed: all living agents ended with the same digest and, bit for bit, the same position. ready_s: from the start of the
     agents until all were ready for the start command. world_late_s: largest delay of the world behind the clock;
     truths_dropped: samples of the truth that the launcher missed; both since the start command. mesh: counters of the
-    launcher's station. faults: those that were played.
+    launcher's station. faults: the faults played.
     """
 
     agreed: bool

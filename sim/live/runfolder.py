@@ -35,16 +35,16 @@ from sim.world.streams import streams
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
 LOCAL = "127.0.0.1"
 OPERATOR = "operator"  # the name in its certificate
-PAGE = "page"  # that of the operator's page
+PAGE = "page"  # name in the page's certificate
 
 
 class RunFolder:
     """The folder of a live flight.
 
-    ``agents/``: everything that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
-    ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. What they never see: ``operator/`` and
-    ``page/``, the certificates of the operator and the operator's page, ``page.token``, the page's token, and ``world.json``, the
-    truth.
+    ``agents/``: all files of the agents: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
+    ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. Unknown to the agents: ``operator/`` and
+    ``page/``, the certificates of the operator and the operator's page, ``page.token``, the page's token, and ``world.json``,
+    the truth.
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
@@ -80,7 +80,7 @@ class RunFolder:
         return self.agent(drone) / "identity"
 
     def make_identities(self, drones: Sequence[str]) -> None:
-        """Certificates for this flight only, of an authority whose key nobody keeps."""
+        """Make certificates for this flight only, of an authority whose key is not kept."""
         members = {self.identity(drone): (drone, Role.DRONE) for drone in drones}
         stations = {self.operator: (OPERATOR, Role.OPERATOR), self.page: (PAGE, Role.OPERATOR)}
         throwaway({**members, **stations}, time.time_ns())
@@ -99,7 +99,7 @@ class RunFolder:
 
 
 def live_mission(scenario: Scenario, seed: int) -> MissionConfig:
-    """The scenario's mission for a live swarm: each drone's frame begins at its true launch place."""
+    """Return the scenario's mission for a live swarm: each drone's frame begins at its true launch place."""
     mission = scenario.mission
     places = launch_places(scenario.start, mission, streams(seed, len(mission.drones)).start).tolist()
     drones = tuple(
@@ -118,14 +118,14 @@ class Ports(NamedTuple):
 
 
 def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: PeerMeshConfig) -> DroneConfig:
-    """The drone file on this machine, with the true settings of vehicle and localisation.
+    """Return the drone file on this machine, with the true settings of vehicle and localisation.
 
     Args:
         scenario: of the flight.
         drone: its id.
         calibrated: its camera has calibration files.
         ports: of its links.
-        mesh: the endpoints at which it reaches the others.
+        mesh: its endpoints of the others.
     """
     error = scenario.localization
     guidance = Guidance.of(error.vehicles.get(drone))
@@ -151,7 +151,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
 
 
 def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
-    """Free ports of this machine, outside the range that the kernel assigns."""
+    """Return free ports of this machine, outside the range that the kernel assigns."""
     found: list[socket.socket] = []
     try:
         for port in random.sample(_PORTS, len(_PORTS)):

@@ -35,14 +35,14 @@ from sim.result import Flight
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
 
-READY_S = 180.0  # time in which agents on this machine get ready: 10 s, or minutes where it is starved
+READY_S = 180.0  # time for agents on this machine to get ready: 10 s, or minutes on a starved machine
 _PAGE_ENDS_S = 2.0
-_LOOK_S = 0.2  # until a page is looked for again that is not served yet
+_LOOK_S = 0.2  # between two attempts to reach a page that is not served yet
 ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 
 
 class Swarm(NamedTuple):
-    """A started swarm. agents: those on this machine. faults, relays: None where there are none."""
+    """A started swarm. agents: those on this machine. faults, relays: None without any."""
 
     scenario: Scenario
     operator: Operator
@@ -60,10 +60,10 @@ async def fly_live(
     page: bool = False,
     ground_station: Address | None = None,
 ) -> tuple[Flight, LiveReport]:
-    """Fly one mission with real agents; everything that was started is ended, whatever happens.
+    """Fly one mission with real agents; all started processes are ended in any case.
 
     Args:
-        scenario: the mission, the truth, and the faults that strike them.
+        scenario: the mission, the truth, and the faults.
         seed: of the world's random numbers; the flight itself also depends on real time.
         folder: for the files of the run, see ``RunFolder``.
         elsewhere: addresses of agents that are started by others; None: they are started here.
@@ -94,7 +94,9 @@ async def live_swarm(
     page: bool = False,
     ground_station: Address | None = None,
 ) -> AsyncIterator[Swarm]:
-    """A world, its agents and an operator in their mesh, for as long as the block lasts; arguments and errors of ``fly_live``."""
+    """Start a world, its agents and an operator in their mesh, for the duration of the block; arguments and errors of
+    ``fly_live``.
+    """
     files = RunFolder(folder, agents_here=places.agents_here)
     scenario = replace(scenario, mission=live_mission(scenario, seed))
     files.write_mission(scenario.mission)
@@ -144,12 +146,12 @@ async def live_swarm(
 
 
 async def _serve_page(files: RunFolder, places: Places) -> tuple[Child, int]:
-    """Serve the operator's page, in a process of its own; that, and its port."""
+    """Serve the operator's page, in a process of its own; return the process and its port."""
     (port,) = free_ports(1, socket.SOCK_STREAM)
     links = [word for endpoint in places.mesh for word in ("--connect", endpoint)]
     identity = ["--identity", str((places.operator or files.page).resolve())] if places.encrypted else ["--insecure"]
     mission = str(files.mission_file.resolve())
-    files.page_token.unlink(missing_ok=True)  # that of an earlier flight in this folder
+    files.page_token.unlink(missing_ok=True)  # of an earlier flight in this folder
     token = ["--token-file", str(files.page_token.resolve())]
     command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port), *token]
     page = await Child.start("page", command, log=files.folder / "page.log", folder=files.folder)
@@ -171,7 +173,7 @@ async def _tell_page(page: Child, port: int, token: Path, view: View) -> None:
 
 
 def _identity(places: Places, files: RunFolder, drones: Sequence[str], view: View) -> Identity | None:
-    """The operator's certificate; where none is given, certificates are made for all."""
+    """Return the operator's certificate; by default, make certificates for all members."""
     if not places.encrypted:
         view.say("links between the agents are NOT encrypted: their endpoints are tcp/...")
         return None

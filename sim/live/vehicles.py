@@ -24,16 +24,16 @@ class Vehicles(Protocol):
         """Switch a vehicle's satellite reception."""
 
     def take_over(self, drone: int, mode: str) -> None:
-        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+        """Override a vehicle as a safety pilot by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault strikes a vehicle."""
+        """Begin a fault of a vehicle."""
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault of a vehicle is over."""
+        """End a fault of a vehicle."""
 
     def reports(self) -> list[VehicleReport]:
-        """An observer's view of each vehicle, besides its motion."""
+        """Return an observer's view of each vehicle, besides its motion."""
 
     def close(self) -> None:
         """Close the links."""

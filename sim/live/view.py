@@ -22,7 +22,7 @@ _LATE_S = 0.1  # delay of the world that is reported
 
 
 class View:
-    """The interface through which a flight reports its progress; this one shows nothing."""
+    """The interface for a flight's progress reports; this implementation shows nothing."""
 
     def say(self, text: str) -> None:
         """Report an event."""
@@ -59,7 +59,7 @@ class ConsoleView(View):
 
 @contextmanager
 def console_view(name: str) -> Iterator[ConsoleView]:
-    """The view of one flight, while the block lasts."""
+    """Open the view of one flight, for the duration of the block."""
     if not err.is_terminal:
         yield ConsoleView(name, None)
         return
@@ -68,7 +68,7 @@ def console_view(name: str) -> Iterator[ConsoleView]:
 
 
 def _line(time_s: float, truth: Truth, agents: Sequence[ObservedAgent]) -> str:
-    """All agents in one line."""
+    """Return all agents in one line."""
     parts = [f"{agent.drone} {agent.stage}{_with_error(agent, truth)}{_with_trouble(agent)}" for agent in agents]
     return f"{time_s:.0f} s, {sum(agent.cones for agent in agents)} cones; {', '.join(parts)}"
 
@@ -79,7 +79,7 @@ def _with_error(agent: ObservedAgent, truth: Truth) -> str:
 
 
 def _with_trouble(agent: ObservedAgent) -> str:
-    """The first problem; none after landing, where a vehicle that is not ready to arm is normal."""
+    """Return the first problem; empty after landing, when a vehicle that is not ready to arm is normal."""
     if not agent.alive:
         return " (gone)"
     if agent.stage is Stage.LANDED:
@@ -116,7 +116,7 @@ def _link(agent: ObservedAgent, now_s: float) -> str:
 
 
 def _error_m(agent: ObservedAgent, truth: Truth) -> float | None:
-    """Horizontal distance of its hypothesis from the nearest source."""
+    """Return the horizontal distance of its hypothesis from the nearest source, m."""
     if agent.hypothesis is None:
         return None
     x, y = agent.hypothesis.position[:2]

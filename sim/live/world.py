@@ -49,7 +49,7 @@ READ_STEPS = 20  # cameras are read out at 5 Hz
 POSE_STEPS = 3  # SLAM poses at 33 Hz
 ALIVE_STEPS = 50  # between keep-alive lines of sensors without data
 CATCH_UP_STEPS = 10  # largest number of steps at once when the world is behind; then the links are served
-SLIP_S = 0.3  # a world further behind than this has stood still: it goes on from there under the present time
+SLIP_S = 0.3  # a world further behind has stood still: it continues from there under the present time
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
 
 
@@ -96,7 +96,7 @@ class World:
         return Ready(feeds, visions, sightings)
 
     async def _listen(self, feeds: Sequence[ByteServer | None], ports: Sequence[int]) -> tuple[int, ...]:
-        """Open feeds at these ports, or at free ones; returns the ports, 0 for none."""
+        """Open feeds at these ports, or at free ones; return the ports, 0 for none."""
         asked = ports or (0,) * len(feeds)
         host = self._config.feed_host
         return tuple([0 if feed is None else await feed.start(host, port) for feed, port in zip(feeds, asked, strict=False)])
@@ -111,8 +111,8 @@ class World:
             behind_s = loop.time() - began_s - self._steps * STEP_S
             self._late_s = max(self._late_s, behind_s)
             if behind_s > SLIP_S:
-                # A starved machine might never catch up, and no agent uses a readout that is seconds old. And setpoints arrive in
-                # real time: in a world that catches up they come too seldom, and its autopilots' failsafes take over.
+                # A starved machine might never catch up, and no agent uses a readout that is seconds old. And setpoints
+                # arrive in real time: during a catch-up they are too rare, and the autopilots' failsafes begin.
                 began_s += behind_s
                 self._began_ns += int(behind_s * 1e9)
                 behind_s = 0.0
@@ -152,8 +152,8 @@ class World:
                     self._vehicles.end_fault(drone, fault)
 
     def _sources_now(self) -> tuple[Source, ...]:
-        """The sources. They appear at the start of the mission: however long the agents take to get ready, they learn as little
-        before as in lockstep.
+        """Return the sources. They appear at the start of the mission: as in lockstep the agents learn hardly anything
+        before, however long they take to get ready.
         """
         return () if self._went_s is None else self._sources.at(self._steps * STEP_S - self._went_s)
 
@@ -243,8 +243,8 @@ def _vehicles(config: WorldConfig, position: Array, random: Streams) -> _WorldVe
     error = Localization(truth, count, STEP_S, random.localization)
     layout = [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
     frames = MovingFrames(truth, [drone.id for drone in mission.drones], layout, mission.datum, STEP_S, random)
-    # A live agent takes its position at the start as its launch place, which would cancel a constant bias of its positions.
-    # So the bias becomes an error of the launch place; likewise for a frame that begins beside it.
+    # A live agent records its position at the start as its launch place, which would cancel a constant bias of its positions.
+    # The bias therefore becomes an error of the launch place; likewise for a frame that begins beside it.
     beside = np.array([frame - drone.origin_m for frame, drone in zip(frames.begun_m, mission.drones, strict=True)])
     terrain = Terrain(scenario.terrain)
     put_down = terrain.on_ground(position - error.position_bias_m + beside * (1.0, 1.0, 0.0))
@@ -283,7 +283,7 @@ async def _live(config: WorldConfig) -> None:
         await world.run(truths, orders)
     finally:
         await world.close()
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it is ending already, and has yet to say why
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it is ending already, and has yet to report the reason
         truths.abort()
 
 

@@ -23,10 +23,10 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
     """Configuration of a world.
 
     vehicles: emulated here; or flown elsewhere, and observed over their ground-station links. onboard: address to which each
-    emulated vehicle sends its onboard MAVLink link. ground_station: address of the ground-station links: emulated vehicles send
-    to it, for others the world listens there. feed_host, feed_ports: listening address of each camera's feed; port 0 takes a free
-    one. vision_ports, sightings_ports: likewise for SLAM poses and relative observations; empty: free ports. calibrations:
-    folders for the files of each camera's own calibration; empty: not written.
+    emulated vehicle sends its onboard MAVLink link. ground_station: address of the ground-station links: emulated vehicles
+    send to it, for others the world listens there. feed_host, feed_ports: listening address of each camera's feed; port 0: a
+    free one. vision_ports, sightings_ports: likewise for SLAM poses and relative observations; empty: free ports.
+    calibrations: folders for the files of each camera's own calibration; empty: not written.
     """
 
     scenario: Scenario
@@ -42,8 +42,8 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index, and
-    by what is written below in capitals.
+    """The launcher's orders to the world, one per line on its standard input. Orders for one drone are followed by its index,
+    ``BREAK`` and ``MEND`` also by the fault.
 
     The end of that stream ends the world.
     """
@@ -54,18 +54,18 @@ class Order(StrEnum):
     SATELLITES_ON = "satellites on"
     CAMERA_OFF = "camera off"  # one camera gives no more readouts
     CAMERA_ON = "camera on"
-    PILOT_MANUAL = "pilot manual"  # a pilot takes a vehicle over by remote control: by hand, or by choosing a mode
+    PILOT_MANUAL = "pilot manual"  # a safety pilot overrides a vehicle by remote control: by hand, or by choosing a mode
     PILOT_HOLD = "pilot hold"
     PILOT_RETURN = "pilot return"
     PILOT_LAND = "pilot land"
-    BREAK = "break"  # a fault strikes one vehicle; followed by the fault as JSON, as is the next one
+    BREAK = "break"  # a fault strikes one vehicle; followed by the fault as JSON, like the next order
     MEND = "mend"
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    """The world is up. ``feed_ports``: of each vehicle's camera; empty where they are not read.
+    """The world is up. ``feed_ports``: of each vehicle's camera; empty if they are not read.
 
-    ``vision_ports``: of each vehicle's SLAM, 0 where it has none. ``sightings_ports``: of each vehicle's sensor for relative
+    ``vision_ports``: of each vehicle's SLAM, 0 without SLAM. ``sightings_ports``: of each vehicle's sensor for relative
     observations; empty without sensors.
     """
 
@@ -102,7 +102,7 @@ _fault_decoder = msgspec.json.Decoder(VehicleFault)
 
 
 def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> bytes:
-    """An order as a line; ``drone``: index of the one concerned."""
+    """Return an order as a line; ``drone``: index of the drone concerned."""
     parts = [str(order)] if drone is None else [f"{order}: {drone}"]
     if fault is not None:
         parts.append(msgspec.json.encode(fault).decode())
@@ -110,7 +110,7 @@ def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> b
 
 
 def read_order(line: bytes) -> tuple[Order, int, VehicleFault | None]:
-    """The parts of such a line; without a drone its index is 0."""
+    """Return the parts of such a line; without a drone its index is 0."""
     order, _, more = line.decode().strip().partition(": ")
     drone, _, fault = more.partition(" ")
     return Order(order), int(drone or 0), _fault_decoder.decode(fault) if fault else None
@@ -120,13 +120,13 @@ _decoder = msgspec.msgpack.Decoder(Ready | Truth)
 
 
 def pack(message: Ready | Truth) -> bytes:
-    """A message with its length as prefix."""
+    """Return a message with its length as prefix."""
     payload = msgspec.msgpack.encode(message)
     return len(payload).to_bytes(_LENGTH_BYTES, "big") + payload
 
 
 async def read(stream: asyncio.StreamReader) -> Ready | Truth | None:
-    """The next message; None at the end of the stream."""
+    """Return the next message; None at the end of the stream."""
     try:
         length = int.from_bytes(await stream.readexactly(_LENGTH_BYTES), "big")
         message: Ready | Truth = _decoder.decode(await stream.readexactly(length))

@@ -16,7 +16,7 @@ from sim.runfile import write_text
 from sim.vehicle.px4.faults import VehicleFault
 
 UP_S = 300.0  # the first start computes the camera's response, with a progress bar
-SILENT_S = 10.0  # a world that is silent for so long hangs
+SILENT_S = 10.0  # a world without output for so long hangs
 STOP_S = 2.0
 
 

@@ -8,7 +8,7 @@ from random import Random
 
 
 def damage(folder: Path, how: str, random: Random) -> str:
-    """Damage the newest state file in a drone's folder, or the flight record that is being written; returns what was done.
+    """Damage the newest state file in a drone's folder, or the present flight record; return a report of the damage.
 
     ``how``: as in the fault ``disk``.
     """

@@ -1,6 +1,6 @@
-"""A peer that floods the mesh in the name of a drone, a process of its own: ``python -m sim.live.faults.flooding PLAN``.
+"""A peer that floods the mesh in the name of a drone, in a process of its own: ``python -m sim.live.faults.flooding PLAN``.
 
-It sends the drone's newest pose again and again, padded to the wanted size by a field that no receiver knows; or valid log
+It sends the drone's newest pose again and again, padded to the wanted size by a field unknown to receivers; or valid log
 entries beside the drone's own.
 """
 
@@ -29,7 +29,7 @@ BURST_S = 0.005  # between two bursts
 
 
 class FloodPlan(Struct, frozen=True):
-    """Whose messages are sent, with the folder of its certificate, where the drones listen, and what is sent."""
+    """The impersonated drone, the folder of its certificate, the endpoints of the drones, and the kind of flood."""
 
     swarm: str
     drone: str
@@ -47,12 +47,12 @@ class Padded:
         self._began_ns = self._sent = 0
 
     def take(self, key: str, payload: bytes) -> None:
-        """Hear what the drone itself publishes."""
+        """Note a message of the drone itself."""
         if self._copy is None and key.endswith("/pose"):
             self._copy = key, padded(payload, self._fault.message_bytes)
 
     def due(self, now_ns: int) -> Iterator[tuple[str, bytes]]:
-        """What is to be sent by now."""
+        """Yield the messages due by now."""
         if self._copy is None:
             return
         self._began_ns = self._began_ns or now_ns
@@ -70,11 +70,11 @@ class Entries:
         self._crowd = Crowd(fault, swarm, trust, os.urandom(8).hex())
 
     def take(self, key: str, payload: bytes) -> None:
-        """Hear what the drone itself publishes."""
+        """Note a message of the drone itself."""
         self._crowd.follow(decode_from(key, payload))
 
     def due(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """What is to be sent by now."""
+        """Return the messages due by now."""
         return self._crowd.due(now_ns)
 
 

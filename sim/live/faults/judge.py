@@ -1,4 +1,4 @@
-"""A live flight judged by its invariants: from the truth of the world process, and from what the agents publish and log."""
+"""A live flight judged by its invariants: from the truth of the world process, and from the agents' messages and logs."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _SILENT = {
     "ATTITUDE_QUATERNION": "no attitude",
     "LOCAL_POSITION_NED": "no local position",
     "GPS_RAW_INT": "satellites",
-}  # what an agent says of a message that its autopilot does not send any more
-_INSTEAD = ("link to the autopilot lost", " from the autopilot")  # while that is so, it says nothing of less
+}  # an agent's report of a message missing from its autopilot
+_INSTEAD = ("link to the autopilot lost", " from the autopilot")  # during these reports, an agent does not name single messages
 _TRUTHS = 200  # 10 s of them
-_DELAYED_NS = 700_000_000  # by so much a busy machine delays stamps and world
-_PAUSE_NS = 1_000_000_000  # between two poses: what was before does not count
+_DELAYED_NS = 700_000_000  # delay of stamps and world on a busy machine
+_PAUSE_NS = 1_000_000_000  # between two poses: earlier poses do not count
 _TRACEBACK = "Traceback (most recent call last)"
 
 
 class _Member(NamedTuple):
-    """An agent, as its messages show it."""
+    """An agent, as observed by its messages."""
 
     stage: Stage
     digest: str
@@ -57,7 +57,9 @@ class _Autopilot(NamedTuple):
 
 
 class LiveJudge:
-    """Of one flight. ``violations``: in order of time. ``log``: what else its verdict tells; times since the start command."""
+    """Judge of one flight. ``violations``: in order of time. ``log``: further figures of its verdict; times since the start
+    command.
+    """
 
     def __init__(self, setting: Setting, agents: Sequence[ObservedAgent]) -> None:
         self.setting = setting
@@ -78,7 +80,7 @@ class LiveJudge:
         self._last: Scene | None = None
 
     def see(self, time_s: float, truth: Truth) -> bool:
-        """Judge the world, ``time_s`` after the start command; True where nothing more is to be expected."""
+        """Judge the world, ``time_s`` after the start command; return True if the flight is over."""
         self._truths.append(truth)
         self.late_s = max(self.late_s, truth.late_s)
         scene = self._last = self._scene(time_s, truth)
@@ -92,7 +94,7 @@ class LiveJudge:
         return time_s >= self.setting.end_s or (time_s > self.setting.heal_s and self.landed.is_over(scene))
 
     def hear(self, drone: int, message: AnyDroneMessage) -> None:
-        """Take what an agent publishes: the pose that it tells of itself must be possible, and it tells what it misses."""
+        """Judge an agent's message: its own pose must be possible, and missing autopilot messages must be reported."""
         if isinstance(message, Pose):
             self._told.append((drone, message))
         elif isinstance(message, Status) and self._truths:
@@ -101,7 +103,7 @@ class LiveJudge:
                 self._tell("told", (message.drone,), text)
 
     def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
-        """Judge how the flight has ended. ``logs``: of the agents; ``exits``: exit codes of their processes."""
+        """Judge the end of the flight. ``logs``: of the agents; ``exits``: exit codes of their processes."""
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)
@@ -125,7 +127,7 @@ class LiveJudge:
         return self.landed.able.drones or ()
 
     def _parts(self, fault: Fault) -> bool:
-        """Whether it keeps drones apart for good: all others exchange what they have, also on the ground."""
+        """Return whether a fault separates drones for good: all others exchange their entries, also on the ground."""
         return fault.family == "network" and fault.end_s > self.setting.heal_s
 
     def _scene(self, time_s: float, truth: Truth) -> Scene:
@@ -140,7 +142,7 @@ class LiveJudge:
         )
 
     def _check_poses(self, now_ns: int) -> None:
-        """Judge the poses that are so old that all truths around their stamps are known: truths may arrive later than poses."""
+        """Judge the poses old enough for all truths around their stamps: truths may arrive later than poses."""
         while self._told and self._told[0][1].stamp_ns <= now_ns - _DELAYED_NS:
             drone, pose = self._told.popleft()
             truths = [truth for truth in self._truths if abs(truth.stamp_ns - pose.stamp_ns) < _DELAYED_NS]
@@ -153,9 +155,8 @@ class LiveJudge:
 
 
 class OwnPose:
-    """No drone tells a pose of itself that excludes its true position or heading at 6 sigma for 2 s: the others' separation and
-    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged, and only where the
-    mission lays that out exactly.
+    """No drone publishes an own pose that excludes its true position or heading at 6 sigma for 2 s: separation and all
+    measurements rest on it. Only poses in the first frame are judged, and only with an exact launch layout in the mission.
     """
 
     def __init__(self) -> None:
@@ -164,7 +165,9 @@ class OwnPose:
         self._wrong = False
 
     def check(self, pose: Pose, truths: Sequence[Truth], drone: int, setting: Setting) -> str | None:
-        """What is wrong with it, once it has been for long enough; else None. ``truths``: one of which it must be."""
+        """Return the error of the pose, once it has lasted long enough; else None. ``truths``: the pose must match one of
+        them.
+        """
         self._epoch = pose.epoch if self._epoch is None else self._epoch
         layout = setting.mission.drones[drone]
         if pose.epoch != self._epoch or not layout.is_exact:
@@ -179,7 +182,7 @@ class OwnPose:
         far = off_m > max(WRONG_M, WRONG_SIGMAS * pose.position_sigma_m)
         askew = turned > max(WRONG_RAD, WRONG_SIGMAS * pose.yaw_sigma_rad)
         if not (far or askew) or truths[-1].position_m[drone][2] < OFF_GROUND_M or pose.stamp_ns - self._last_ns > _PAUSE_NS:
-            self._since_ns, self._wrong = pose.stamp_ns, False  # or it begins here
+            self._since_ns, self._wrong = pose.stamp_ns, False  # or the error begins here
         self._last_ns = pose.stamp_ns
         if self._wrong or pose.stamp_ns - self._since_ns < WRONG_S * 1e9:
             return None
@@ -191,16 +194,16 @@ class OwnPose:
 
 
 class SilentStream:
-    """A drone whose autopilot stops sending a message that its agent needs says so within 6 s. An agent that was started since
-    does not know what there was before.
+    """A drone reports within 6 s that its autopilot has stopped sending a needed message. An agent started since then does
+    not know the earlier messages.
     """
 
     def __init__(self, fault: StreamLost, drone: str) -> None:
         self._fault, self._drone, self._word = fault, drone, _SILENT.get(fault.message)
-        self._boot = ""  # of the agent that has seen it begin
+        self._boot = ""  # of the agent at the begin of the fault
 
     def check(self, time_s: float, status: Status) -> str | None:
-        """What it fails to say in a status of that time, once; else None."""
+        """Return the missing report in a status of that time, once; else None."""
         if self._word is None or status.drone != self._drone:
             return None
         if time_s < self._fault.at_s:
@@ -213,7 +216,7 @@ class SilentStream:
 
 
 class Disarmed:
-    """A vehicle that somebody on site has disarmed before it took off stays disarmed: there may be a hand at its propellers."""
+    """A vehicle disarmed by a person on site before takeoff stays disarmed: there may be a hand at its propellers."""
 
     def __init__(self, fault: Disarm) -> None:
         self._fault = fault
@@ -221,7 +224,7 @@ class Disarmed:
         self._off: set[int] = set()
 
     def broken(self, time_s: float, scene: Scene, names: Sequence[str]) -> list[str]:
-        """The drones that are armed again now."""
+        """Return the drones that are armed again now."""
         found = []
         for drone in [names.index(name) for name in self._fault.strikes(names)]:
             if scene.autopilots[drone].armed:
@@ -237,7 +240,7 @@ class Disarmed:
 
 
 def exceptions(log: Path) -> list[str]:
-    """The exceptions in an agent's log, the last line of each, without copies."""
+    """Return the exceptions in an agent's log, the last line of each, without copies."""
     found: dict[str, None] = {}
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
     for number, line in enumerate(lines):
@@ -253,7 +256,7 @@ def exceptions(log: Path) -> list[str]:
 
 
 def heading_rad(quaternion: Quaternion) -> float:
-    """Heading of a world-from-body attitude (w, x, y, z): of its forward axis; where that is upright, of its left one."""
+    """Return the heading of a world-from-body attitude (w, x, y, z): of its forward axis; of its left axis if that is upright."""
     w, x, y, z = quaternion
     if abs(asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))) > 1.4:
         return atan2(-2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z))
@@ -267,11 +270,11 @@ def _member(agent: ObservedAgent) -> _Member | None:
 
 
 def _mode(told: str) -> FlightMode:
-    """As the autopilot's heartbeat shows it; the modes flown by hand are one."""
+    """Return the mode in the autopilot's heartbeat; all modes flown by hand are one."""
     told = "land" if told == "descend" else told
     return FlightMode(told) if told in FlightMode.__members__.values() else FlightMode.MANUAL
 
 
 def _may_end(fault: Fault, drone: str) -> bool:
-    """Whether a fault ends processes: by a signal, or because the watchdog finds them standing still."""
+    """Return whether a fault ends processes: by a signal, or by the watchdog of a frozen process."""
     return isinstance(fault, Kill | Freeze | SlowCpu) and drone in fault.strikes([drone])

@@ -14,7 +14,7 @@ CUT = LinkState(cut=True)
 
 
 def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver: str, away_m: float) -> Iterator[LinkState]:
-    """What the active faults do to what ``sender`` sends to ``receiver``, which is ``away_m`` away."""
+    """Yield the effects of the active faults on messages from ``sender`` to ``receiver``, at a distance of ``away_m``."""
     for split, _ in schedule.active(Partition):
         if not any(sender in group and receiver in group for group in split.groups):
             yield CUT
@@ -35,7 +35,7 @@ def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver
 
 
 def vehicle_impairments(schedule: Schedule, index: int, *, to_agent: bool) -> Iterator[LinkState]:
-    """What the active faults do to one direction of the MAVLink of a drone, by its index."""
+    """Yield the effects of the active faults on one direction of a drone's MAVLink, by its index."""
     for loss, _ in schedule.active(MavlinkLoss, index):
         yield LinkState(loss=loss.probability)
     for bad, _ in schedule.active(MavlinkImpaired, index):
@@ -53,7 +53,7 @@ def vehicle_impairments(schedule: Schedule, index: int, *, to_agent: bool) -> It
 
 
 def _concerns(fault: LinkFault, drones: Sequence[str], sender: str, receiver: str) -> bool:
-    """Whether a fault of links concerns what ``sender`` sends to ``receiver``."""
+    """Return whether a fault of links concerns messages from ``sender`` to ``receiver``."""
     targets = fault.strikes(drones)
     peers = drones if fault.peers is None else fault.names_of_peers()
     sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers

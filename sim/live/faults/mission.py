@@ -1,4 +1,4 @@
-"""One mission with faults flown live: real agents, the mesh and MAVLink, judged by what can be seen of them."""
+"""One mission with faults flown live: real agents, the mesh and MAVLink, judged by their observable behaviour."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from sim.runfile import write_text
 from sim.scenario import Scenario, parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 
-START = "start"  # the swarm did not get ready, or nobody took off
+START = "start"  # the swarm did not get ready, or no drone took off
 TRUTH = "truth.jsonl"  # in the folder of a flight: time since the start command, and the truth then
 REPORT = "agents.json"
 READY_S = 90.0
-BUSY_S = 0.3  # a world that is further behind slips, and the agents' watchdogs kill what has stood still for longer
+BUSY_S = 0.3  # a world further behind slips, and the agents' watchdogs kill processes frozen for longer
 TOO_BUSY = "this machine is too busy for live missions"
 
 
 def fly_live_mission(mission: Mission, keep: Path | None = None) -> Verdict:
     """Fly and judge a mission in real time; its processes have ended when it returns.
 
-    A live flight cannot be repeated bit for bit: where anything is violated, or it cannot be judged, its files stay in
-    ``keep/seed-N`` (``RunFolder``, the truth, a line for each, and the report); None: they do not.
+    A live flight cannot be repeated bit for bit. After a violation, or without a judgement, its files stay in ``keep/seed-N``
+    (``RunFolder``, the truth, a line for each, and the report); None: they do not.
 
     Raises:
-        RadronError: the machine was too busy for it to mean anything, or a fault was not played.
+        RadronError: the machine was too busy for a valid result, or a fault was not played.
     """
     document = mission.drawn
     scenario = parse_scenario(document, mission.label)
@@ -102,7 +102,7 @@ async def _flown(scenario: Scenario, seed: int, folder: Path) -> LiveJudge:
 
 
 def _recorded(see: Callable[[float, Truth], bool], record: BinaryIO) -> Callable[[float, Truth], bool]:
-    """The same, with all that is seen written down."""
+    """Return the same observer, which also records each truth."""
 
     def watch(time_s: float, truth: Truth) -> bool:
         record.write(msgspec.json.encode((time_s, truth)) + b"\n")
@@ -112,6 +112,6 @@ def _recorded(see: Callable[[float, Truth], bool], record: BinaryIO) -> Callable
 
 
 def _core_s() -> float:
-    """Processor time of this process and of all its children that have ended."""
+    """Return the processor time of this process and of all its ended children, s."""
     spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in spent)

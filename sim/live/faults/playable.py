@@ -1,4 +1,4 @@
-"""Which faults a live flight can play, and what they need."""
+"""The faults that a live flight can play, and their needs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 
 
 def check_playable(scenario: Scenario, *, here: bool) -> None:
-    """Raise ConfigError where a live flight cannot play a fault; ``here``: the agents are started on this machine."""
+    """Raise ConfigError for faults that a live flight cannot play; ``here``: the agents are started on this machine."""
     for number, fault in enumerate(scenario.fault):
         where = f"{scenario.name}: fault[{number}] ({kind_of(fault)})"
         if not here:
@@ -66,11 +66,11 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
 
 
 def needs_relays(faults: Sequence[Fault]) -> bool:
-    """Whether the links of the swarm must run through relays."""
+    """Return whether the links of the swarm must run through relays."""
     return any(isinstance(fault, _RELAYED) for fault in faults)
 
 
 def late_drones(scenario: Scenario) -> frozenset[str]:
-    """The drones whose agents are not started at the beginning."""
+    """Return the drones with a late agent."""
     drones = [drone.id for drone in scenario.mission.drones]
     return frozenset(drone for fault in scenario.fault if isinstance(fault, Late) for drone in fault.strikes(drones))

@@ -47,14 +47,14 @@ STOP_S = 1.0
 
 
 class Played(Struct, frozen=True):
-    """What was done, and when (s since the operator's start command)."""
+    """An action, and its time (s since the operator's start command)."""
 
     time_s: float
     what: str
 
 
 class FaultPlayer:
-    """Plays a scenario's faults. ``played``: what was done so far; ``failed``: what could not be."""
+    """Plays a scenario's faults. ``played``: the actions so far; ``failed``: actions that failed."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class FaultPlayer:
         view: View,
         places: Places,
     ) -> None:
-        """``scenario``: ``check_playable``; ``relays``: there where ``needs_relays``."""
+        """``scenario``: passes ``check_playable``; ``relays``: required by ``needs_relays``."""
         self.played: list[Played] = []
         self.failed: list[str] = []
         self.late = late_drones(scenario)
@@ -79,7 +79,7 @@ class FaultPlayer:
         self._time_s = 0.0
 
     def step(self, time_s: float, truth: Truth) -> None:
-        """Begin and end what is due, ``time_s`` after the start command."""
+        """Begin and end the due faults, ``time_s`` after the start command."""
         self._time_s = time_s
         self._schedule.advance(time_s)
         for one in self._schedule.begun:
@@ -90,7 +90,7 @@ class FaultPlayer:
             self._set_links(self._relays, truth)
 
     async def close(self) -> None:
-        """Stop what is still being done."""
+        """Stop all running actions."""
         for task in self._tasks.values():
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
@@ -109,7 +109,7 @@ class FaultPlayer:
         self._view.say(f"fault at {self._time_s:.1f} s: {what}")
 
     def _begin(self, fault: Fault, drone: str) -> str | None:
-        """Begin a fault of one drone; returns what was done."""
+        """Begin a fault of one drone; return a report of the action."""
         match fault:
             case Kill():
                 self._agents.signal(drone, signal.SIGKILL)
@@ -158,7 +158,7 @@ class FaultPlayer:
         return None
 
     def _end(self, fault: Fault, drone: str) -> str | None:
-        """End a fault of one drone; returns what was done."""
+        """End a fault of one drone; return a report of the action."""
         index = self._drones.index(drone)
         task = self._tasks.pop((fault, drone), None)
         if task is not None:
@@ -194,19 +194,19 @@ class FaultPlayer:
         task.add_done_callback(lambda ended: self._look_at(ended, f"{drone}: {kind_of(fault)}"))
 
     def _look_at(self, ended: asyncio.Task[None], what: str) -> None:
-        """A fault that is not played must not pass for one that did no harm."""
+        """Report a failed action: a fault that was not played must not pass for a harmless one."""
         error = None if ended.cancelled() else ended.exception()
         if error is not None:
             self.failed.append(f"{what} is not played: {error!r}")
             self._note(self.failed[-1])
 
     async def _start_again(self, drone: str) -> None:
-        """As its service manager would, where it has ended: one that comes late may not have begun yet, or only meanwhile."""
+        """Start an ended agent as its service manager would; a late agent may not have begun yet, or only meanwhile."""
         if await self._agents.has_ended(drone):
             await self._start(drone)
 
     async def _start(self, drone: str) -> None:
-        """Start an agent; it finds its state file as a bad disk left it, though the agent before it has saved its state since."""
+        """Start an agent with the state file that a bad disk left, although the previous agent has saved its state since."""
         for fault, _ in self._schedule.active(Disk, self._drones.index(drone)):
             if fault.how.startswith("state"):
                 self._note(f"{drone}: {damage(self._agents.folder(drone), fault.how, self._random)}")

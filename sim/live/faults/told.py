@@ -1,4 +1,4 @@
-"""Faults as the report of a live flight tells them."""
+"""Faults in the words of a live flight's report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sim.vehicle.px4.faults import VehicleFault
 
 
 def vehicle_told(fault: VehicleFault) -> str:
-    """A fault that the world plays, as a sentence of the report."""
+    """Return a fault that the world plays, as a sentence of the report."""
     match fault:
         case Gust():
             return f"a gust, {fault.acceleration_mps2:g} m/s^2"
@@ -30,7 +30,7 @@ def vehicle_told(fault: VehicleFault) -> str:
 
 
 def links_told(fault: Fault) -> str:
-    """A fault of the links, as a sentence of the report."""
+    """Return a fault of the links, as a sentence of the report."""
     match fault:
         case Partition():
             return f"partition: {' | '.join(' '.join(group) for group in fault.groups)}"
@@ -44,7 +44,7 @@ def links_told(fault: Fault) -> str:
 
 
 def mavlink_told(fault: MavlinkImpaired) -> str:
-    """A bad MAVLink, as a sentence of the report."""
+    """Return a bad MAVLink, as a sentence of the report."""
     told = ["nothing gets through"] if fault.cut else []
     if fault.delay_s + fault.jitter_s > 0.0:
         told.append(f"packets take {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more")

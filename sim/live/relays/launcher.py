@@ -26,7 +26,7 @@ class RelayProcess:
 
     @classmethod
     async def start(cls, plan: RelayPlan) -> RelayProcess:
-        """Start them, and wait until they listen.
+        """Start the relays, and wait until they listen.
 
         Raises:
             LiveError: they do not.
@@ -53,5 +53,5 @@ class RelayProcess:
             self._child.stdin.write(msgspec.json.encode(Impair(sender, receiver, state)) + b"\n")
 
     async def stop(self) -> None:
-        """End them."""
+        """End the relays."""
         await self._child.stop(STOP_S)

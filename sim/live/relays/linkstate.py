@@ -1,4 +1,4 @@
-"""The state of one direction of a link, and what it does to packets."""
+"""The state of one direction of a link, and its effect on packets."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MOST_CHANGED_BYTES = 8
 
 
 class LinkState(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One direction of a link; the default passes everything on at once.
+    """One direction of a link; the default passes all data on at once.
 
-    cut: nothing gets through. frozen: everything is taken in, and passed on only when it is over. delay_s, jitter_s: everything
-    takes ``delay_s`` longer, and up to ``jitter_s`` more, uniformly. rate_bytes_ps: bytes a second at most; 0: no limit.
-    loss, duplicate, reorder, corrupt: probabilities for a packet. within_s: a duplicate follows within this time. held_s: for so
-    long a packet is held back to be overtaken.
+    cut: no data pass. frozen: data are accepted, and passed on only after its end. delay_s, jitter_s: all data take
+    ``delay_s`` longer, plus up to ``jitter_s``, uniform. rate_bytes_ps: bytes a second at most; 0: no limit. loss, duplicate,
+    reorder, corrupt: probabilities for a packet. within_s: a duplicate follows within this time. held_s: hold time of a
+    packet that is to be overtaken.
     """
 
     cut: bool = False
@@ -39,7 +39,7 @@ PASSING = LinkState()
 
 
 def combined(states: Iterable[LinkState]) -> LinkState:
-    """A direction in all of these states at once."""
+    """Return the combination of all these states."""
     told = list(states) or [PASSING]
     rates = [state.rate_bytes_ps for state in told if state.rate_bytes_ps > 0.0]
     return LinkState(
@@ -58,7 +58,7 @@ def combined(states: Iterable[LinkState]) -> LinkState:
 
 
 def _either(probabilities: Iterable[float]) -> float:
-    """Probability that at least one of some independent events happens."""
+    """Return the probability that at least one of some independent events happens."""
     neither = 1.0
     for probability in probabilities:
         neither *= 1.0 - probability
@@ -66,9 +66,10 @@ def _either(probabilities: Iterable[float]) -> float:
 
 
 class Packets:
-    """One direction of a link that carries packets. ``state`` may be changed at any time; it holds for the packets from then on.
+    """One direction of a link that carries packets. ``state`` may be changed at any time; it holds for the packets from then
+    on.
 
-    ``frozen`` and ``rate_bytes_ps`` are those of a stream, and have no effect here.
+    ``frozen`` and ``rate_bytes_ps`` concern streams only, and have no effect here.
     """
 
     def __init__(self, random: Random) -> None:
@@ -76,7 +77,7 @@ class Packets:
         self._random = random
 
     def carry(self, packet: bytes, now_s: float) -> list[tuple[float, bytes]]:
-        """What arrives of a packet that is sent at ``now_s``: (time of arrival, bytes) of each copy."""
+        """Return the arrivals of a packet that is sent at ``now_s``: (time of arrival, bytes) of each copy."""
         state, random = self.state, self._random
         if state.cut or self._happens(state.loss):
             return []
@@ -95,7 +96,7 @@ class Packets:
 
 
 def corrupted(packet: bytes, random: Random) -> bytes:
-    """A packet with some bytes changed, missing at the end, or added there."""
+    """Return a packet with some bytes changed, missing at the end, or added there."""
     damage = random.randrange(3)
     if damage == 1:
         return packet[: random.randrange(max(1, len(packet)))]

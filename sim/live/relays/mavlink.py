@@ -20,17 +20,17 @@ class MavlinkRelay:
     def __init__(
         self, agent: Address, random: Random, now_s: Callable[[], float] | None = None, call_at: _Scheduler | None = None
     ) -> None:
-        """``agent``: where it listens. ``now_s``, ``call_at``: clock and timer; None: the running loop's."""
+        """``agent``: its address. ``now_s``, ``call_at``: clock and timer; None: the running loop's."""
         loop = asyncio.get_running_loop()
         self.there, self.back = Packets(random), Packets(random)
         self._agent = agent
-        self._vehicle: Address | None = None  # where its datagrams come from
+        self._vehicle: Address | None = None  # source of its datagrams
         self._now_s, self._call_at = now_s or loop.time, call_at or loop.call_at
         self._front: asyncio.DatagramTransport | None = None
         self._rear: asyncio.DatagramTransport | None = None
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Open the sockets; returns the port for the vehicle (0: a free one is taken). Raises OSError where it is in use."""
+        """Open the sockets; return the port for the vehicle (0: a free one is chosen). Raises OSError if it is in use."""
         loop = asyncio.get_running_loop()
         front, _ = await loop.create_datagram_endpoint(lambda: _Receiver(self._from_vehicle), local_addr=(host, port))
         self._front = front
@@ -39,7 +39,7 @@ class MavlinkRelay:
         return cast(int, front.get_extra_info("sockname")[1])
 
     async def close(self) -> None:
-        """Close the sockets; what is under way is lost."""
+        """Close the sockets; packets under way are lost."""
         for transport in (self._front, self._rear):
             if transport is not None:
                 transport.abort()
@@ -70,7 +70,7 @@ class MavlinkRelay:
 
 
 class _Receiver(asyncio.DatagramProtocol):
-    """Passes datagrams on; a receiver that is not there loses them, as on a radio."""
+    """Passes datagrams on; they are lost without a receiver, as on a radio."""
 
     def __init__(self, receive: Callable[[bytes, Address], None]) -> None:
         self._receive = receive

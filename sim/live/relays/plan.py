@@ -1,4 +1,4 @@
-"""Which relays a flight has, and the orders to them."""
+"""The relays of a flight, and the orders to them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sim.vehicle.px4.config import Address
 
 
 class Carried(Struct, frozen=True):
-    """A relay: who dials (or is the vehicle), who is dialled, where it listens, and where that one listens."""
+    """A relay: its dialling end (or the vehicle), the dialled end, its own listening address, and that of the dialled end."""
 
     dials: str
     dialled: str
@@ -35,5 +35,5 @@ class Impair(Struct, frozen=True):
 
 
 def vehicle_of(drone: str) -> str:
-    """The end of a MAVLink relay that is the drone's vehicle; the other end is the drone's agent, by its id."""
+    """Return the vehicle's end of a drone's MAVLink relay; the other end is the drone's agent, by its id."""
     return f"vehicle of {drone}"

@@ -1,7 +1,7 @@
-"""The relays of a live flight, a process of their own: ``python -m sim.live.relays.process``.
+"""The relays of a live flight, in a process of their own: ``python -m sim.live.relays.process``.
 
-A process, because the launcher's loop is busy for seconds at the end of a flight, and a link that stands still is a fault.
-The first line of the standard input is the ``RelayPlan``, each further one an ``Impair``; its end ends the process.
+A separate process, because the launcher's loop is busy for seconds at the end of a flight, and a stalled link is a fault. The
+first line of the standard input is the ``RelayPlan``, each further one an ``Impair``; its end ends the process.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Relays:
         self._relays: dict[tuple[str, str], Relay | MavlinkRelay] = {}
 
     async def start(self) -> None:
-        """Listen everywhere. Raises OSError where a port is in use."""
+        """Listen at all ports. Raises OSError if a port is in use."""
         for carried in self._plan.mesh:
             relay = Relay(carried.target, self._random(carried))
             await relay.start(self._plan.host, carried.port)

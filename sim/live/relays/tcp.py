@@ -1,7 +1,7 @@
 """A TCP relay between two agents that can be impaired like a radio link, each direction on its own.
 
-Neither side is notified of anything: a cut link stays open and silent, as TCP's links do, and a connection that is dialled
-meanwhile is not answered. What was under way arrives after the cut, as TCP would repeat it.
+Neither end is notified: a cut link stays open and silent, as TCP's links do, and a connection dialled meanwhile is not
+answered. Data under way arrive after the cut, as TCP would repeat them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from random import Random
 from sim.live.relays.linkstate import PASSING, LinkState
 
 READ_BYTES = 65_536
-MOST_PIECES = 64  # under way in one direction of a connection; then the sender is held up
+MOST_PIECES = 64  # under way in one direction of a connection; then the sender is blocked
 _Address = tuple[str, int]
 
 
@@ -23,14 +23,14 @@ class Direction:
     def __init__(self, random: Random) -> None:
         self._random = random
         self._state = PASSING
-        self._free_s = 0.0  # when the link has sent what it took, with a limited rate
+        self._free_s = 0.0  # end of the present transmission, with a limited rate
         self.open = asyncio.Event()  # not cut
         self.flows = asyncio.Event()  # neither cut nor frozen
         self.state = PASSING
 
     @property
     def state(self) -> LinkState:
-        """The present state; its probabilities are those of packets, and have no effect here."""
+        """The present state; its probabilities concern packets, and have no effect here."""
         return self._state
 
     @state.setter
@@ -43,7 +43,7 @@ class Direction:
                 event.clear()
 
     def due_s(self, size: int, now_s: float) -> float:
-        """When a piece that is taken in now arrives."""
+        """Return the arrival time of a piece accepted now."""
         state = self._state
         if state.rate_bytes_ps > 0.0:
             self._free_s = max(self._free_s, now_s) + size / state.rate_bytes_ps
@@ -51,7 +51,7 @@ class Direction:
         return now_s + state.delay_s + state.jitter_s * self._random.random()
 
     async def carry(self, early: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Pass a stream on until its end, after what was read of it before."""
+        """Pass a stream on until its end, after the bytes read from it before."""
         pieces: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(MOST_PIECES)
         taking = asyncio.create_task(self._take(early, reader, pieces))
         try:
@@ -91,7 +91,7 @@ class Direction:
 
 
 class Relay:
-    """A relay to one address. ``there``: from those who dial to the one who is dialled; ``back``: from that one to them."""
+    """A relay to one address. ``there``: from the dialling end to the dialled one; ``back``: the reverse."""
 
     def __init__(self, target: _Address, random: Random) -> None:
         self.there, self.back = Direction(random), Direction(random)
@@ -100,7 +100,7 @@ class Relay:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Listen; returns the port (0: a free one is taken). Raises OSError where it is in use."""
+        """Listen; return the port (0: a free one is chosen). Raises OSError if it is in use."""
         self._server = await asyncio.start_server(self._serve, host, port)
         found: int = self._server.sockets[0].getsockname()[1]
         return found
@@ -128,7 +128,7 @@ class Relay:
             self._tasks.discard(task)
 
     async def _until_open(self, reader: asyncio.StreamReader) -> bytes | None:
-        """Wait until both directions pass; what was sent meanwhile, or None where the caller has given up."""
+        """Wait until both directions pass; return the data sent meanwhile, or None if the caller has given up."""
         early = b""
         opening = asyncio.create_task(self._opens())
         await asyncio.sleep(0.0)
