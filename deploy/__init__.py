@@ -1,1 +1,1 @@
-"""The way onto the drones; knows only the protocol."""
+"""Deployment to the drones: certificates, the fleet file, disk images, updates and installation."""

@@ -1,6 +1,6 @@
-"""Other computers over SSH: commands, and copies that go on where they were interrupted.
+"""Other computers over SSH: commands, and copies that continue at their interruption.
 
-By OpenSSH's own client: keys, agents, jump hosts and known hosts are those of the user's SSH configuration.
+By OpenSSH's own client: keys, agents, jump hosts and known hosts come from the user's SSH configuration.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from typing import TypeVar
 from deploy.digest import digest
 from protocol.errors import ProtocolError
 
-CONNECT_S = 10  # a computer that is switched on answers within a second
-ALIVE_S = 5  # between two signs of life; a link that has lost three of them is dead
+CONNECT_S = 10  # a running computer answers within a second
+ALIVE_S = 5  # between two signs of life; a link is dead after the loss of three
 _CHUNK_BYTES = 1 << 18
-_SSH_FAILED = 255  # ssh's exit code for errors of its own
+_SSH_FAILED = 255  # ssh's exit code for its own errors
 _OPTIONS = {
-    "BatchMode": "yes",  # never ask: there may be several of us at once
+    "BatchMode": "yes",  # no prompts: several ssh processes may run at once
     "ConnectTimeout": str(CONNECT_S),
     "ServerAliveInterval": str(ALIVE_S),
     "ServerAliveCountMax": "3",
     "StrictHostKeyChecking": "accept-new",
     "LogLevel": "ERROR",
 }
-# What ssh says, what that means, and what to do.
+# Part of ssh's output, and the message with cause and remedy.
 _CAUSES = (
     (
         "IDENTIFICATION HAS CHANGED",
@@ -48,12 +48,12 @@ T = TypeVar("T")
 
 
 class RemoteError(ProtocolError):
-    """What went wrong at another computer, in one line that names it."""
+    """An error at another computer, in one line that names the computer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """A computer to log in at. ``name``: what the user calls it; ``options``: of ssh, such as ``IdentityFile=key``."""
+    """A computer with an SSH login. ``name``: the user's name for it; ``options``: of ssh, such as ``IdentityFile=key``."""
 
     name: str
     address: str
@@ -63,10 +63,10 @@ class Host:
 
     @classmethod
     def parse(cls, text: str, options: Sequence[str] = (), user: str = "root") -> Host:
-        """From ``[USER@]ADDRESS[:PORT]``.
+        """Read ``[USER@]ADDRESS[:PORT]``.
 
         Raises:
-            RemoteError: it is not like that.
+            RemoteError: another form.
         """
         before, _, place = text.rpartition("@")
         address, colon, number = place.partition(":")
@@ -75,18 +75,18 @@ class Host:
         return cls(text, address, before or user, int(number) if colon else None, tuple(options))
 
     def command(self, command: str) -> list[str]:
-        """The ssh command that runs ``command`` there, by its shell. The user's options come first: ssh takes the first value."""
+        """Return the ssh command for a shell ``command`` there. The user's options come first: ssh takes the first value."""
         options = [*self.options, *(f"{name}={value}" for name, value in _OPTIONS.items())]
         port = [] if self.port is None else ["-p", str(self.port)]
         return ["ssh", *(part for option in options for part in ("-o", option)), *port, f"{self.user}@{self.address}", command]
 
     def error(self, text: str) -> RemoteError:
-        """An error that names this computer."""
+        """Return an error that names this computer."""
         where = self.name if self.address in self.name else f"{self.name} ({self.address})"
         return RemoteError(f"{where}: {text}")
 
     def ssh_error(self, said: str) -> RemoteError:
-        """The error for what ssh said when it could not connect, or lost its connection."""
+        """Return the error for ssh's output after a failed or lost connection."""
         known = self.address if self.port is None else f"'[{self.address}]:{self.port}'"
         for sign, meaning in _CAUSES:
             if sign in said:
@@ -95,16 +95,16 @@ class Host:
 
 
 async def run(host: Host, command: str, given: bytes = b"", tell: Callable[[str], None] | None = None) -> str:
-    """Run a shell command there to its end, and return what it says.
+    """Run a shell command there to its end, and return its output.
 
     Args:
-        host: where.
-        command: for the shell there; quote what comes from outside (``shlex.quote``).
+        host: the computer.
+        command: for the shell there; quote external input (``shlex.quote``).
         given: its standard input.
-        tell: is told each line as it is said.
+        tell: called with each line of the output at once.
 
     Raises:
-        RemoteError: no connection, or the command failed; with the last line that it said.
+        RemoteError: no connection, or the command failed; the text has the last line of its output.
     """
     said: list[str] = []
     async with _started(host, command) as (process, errors):
@@ -121,8 +121,9 @@ async def run(host: Host, command: str, given: bytes = b"", tell: Callable[[str]
 
 
 async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
-    """Copy a file there, unless it is there already. What an interrupted copy left is kept (``TARGET.part``) and completed;
-    ``target`` appears when it is whole, as its SHA-256 says.
+    """Copy a file there, unless it is there already.
+
+    An interrupted copy is kept (``TARGET.part``) and completed; ``target`` appears after a check of the complete copy's SHA-256.
 
     Raises:
         RemoteError: no connection, a full disk, or a copy that differs.
@@ -141,11 +142,11 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
         await run(host, f"rm -f {part}")
         done = 0
     progress(done, total)
-    # To its place, not to the end: what a lost connection had under way may still arrive, and is the same there.
+    # Write at the offset, not at the end: data in transit of a lost connection may still arrive, and is equal there.
     write = f"dd bs={_CHUNK_BYTES} of={part} seek={done} oflag=seek_bytes conv=notrunc status=none"
     async with _started(host, write) as (process, errors):
         assert process.stdin is not None
-        with file.open("rb") as source, suppress(BrokenPipeError, ConnectionResetError):  # why is in its exit code
+        with file.open("rb") as source, suppress(BrokenPipeError, ConnectionResetError):  # its exit code has the reason
             source.seek(done)
             while chunk := source.read(_CHUNK_BYTES):
                 process.stdin.write(chunk)
@@ -162,12 +163,13 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
 
 
 async def fetch(host: Host, source: str, file: Path, size: int, sha256: str, progress: Progress) -> None:
-    """Copy the first ``size`` bytes of a file there to ``file``, which appears when it is whole; completes an interrupted copy
-    (``FILE.part``).
+    """Copy the first ``size`` bytes of a file there to ``file``, which appears when complete.
+
+    An earlier interrupted copy (``FILE.part``) is completed.
 
     Raises:
         RemoteError: no connection, or a copy that differs.
-        OSError: it cannot be written here.
+        OSError: the file cannot be written here.
     """
     part = file.with_name(file.name + ".part")
     done = part.stat().st_size if part.exists() else 0
@@ -193,7 +195,7 @@ async def fetch(host: Host, source: str, file: Path, size: int, sha256: str, pro
 
 
 async def at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) -> list[T | RemoteError]:
-    """Do the same at all of them at once; where it failed, its error is the result."""
+    """Do the same work at all hosts at once; the result of a failure is its error."""
 
     async def one(host: Host) -> T | RemoteError:
         try:
@@ -206,7 +208,7 @@ async def at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) ->
 
 @asynccontextmanager
 async def _started(host: Host, command: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, asyncio.Task[bytes]]]:
-    """A command running there, and the task that reads its errors; it is ended with the block."""
+    """Yield a running command there, and the task that reads its errors; the command ends with the block."""
     if shutil.which("ssh") is None:
         raise RemoteError("ssh: is missing on this computer; on Debian and Ubuntu: `apt-get install openssh-client`")
     pipe = asyncio.subprocess.PIPE
@@ -233,7 +235,7 @@ async def _ended(host: Host, process: asyncio.subprocess.Process, errors: asynci
     """Wait for the end of a command.
 
     Raises:
-        RemoteError: it failed.
+        RemoteError: the command failed.
     """
     told = (await errors).decode(errors="replace")
     code = await process.wait()

@@ -42,7 +42,7 @@ def install(
     from deploy.remote import Host  # noqa: PLC0415
 
     loaded, authority = load_fleet(fleet), PkiFolder(pki, key)
-    authority.authority()  # before anything is sent
+    authority.authority()  # checked before the first copy
     order = Order(loaded, loaded.drone(drone), authority, source.resolve(), cache.resolve(), online)
     issue, place = drone_issuer(authority, drone, loaded.config.certificate_days), Host.parse(host, ssh or ())
     asyncio.run(install_there(place, order, issue, time.time_ns(), _say, _quarters()))
@@ -119,7 +119,7 @@ def _say(text: str) -> None:
 
 
 def _quarters() -> Progress:
-    """Tells the progress of a copy in steps that also suit a log."""
+    """Return a progress report of a copy in quarters, suitable for a log, too."""
     told = -1
 
     def progress(done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""``radron-deploy doctor``: what the drone's computer finds out about itself, fetched and shown."""
+"""``radron-deploy doctor``: the self-examination of a drone's computer, fetched and shown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MISSING = f"test -x {BENCH} || {{ echo 'radron is not installed there: run `rad
 
 
 def options_of(write: bool, wait_s: float) -> list[str]:
-    """For ``radron-agent doctor``."""
+    """Return the options for ``radron-agent doctor``."""
     return ["--json", "--wait", f"{wait_s:g}", *(["--write"] if write else [])]
 
 
@@ -25,24 +25,24 @@ async def examine(host: Host, options: Sequence[str], tell: Callable[[str], None
     """Have a drone examine itself.
 
     Raises:
-        RemoteError: it is not reached, in flight, or has no agent.
+        RemoteError: the drone is not reached, in flight, or has no agent.
     """
-    # Codes 1 and 3 tell of the drone, not of the command.
+    # Codes 1 and 3 are results for the drone, not errors of the command.
     command = f"{_MISSING}; {BENCH} doctor {' '.join(options)} 2>&1 || {{ code=$?; test $code = 1 -o $code = 3 || exit $code; }}"
     said = await run(host, command, b"", lambda line: tell(line) if is_progress(line) else None)
     return report_in(said, host.error)
 
 
 async def examine_here(config: Path | None, options: Sequence[str], tell: Callable[[str], None]) -> Report:
-    """Examine the computer that this runs on.
+    """Examine this computer.
 
     Args:
-        config: the drone file; None: that of the installed agent, which is stopped meanwhile.
+        config: the drone file; None: the installed agent's file; this agent is stopped meanwhile.
         options: of ``radron-agent doctor``.
-        tell: is told what is being waited for.
+        tell: called with the progress of the examination, line by line.
 
     Raises:
-        RemoteError: it cannot be examined.
+        RemoteError: the computer cannot be examined.
     """
     installed = [BENCH, "doctor"]
     given = [str(Path(sys.executable).parent / "radron-agent"), "doctor", "--config", str(config)]
@@ -66,15 +66,15 @@ async def examine_here(config: Path | None, options: Sequence[str], tell: Callab
 
 
 def is_progress(line: str) -> bool:
-    """Whether a line is neither the report nor an error, which is told at the end."""
+    """Whether a line is progress: neither the report nor an error, which follow at the end."""
     return not line.startswith(("{", "radron"))
 
 
 def report_in(said: str, error: Callable[[str], RemoteError]) -> Report:
-    """The report among what was said.
+    """Read the report from the doctor's output.
 
     Raises:
-        RemoteError: there is none, or it is of another version.
+        RemoteError: no report, or a report of another version.
     """
     line = next((line for line in said.splitlines() if line.startswith("{")), None)
     if line is None:

@@ -1,4 +1,4 @@
-"""What an existing computer is, before anything is installed on it; what cannot become a drone is refused in one line."""
+"""Probe of an existing computer before an installation; an unsuitable computer is refused in one line."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from deploy.remote import Host, run
 MACHINES = {"x86_64": "amd64", "aarch64": "arm64"}
 LEAST_FREE_MB = 1500
 _OLDEST_PYTHON, _OLDEST_SYSTEMD, _OLDEST_GLIBC = (3, 11), 250, 28
-_ON_GROUND = ("", "starting", "preflight", "landed")  # what an agent that does not fly says; one in flight starts in no time
+_ON_GROUND = ("", "starting", "preflight", "landed")  # stages of an agent that does not fly; in flight, "starting" is short
 
 
 @dataclass(frozen=True, slots=True)
 class Computer:
     """A computer that can become a drone.
 
-    ``python``: path of its interpreter; ``release``: what is installed there; ``authority``, ``certificate``: PEM, of the drone
-    that it is already.
+    ``python``: path of its interpreter; ``release``: the installed release; ``authority``, ``certificate``: PEM, of an already
+    installed drone.
     """
 
     system: str
@@ -35,19 +35,19 @@ class Computer:
 
 
 async def probe(host: Host) -> Computer:
-    """Look at a computer, and change nothing.
+    """Probe a computer without any change to it.
 
     Raises:
-        RemoteError: no connection, or it cannot become a drone.
+        RemoteError: no connection, or the computer cannot become a drone.
     """
     return judged(host, await asked(host))
 
 
 async def asked(host: Host) -> dict[str, list[str]]:
-    """What ``probe.sh`` says, by key.
+    """Return the output of ``probe.sh``, by key.
 
     Raises:
-        RemoteError: no connection, or a drone that must be left alone: it flies, or runs the image.
+        RemoteError: no connection, or a drone that must not be changed: it flies, or runs the image.
     """
     values: dict[str, list[str]] = {}
     for line in (await run(host, "sh -s", script("probe.sh"))).splitlines():
@@ -59,10 +59,10 @@ async def asked(host: Host) -> dict[str, list[str]]:
 
 
 def check_alone(host: Host, values: dict[str, list[str]]) -> None:
-    """See that nothing keeps us from replacing or removing the agent there.
+    """Check that the agent there may be replaced or removed.
 
     Raises:
-        RemoteError: it flies, or runs the image.
+        RemoteError: the drone flies, or runs the image.
     """
     stage = next(iter(values.get("stage", ())), "")
     if "image" in values:
@@ -72,10 +72,10 @@ def check_alone(host: Host, values: dict[str, list[str]]) -> None:
 
 
 def judged(host: Host, values: dict[str, list[str]]) -> Computer:
-    """From what ``probe.sh`` says.
+    """Return the computer from the output of ``probe.sh``.
 
     Raises:
-        RemoteError: it cannot become a drone.
+        RemoteError: the computer cannot become a drone.
     """
 
     def first(key: str) -> str:
@@ -105,12 +105,16 @@ def judged(host: Host, values: dict[str, list[str]]) -> Computer:
 
 
 def script(name: str) -> bytes:
-    """A script of ``contents``, to be run there."""
+    """Read a script of ``contents``, to run on the other computer."""
     return files("deploy.computer").joinpath("contents", name).read_bytes()
 
 
 def _python(host: Host, system: str, found: Iterable[str]) -> tuple[str, str]:
-    """Version and path of the first interpreter that is new enough: the system's own, if it is."""
+    """Return version and path of the first sufficiently new interpreter; the system's own interpreter comes first.
+
+    Raises:
+        RemoteError: none is new enough.
+    """
     versions = [text.partition(" ")[::2] for text in found]
     for version, path in versions:
         if tuple(map(int, version.split("."))) >= _OLDEST_PYTHON:

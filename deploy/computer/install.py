@@ -30,8 +30,8 @@ from deploy.remote import Host, Progress, run, send
 from protocol.identity import REVOKED_FILE, IdentityError, Role
 
 THERE = "/var/tmp/radron-install"
-KEPT_NS = 7 * 86_400_000_000_000  # a certificate that is valid for longer is kept
-# Of the image's files, what an existing computer gets; the rest of it is its owner's.
+KEPT_NS = 7 * 86_400_000_000_000  # a certificate with a longer remaining validity is kept
+# The image's files that an existing computer gets; the rest of the computer is its owner's.
 SYSTEM_FILES = (
     "etc/systemd/system/radron-agent.service",
     "etc/systemd/system/radron-clock.path",
@@ -49,7 +49,7 @@ _NOT_ITS_OWN = ("network", "firewall.nft", "authorized_keys")  # of the drone's 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is to be installed. ``source``: the checkout; ``cache``: for wheels; ``online``: the computer fetches them itself."""
+    """An installation. ``source``: the checkout; ``cache``: for wheels; ``online``: the computer fetches the wheels itself."""
 
     fleet: Fleet
     drone: FleetDrone
@@ -62,19 +62,19 @@ class Order:
 async def install(
     host: Host, order: Order, issue: Callable[[Path], None], now_ns: int, say: Callable[[str], None], progress: Progress
 ) -> None:
-    """Make a computer a drone's, or bring it up to date; it can be repeated at any time.
+    """Install a drone's agent on a computer, or update it; a repetition is safe at any time.
 
     Args:
-        host: where.
-        order: what.
-        issue: writes a new identity of the drone into the folder that it is given.
+        host: the computer.
+        order: the installation.
+        issue: writes a new identity of the drone into the given folder.
         now_ns: UTC.
-        say: is told each step.
-        progress: of the copy.
+        say: called with each step.
+        progress: called with the progress of the copy.
 
     Raises:
         RemoteError: the computer cannot become a drone, or is not reached.
-        ImageError: a package cannot be fetched or built, such as one without a wheel for its processor.
+        ImageError: a package cannot be fetched or built, such as a package without a wheel for this processor.
         IdentityError: from the authority.
     """
     computer = await probe(host)
@@ -94,10 +94,10 @@ async def install(
 
 
 def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
-    """All wheels for that computer, and pip's own; with ``online`` only this project's, pip's, and the versions to fetch there.
+    """Make all wheels for a computer, pip's included; with ``online`` only this project's, pip's, and the pinned versions.
 
     Raises:
-        ImageError: one cannot be fetched or built.
+        ImageError: a wheel cannot be fetched or built.
     """
     if not order.online:
         return collect(order.source, order.cache, platform)
@@ -111,10 +111,10 @@ def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
 
 
 def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
-    """All wheels for a kind of computer, and pip's own, fetched or from the cache.
+    """Collect all wheels for a kind of computer, pip's included, fetched or from the cache.
 
     Raises:
-        ImageError: one cannot be fetched or built; it names the package.
+        ImageError: a wheel cannot be fetched or built; the text names the package.
     """
     cache.mkdir(parents=True, exist_ok=True)
     log = cache / "install.log"
@@ -126,14 +126,15 @@ def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
 
 
 def release_name(wheels: Iterable[Path], computer: Computer) -> str:
-    """A name that differs when anything in the agent's environment would."""
+    """Return a name for the agent's environment: any difference in the wheels or the interpreter changes it."""
     content = "".join(f"{wheel.name} {digest(wheel)}\n" for wheel in sorted(wheels, key=lambda each: each.name))
     return hashlib.sha256(f"{content}{computer.platform.python} {computer.python}".encode()).hexdigest()[:16]
 
 
 def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None], work: Path, now_ns: int) -> bytes:
-    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer. Their date is
-    that of now: by it the computer sees whether its own clock is dead.
+    """Return the drone's files as a tar archive, with a new identity unless the present certificate is kept.
+
+    The files have the present date, by which the computer detects that its own clock is dead.
     """
     made = {name: data for name, data in files_of(order.fleet, order.drone).items() if name.parts[0] not in _NOT_ITS_OWN}
     if not keeps_certificate(order, computer, now_ns):
@@ -145,7 +146,7 @@ def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None],
 
 
 def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
-    """Whether the computer has a certificate of this drone, by this authority, not revoked, and valid for a while yet."""
+    """Whether the computer has a certificate of this drone, by this authority, not revoked, and valid beyond ``KEPT_NS``."""
     if computer.certificate is None or computer.authority is None:
         return False
     authority = order.pki.authority()
@@ -160,8 +161,9 @@ def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
 
 
 def scripts() -> bytes:
-    """What is done there, as a tar archive: ``install.sh``, and below ``system`` units, scripts and rules, which are those of the
-    image, but with the drone's files in a folder instead of on a partition.
+    """Return the installer as a tar archive: ``install.sh``, and units, scripts and rules below ``system``.
+
+    These are the image's files, but with the drone's files in a folder instead of on a partition.
     """
     rootfs = files("deploy.image").joinpath("contents", "rootfs")
     made = {name: (rootfs.joinpath(name).read_bytes(), 0o755 if "/lib/" in name else 0o644) for name in SYSTEM_FILES}
@@ -170,10 +172,10 @@ def scripts() -> bytes:
 
 
 async def uninstall(host: Host, purge: bool) -> str:
-    """Remove the agent from a computer; returns what it says last.
+    """Remove the agent from a computer; return the last line of the script's output.
 
     Raises:
-        RemoteError: it is not reached, in flight, or runs the image.
+        RemoteError: the computer is not reached, in flight, or runs the image.
     """
     await asked(host)
     said = await run(host, f"sh -s {'purge' if purge else 'keep'}", script("uninstall.sh"))
@@ -181,7 +183,10 @@ async def uninstall(host: Host, purge: bool) -> str:
 
 
 async def _send_packages(host: Host, wheels: list[Path], release: str, work: Path, progress: Progress) -> None:
-    """As one archive, whose bytes depend on the wheels alone: an interrupted copy is completed, a whole one is not repeated."""
+    """Send the wheels as one archive.
+
+    Its bytes depend on the wheels alone: an interrupted copy is completed, a complete copy is not repeated.
+    """
     archive, place = work / "packages.tar", f"{THERE}/packages-{release}.tar"
     archive.write_bytes(_tar({f"wheels/{wheel.name}": (wheel.read_bytes(), 0o600) for wheel in wheels}))
     await run(host, f"mkdir -p -m 0700 {THERE}")

@@ -1,1 +1,1 @@
-"""The fleet file: one file from which everything that is particular to a drone is made (docs/nuc.md)."""
+"""The fleet file: one file from which all drone-specific files are made (docs/nuc.md)."""

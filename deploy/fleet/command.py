@@ -1,4 +1,4 @@
-"""``radron-deploy fleet``: checking a fleet file, and seeing what it makes of a drone."""
+"""``radron-deploy fleet``: check of a fleet file, and preview of a drone's files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def check(fleet: FleetArgument) -> None:
     loaded = load_fleet(fleet)
     table = Table("drone", "address", "autopilot", "camera", "calibration", title=f"{fleet}: mission {loaded.mission.mission_id}")
     for drone in loaded.config.drones:
-        files_of(loaded, drone)  # nothing that its disk needs is missing
+        files_of(loaded, drone)  # raises if a file for the drone's disk is missing
         table.add_row(drone.id, drone.address, drone.vehicle.address, drone.detector.driver, drone.calibration or "none")
     Console().print(table)
 

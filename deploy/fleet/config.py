@@ -1,4 +1,4 @@
-"""The fleet file: the drones, their network, mission, sensors, and who may log in."""
+"""The fleet file: the drones, their network, mission, sensors, and login keys."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class NetworkConfig(Section, frozen=True, kw_only=True):
     """The network of the mesh: IPv4, fixed addresses.
 
     ``interface``: name of the drone's network interface, with wildcards; it must fit one interface only. ``subnet``: such as
-    10.7.1.0/24. ``port``: where the drones listen for each other. ``ntp``: time servers besides the drones themselves, such as
-    the operator's station.
+    10.7.1.0/24. ``port``: the drones' listening port for each other. ``ntp``: time servers besides the drones themselves, such
+    as the operator's station.
     """
 
     subnet: str
@@ -29,8 +29,10 @@ class NetworkConfig(Section, frozen=True, kw_only=True):
 
 
 class Px4Config(Section, frozen=True, kw_only=True):
-    """What the autopilots should be, by which ``radron-deploy status`` judges: ``version``, such as "1.15.4" (none: any), and
-    ``parameters``, such as ``{COM_OF_LOSS_T = 0.5}``. A drone reports those that were here when its files were made.
+    """Expected version and parameters of the autopilots, for the check in ``radron-deploy status``.
+
+    ``version``: such as "1.15.4" (none: any). ``parameters``: such as ``{COM_OF_LOSS_T = 0.5}``; a drone reports the parameters
+    that this table had when the drone's files were made.
     """
 
     version: str | None = None
@@ -38,7 +40,7 @@ class Px4Config(Section, frozen=True, kw_only=True):
 
 
 class FleetDrone(Section, frozen=True, kw_only=True):
-    """One drone. Tables of its own, such as ``[drones.vehicle]``, replace single keys of those at the top level.
+    """One drone. Keys in its own tables, such as ``[drones.vehicle]``, replace single keys of the top-level tables.
 
     ``address``: its IPv4 address in the mesh. ``calibration``: folder with its camera's a.txt, b.txt, c.txt and t.txt, or
     Pixet's XML file.
@@ -57,10 +59,10 @@ class FleetDrone(Section, frozen=True, kw_only=True):
 class FleetConfig(Section, frozen=True, kw_only=True):
     """The fleet file. Relative paths in it start from its own folder.
 
-    ``version``: of radron; an image of another one is refused (none: any). ``mission``: the mission file. ``ssh_keys``: public
-    keys of those who may log in on the drones, as root. ``certificate_days``: how long a drone's certificate is valid.
-    ``others``: who may join the mesh besides the drones (none: everybody with a certificate of the swarm). ``records_mb``: limit
-    of a drone's flight records. ``px4``: what the autopilots should be, on all drones. ``camera_rpy_deg``, ``vehicle``,
+    ``version``: of radron; an image of another version is refused (none: any). ``mission``: the mission file. ``ssh_keys``:
+    public keys with root login on the drones. ``certificate_days``: validity of a drone's certificate. ``others``: names of
+    further members that may join the mesh (none: every holder of a certificate of the swarm). ``records_mb``: limit of a drone's
+    flight records. ``px4``: expected version and parameters of the autopilots, on all drones. ``camera_rpy_deg``, ``vehicle``,
     ``detector`` and ``sightings``: as in the drone file, for all drones.
     """
 

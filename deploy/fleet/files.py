@@ -1,14 +1,14 @@
-"""What the fleet file says about one drone, as the files of its config partition; on board ``radron-provision`` uses them.
+"""The files of a drone's config partition, made from the fleet file; on board ``radron-provision`` uses them.
 
 hostname               the computer's name
 drone.toml             the drone file
 mission/               the mission file, its elevation grid and its map of buildings
 calibration/           the camera's a.txt, b.txt, c.txt, t.txt and drift.txt, if there are any
 identity/              certificate, key, the swarm's authority
-authorized_keys        who may log in
+authorized_keys        public keys with a login
 network/*.network      for systemd-networkd
-chrony/                whom to ask for the time, and who may ask
-firewall.nft           what may come in
+chrony/                time servers, and the network of allowed time clients
+firewall.nft           allowed incoming traffic
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from agent.detector.files.calibration import calibration_files, load_flight_cali
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.loading import Fleet, autopilot_of
 
-# On board: what systemd hands over, and what is kept on the data partition.
+# On board: the credentials from systemd, and the folder on the data partition.
 CREDENTIALS, DATA = "/run/credentials/radron-agent.service", "/var/lib/radron"
 UPDATES = "/var/lib/radron-update"
 _CALIBRATION = PurePosixPath("calibration")
 
 
 def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
-    """Everything but the identity, by path on the partition.
+    """Return all files except the identity, by path on the partition.
 
     Raises:
         ConfigError: the elevation grid or the map of buildings cannot be found on board.
-        DetectorError: the camera's calibration is none.
+        DetectorError: no valid calibration of the camera.
         OSError: a file cannot be read.
     """
     texts = {
@@ -59,7 +59,7 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
 
 
 def write_files(folder: Path, files: Mapping[PurePosixPath, bytes]) -> None:
-    """Write them below a folder."""
+    """Write files below a folder."""
     for name, data in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,7 +67,7 @@ def write_files(folder: Path, files: Mapping[PurePosixPath, bytes]) -> None:
 
 
 def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
-    """The drone file."""
+    """Return the drone file's content."""
     port = fleet.config.network.port
     endpoints = {one.id: f"tls/{one.address}:{port}" for one in fleet.config.drones}
     return DroneConfig(
@@ -86,13 +86,13 @@ def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
 
 
 def _watching(drone: FleetDrone) -> VehicleConfig:
-    """It also reports the parameters that the fleet file judges."""
+    """Return the vehicle's settings, with a report of the parameters that the fleet file checks, too."""
     names = dict.fromkeys((*drone.vehicle.parameters, *drone.px4.parameters))
     return msgspec.structs.replace(drone.vehicle, parameters=tuple(names))
 
 
 def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:
-    """The mission file as it is, and the files that it names: their content is the mission's identity."""
+    """Return the unchanged mission file and its named files: their content is the mission's identity."""
     file, folder = fleet.mission_file, PurePosixPath("mission")
     found = {folder / file.name: file.read_bytes()}
     # The loaded mission holds the buildings themselves, and no longer the name of their file.

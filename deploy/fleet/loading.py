@@ -1,4 +1,4 @@
-"""Reading of a fleet file, with all checks that need no drone."""
+"""Reading of a fleet file, with all checks that are possible without a drone."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from deploy.fleet.config import FleetConfig, FleetDrone
 
 CALIBRATION_FILES = tuple(f"{name}.txt" for name in NAMES)
 T = TypeVar("T")
-_SHARED = ("vehicle", "detector", "sightings", "camera_rpy_deg", "px4")  # keys at the top level that hold for all drones
+_SHARED = ("vehicle", "detector", "sightings", "camera_rpy_deg", "px4")  # top-level keys for all drones
 _KEY_TYPES = ("ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256", "sk-ssh-ed25519@openssh.com", "sk-ecdsa-sha2-nistp256@openssh.com")
 
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A fleet file and the mission that it names, checked."""
+    """A checked fleet file and its mission."""
 
     path: Path
     config: FleetConfig
@@ -42,10 +42,10 @@ class Fleet:
         return self.path.parent / self.config.mission
 
     def drone(self, name: str) -> FleetDrone:
-        """The drone with this id.
+        """Return the drone with this id.
 
         Raises:
-            ConfigError: there is none.
+            ConfigError: no drone with this id.
         """
         for drone in self.config.drones:
             if drone.id == name:
@@ -55,12 +55,12 @@ class Fleet:
         )
 
     def calibration(self, drone: FleetDrone) -> Path | None:
-        """Folder with the calibration of a drone's camera."""
+        """Return the path of a drone's camera calibration; None without one."""
         return None if drone.calibration is None else self.path.parent / drone.calibration
 
 
 def load_fleet(path: Path) -> Fleet:
-    """Read and check a fleet file, and the mission file that it names.
+    """Read and check a fleet file and its mission file.
 
     Raises:
         ConfigError: unreadable, unknown keys, values out of range, or drones, addresses, files and keys that do not fit together.
@@ -79,8 +79,9 @@ def load_fleet(path: Path) -> Fleet:
 
 
 def _with_shared_keys(document: dict[str, Any]) -> dict[str, Any]:
-    """The document with the tables at its top level put into each drone, whose own keys win. The drones come last, so that an
-    error in a shared table is found there.
+    """Return the document with its top-level tables merged into each drone; a drone's own keys win.
+
+    The drones come last, so that an error in a shared table is reported for the shared table.
     """
     drones = document.get("drones")
     if not isinstance(drones, list) or not all(isinstance(drone, dict) for drone in drones):
@@ -91,7 +92,7 @@ def _with_shared_keys(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_drones(fleet: Fleet) -> None:
-    """The fleet and the mission have the same drones."""
+    """Check that fleet and mission have the same drones."""
     here, there = [drone.id for drone in fleet.config.drones], [drone.id for drone in fleet.mission.drones]
     twice = _first_double(here)
     if twice is not None:
@@ -137,10 +138,10 @@ def _check_sensors(fleet: Fleet, drone: FleetDrone) -> None:
 
 
 def autopilot_of(drone: FleetDrone, where: str) -> tuple[IPv4Address, int] | None:
-    """Address of an autopilot on the network, and the port at which it reaches the drone; None for a serial line or loopback.
+    """Return an autopilot's network address and its port at the drone; None for a serial line or loopback.
 
     Raises:
-        ConfigError: the autopilot's own address is not given: then everybody could send to that port.
+        ConfigError: the autopilot's own address is missing: any computer could then send to this port.
     """
     vehicle = drone.vehicle
     link = urlsplit(vehicle.address)
@@ -157,7 +158,7 @@ def autopilot_of(drone: FleetDrone, where: str) -> tuple[IPv4Address, int] | Non
 
 
 def _check_ssh_key(where: str, key: str) -> None:
-    """One line of ``authorized_keys`` without options: options could run commands."""
+    """Check one line of ``authorized_keys``: no options, as options could run commands."""
     kind, _, rest = key.strip().partition(" ")
     body = rest.split(" ", 1)[0]
     if "PRIVATE KEY" in key:

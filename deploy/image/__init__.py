@@ -1,1 +1,1 @@
-"""The onboard computer's disk: building an image of it, and writing that to a drone's disk (docs/nuc.md)."""
+"""The onboard computer's disk: build of its image, and writing of the image to a drone's disk (docs/nuc.md)."""

@@ -1,4 +1,4 @@
-"""The EFI system partition: GRUB, its configuration, and the variables by which it chooses a slot."""
+"""The EFI system partition: GRUB, its configuration, and its variables for the choice of a slot."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ def make_esp(file: Path, work: Path, epoch: int) -> None:
 
 
 def grub_configuration() -> str:
-    """``grub.cfg`` with the slots' identifiers."""
+    """Return ``grub.cfg`` with the slots' identifiers."""
     text = (files("deploy.image") / "contents/grub/grub.cfg").read_text(encoding="utf-8")
     return text.replace("@ROOT_A@", ROOT_A.guid).replace("@ROOT_B@", ROOT_B.guid)
 
 
 def grub_environment(variables: dict[str, str]) -> bytes:
-    """A block of GRUB's variables, as ``grub-editenv`` writes it: GRUB can only overwrite one of the right length."""
+    """Return a block of GRUB's variables, as ``grub-editenv`` writes it: GRUB can only overwrite a block of this length."""
     text = "# GRUB Environment Block\n" + "".join(f"{name}={value}\n" for name, value in variables.items())
     return text.encode("ascii").ljust(_GRUBENV_BYTES, b"#")

@@ -1,4 +1,4 @@
-"""``radron-deploy image build``: from a checkout to a bootable disk image, and a list of what is in it beside it."""
+"""``radron-deploy image build``: from a checkout to a bootable disk image, with a list of its contents beside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", 
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What an image is and was made of, in ``IMAGE.json``. ``packages``: Debian's, by version; ``wheels``: by SHA-256."""
+    """Release and contents of an image, in ``IMAGE.json``.
+
+    ``packages``: versions of Debian's packages, by name; ``wheels``: SHA-256 by file name.
+    """
 
     version: str
     commit: str
@@ -37,15 +40,15 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def build(self) -> str:
-        """By which two releases of one version are told apart."""
+        """Date and commit of the source, to distinguish two releases of one version."""
         return Release(self.version, self.commit, self.epoch).build
 
 
 def release_of(source: Path) -> Release:
-    """What a checkout would become. Its date is that of its newest commit, or SOURCE_DATE_EPOCH.
+    """Return the release of a checkout. Its date is the newest commit's, or SOURCE_DATE_EPOCH.
 
     Raises:
-        ImageError: it is no checkout of radron.
+        ImageError: no checkout of radron.
     """
     project = source / "pyproject.toml"
     if not project.is_file() or not (source / "agent").is_dir():
@@ -58,14 +61,14 @@ def release_of(source: Path) -> Release:
 
 
 def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say: Callable[[str], None]) -> Manifest:
-    """Make the image ``out`` and its manifest. They are renamed into place when they are complete.
+    """Make the image ``out``, which is renamed into place when complete, and its manifest.
 
     Args:
         out: the image.
         source: the checkout.
         cache: folder for wheels, the log and intermediate files; about 2 GB.
-        snapshot: time of Debian's archive; None: as it is today.
-        say: is told each step, and how long it took.
+        snapshot: time of Debian's archive; None: its present state.
+        say: called with each step and its duration.
 
     Raises:
         ImageError: a program is missing, or failed.
@@ -106,15 +109,15 @@ def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say:
 
 
 def manifest_file(image: Path) -> Path:
-    """Where an image's manifest is."""
+    """Return the path of an image's manifest."""
     return image.with_name(image.name + ".json")
 
 
 def read_manifest(image: Path) -> Manifest:
-    """The manifest of an image.
+    """Read the manifest of an image.
 
     Raises:
-        ImageError: it is not beside the image, or cannot be read.
+        ImageError: the manifest is not beside the image, or cannot be read.
     """
     file = manifest_file(image)
     try:

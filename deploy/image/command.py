@@ -1,4 +1,4 @@
-"""``radron-deploy image``: building the onboard computer's disk image, and writing it to a drone's disk."""
+"""``radron-deploy image``: build of the onboard computer's disk image, and writing of it to a drone's disk."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def build(
 
 
 def _say(step: str) -> None:
-    print(step, flush=True)  # also where the output is a file that somebody follows
+    print(step, flush=True)  # also for a reader who follows the output in a file
 
 
 @app.command()

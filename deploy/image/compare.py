@@ -1,4 +1,4 @@
-"""Whether two images are equal, and if not, what differs in them: partitions, and files of the root file system."""
+"""Comparison of two images: different partitions, and different files of the root file system."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from deploy.image.flash import check_image
 from deploy.image.layout import MIB, PARTITIONS, ROOT_A, ROOT_B, Partition
 from deploy.image.tools import need, run
 
-_MOST = 50  # files that are named
+_MOST = 50  # named files
 
 
 def differences(one: Path, other: Path) -> list[str]:
-    """What differs, a line for each thing; empty for equal images.
+    """Return the differences of two images, one line each; empty for equal images.
 
     Raises:
-        ImageError: one is no image, or a program is missing.
+        ImageError: a file is no image, or a program is missing.
     """
     for image in (one, other):
         check_image(image)
@@ -40,7 +40,7 @@ def unpack_root(image: Path, part: Partition, folder: Path) -> None:
     """Unpack a slot's root file system into a new folder. Without root, devices and owners are not made.
 
     Raises:
-        ImageError: it cannot be unpacked.
+        ImageError: the file system cannot be unpacked.
     """
     unpack = ["unsquashfs", "-no-progress", "-no-xattrs", "-ignore-errors", "-no-exit-code"]
     run([*unpack, "-offset", str(part.start), "-dest", str(folder), str(image)])

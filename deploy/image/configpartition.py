@@ -1,4 +1,4 @@
-"""A drone's config partition: what the fleet file says about it, and its certificate."""
+"""A drone's config partition: its files from the fleet file, and its certificate."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from deploy.image.layout import CONFIG
 
 
 def make_config(file: Path, work: Path, fleet: Fleet, drone: FleetDrone, issue: Callable[[Path], None], epoch: int) -> None:
-    """Make the file system ``file``.
+    """Make the file system ``file`` of the partition.
 
     Args:
-        file: to be made; it holds the drone's private key.
-        work: an empty folder that only this user can read; the key is in it for a moment.
+        file: the file to make; it holds the drone's private key.
+        work: an empty folder readable by this user only; the key is in it for a moment.
         fleet: the fleet file.
-        drone: which of its drones.
-        issue: writes an identity into the folder that it is given.
+        drone: the drone in this fleet.
+        issue: writes an identity into the given folder.
         epoch: date of the files, seconds since 1970.
 
     Raises:
         ConfigError, IdentityError: from the fleet file; from the certificates.
-        ImageError: more than fits into the partition.
+        ImageError: the files do not fit into the partition.
     """
     content = work / "config"
     content.mkdir(mode=0o700)

@@ -11,7 +11,7 @@ from deploy.image.tools import run
 
 
 def make_disk(file: Path, contents: dict[Partition, Path]) -> None:
-    """Write an image with the given partitions' content; what is not given is zeros. The file is sparse.
+    """Write an image with the given partitions' content, and zeros elsewhere. The file is sparse.
 
     Raises:
         ImageError: a partition's content does not fit.

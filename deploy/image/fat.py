@@ -12,7 +12,7 @@ def make_fat(file: Path, size: int, label: str, content: Path, epoch: int) -> No
     """Make a FAT32 file system of ``size`` bytes in ``file`` with the files of the folder ``content``, dated ``epoch``.
 
     Raises:
-        ImageError: it cannot be made, such as for want of space in it.
+        ImageError: the file system cannot be made, such as for lack of space in it.
     """
     with file.open("wb") as disk:
         disk.truncate(size)

@@ -1,7 +1,7 @@
-"""Writing an image to a disk, with a drone's config partition in it, and reading it back.
+"""Writing of an image to a disk, with a drone's config partition in it, and verification of the disk.
 
-The first MiB, which holds the partition table, is cleared first and written last. A disk whose writing was interrupted therefore
-has no partitions: no computer starts from it, and nobody takes it for a drone's.
+The first MiB, which holds the partition table, is cleared first and written last. An incompletely written disk therefore has no
+partitions: no computer starts from it, and it cannot be mistaken for a drone's disk.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from deploy.image.layout import CONFIG, IMAGE_BYTES, MIB
 
 _BLOCK = 4 * MIB
 _REREAD = 0x125F  # BLKRRPART
-Progress = Callable[[str, int, int], None]  # what is being done, bytes done, bytes in all
+Progress = Callable[[str, int, int], None]  # present step, bytes done, bytes in all
 
 
 def flash(image: Path, config: Path, target: Path, progress: Progress) -> None:
     """Write ``image`` to ``target``, with the file ``config`` as its config partition, and verify every byte.
 
     Raises:
-        ImageError: not an image of ours; the disk cannot be written, or does not hold what was written.
+        ImageError: not an image of this release; the disk cannot be written, or reads back different bytes.
     """
     check_image(image)
     with _composed(image, config) as source, _opened(target) as disk:
@@ -43,10 +43,10 @@ def flash(image: Path, config: Path, target: Path, progress: Progress) -> None:
 
 
 def check_image(image: Path) -> None:
-    """See that a file is an image of ours, as far as its size and its partition table say.
+    """Check by size and partition table that a file is an image of this release.
 
     Raises:
-        ImageError: it is not, or it was cut off.
+        ImageError: no such image, or a truncated image.
     """
     try:
         size = image.stat().st_size
@@ -61,7 +61,7 @@ def check_image(image: Path) -> None:
 
 @contextmanager
 def _composed(image: Path, config: Path) -> Iterator[Callable[[int, int], bytes]]:
-    """A reader of the image's bytes, ``read(start, length)``, with the drone's config partition in its place."""
+    """Yield a reader of the image's bytes, ``read(start, length)``, with the drone's config partition in its place."""
     with image.open("rb") as whole, config.open("rb") as part:
 
         def read(start: int, length: int) -> bytes:
@@ -78,7 +78,7 @@ def _composed(image: Path, config: Path) -> Iterator[Callable[[int, int], bytes]
 
 @contextmanager
 def _opened(target: Path) -> Iterator[BinaryIO]:
-    """The disk, for us alone: the kernel refuses a disk with a mounted partition."""
+    """Open the disk exclusively: the kernel refuses a disk with a mounted partition."""
     try:
         exclusive = os.O_EXCL if target.is_block_device() else 0
         descriptor = os.open(target, os.O_RDWR | exclusive | os.O_CLOEXEC)
@@ -93,7 +93,7 @@ def _write(source: Callable[[int, int], bytes], disk: BinaryIO, target: Path, pr
         progress("writing", start, IMAGE_BYTES)
         _put(disk, target, start, source(start, min(_BLOCK, IMAGE_BYTES - start)))
         if start // _BLOCK % 16 == 0:
-            os.fsync(disk.fileno())  # progress is of what is on the disk, not of what is in memory
+            os.fsync(disk.fileno())  # the progress counts bytes on the disk, not in memory
     progress("writing", IMAGE_BYTES, IMAGE_BYTES)
     os.fsync(disk.fileno())
     _forget_cached(disk)
@@ -131,13 +131,13 @@ def _get(disk: BinaryIO, target: Path, start: int, length: int) -> bytes:
 
 
 def _forget_cached(disk: BinaryIO) -> None:
-    """Have the next reads come from the disk itself."""
+    """Drop the cached pages, so that the next reads come from the disk itself."""
     with suppress(OSError):
         os.posix_fadvise(disk.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 def _reread_partitions(target: Path) -> None:
-    """Let the kernel see the new partitions; where it cannot, they are seen when the disk is plugged in again."""
+    """Make the kernel read the new partition table; if this fails, the kernel reads it at the next insertion of the disk."""
     if target.is_block_device():
         with suppress(OSError), target.open("rb") as disk:
             fcntl.ioctl(disk, _REREAD)

@@ -2,7 +2,7 @@
 
     | esp | config | root-a | root-b | data (made at the first boot, the rest of the disk) |
 
-Identifiers are hashes of names, so that two builds are equal; GRUB's and systemd's files name partitions by them.
+Identifiers are hashes of names, so that two builds are equal; GRUB's and systemd's files refer to partitions by identifier.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MIB = 1 << 20
 _NAMES = UUID("6f1d2c7e-2e0c-5d0b-9a5e-7d1c0a3b4f60")  # of all names here
 _ESP = "c12a7328-f81f-11d2-ba4b-00a0c93ec93b"
 _BASIC_DATA = "ebd0a0a2-b9e5-4433-87c0-68b6b72699c7"
-_ROOT_AMD64 = "4f68bce3-e8cd-4db1-96e7-fbcaf984b709"  # not the data partition's type, by which systemd-repart finds that
+_ROOT_AMD64 = "4f68bce3-e8cd-4db1-96e7-fbcaf984b709"  # differs from the data partition's type: systemd-repart finds it by type
 LEAST_DATA_MIB = 2048
 
 

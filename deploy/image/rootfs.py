@@ -1,4 +1,4 @@
-"""The root file system of a slot: Debian's packages, our files (``contents/``), and the agent in an environment of its own."""
+"""The root file system of a slot: Debian's packages, our files (``contents/``), and the agent in a separate environment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deploy.image.tools import run
 SUITE = "bookworm"
 MIRROR, SECURITY = "http://deb.debian.org/debian", "http://deb.debian.org/debian-security"
 SNAPSHOT = "http://snapshot.debian.org/archive"
-# LZO: GRUB reads it, and it is unpacked several times faster than the other compressions that GRUB reads.
+# LZO: GRUB reads it, and unpacking is several times faster than with the other compressions that GRUB reads.
 COMPRESSION = ("-comp", "lzo", "-Xalgorithm", "lzo1x_1_15", "-b", "256K")
 _CONTENTS = Path(str(files("deploy.image"))) / "contents"
 _NOT_INSTALLED = ("doc", "man", "info", "locale", "bash-completion", "lintian", "i18n/locales")
@@ -35,7 +35,7 @@ _ENABLED = [
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """What an image is: ``version`` of radron, ``commit`` of its source, ``epoch`` of all dates in it (seconds since 1970)."""
+    """Release of an image: ``version`` of radron, ``commit`` of its source, ``epoch`` of all its dates (seconds since 1970)."""
 
     version: str
     commit: str
@@ -43,12 +43,12 @@ class Release:
 
     @property
     def build(self) -> str:
-        """Date and commit of the source, by which two releases of one version are told apart."""
+        """Date and commit of the source, to distinguish two releases of one version."""
         return f"{datetime.fromtimestamp(self.epoch, UTC):%Y%m%dT%H%M%SZ}-{self.commit}"
 
 
 def sources(snapshot: str | None) -> list[str]:
-    """Lines for apt. ``snapshot``: the archive as it was then, such as 20261101T000000Z; None: as it is today."""
+    """Return apt's source lines. ``snapshot``: time of the archive, such as 20261101T000000Z; None: its present state."""
     main, security, options = MIRROR, SECURITY, ""
     if snapshot is not None:
         main, security = f"{SNAPSHOT}/debian/{snapshot}", f"{SNAPSHOT}/debian-security/{snapshot}"
@@ -61,7 +61,7 @@ def sources(snapshot: str | None) -> list[str]:
 
 
 def packages() -> list[str]:
-    """The Debian packages of ``contents/packages.txt``."""
+    """Return the Debian packages of ``contents/packages.txt``."""
     lines = (_CONTENTS / "packages.txt").read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
@@ -69,7 +69,7 @@ def packages() -> list[str]:
 def make_rootfs(
     out: Path, work: Path, release: Release, wheels: Sequence[Path], snapshot: str | None, cache: Path, log: Path
 ) -> None:
-    """Make the squashfs ``out`` of one slot. Takes one to three minutes, and a network. Debian's packages are kept in ``cache``.
+    """Make the squashfs ``out`` of one slot, in one to three minutes and over the network. ``cache`` keeps Debian's packages.
 
     Raises:
         ImageError: a program failed, mostly because Debian's archive is not reached.

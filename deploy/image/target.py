@@ -1,4 +1,4 @@
-"""The disk to be written: whether it is one, what is on it, and whether it may be overwritten. Asked of ``lsblk``."""
+"""The target disk: check of its type, its content and the permission to overwrite it, by ``lsblk``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GB = 1e9
 
 
 class Device(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of ``lsblk --json --bytes --paths``: a disk with its partitions, or one of these."""
+    """One line of ``lsblk --json --bytes --paths``: a disk with its partitions, or a partition."""
 
     name: str
     type: str
@@ -35,12 +35,12 @@ class Device(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def all(self) -> list[Device]:
-        """This one, and all that lie in it: partitions, and volumes in these."""
+        """This device, its partitions, and the volumes in the partitions."""
         return [self, *(one for child in self.children for one in child.all)]
 
     @property
     def is_removable(self) -> bool:
-        """Whether it is a stick, a card, or a disk in a USB case: not part of this computer."""
+        """Whether the device is a stick, a card, or a disk in a USB case: not part of this computer."""
         return self.rm or self.tran == "usb"
 
 
@@ -50,14 +50,14 @@ class _Listing(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A disk or a file that may be written. ``device`` is None for a file."""
+    """A writable disk or file. ``device`` is None for a file."""
 
     path: Path
     size: int
     device: Device | None
 
     def described(self) -> list[str]:
-        """What will be erased, a line for each thing."""
+        """Return a description of the disk to be erased: one line for the disk, one for each partition."""
         if self.device is None:
             return [f"{self.path}: a file of {self.size / GB:.1f} GB"]
         disk = self.device
@@ -71,14 +71,14 @@ class Target:
 
 
 def find_target(path: Path, internal: bool) -> Target:
-    """Look at the disk, and see that it may be overwritten.
+    """Find the disk, and check that it may be overwritten.
 
     Args:
         path: a block device, or a plain file of the size of a disk.
-        internal: also disks that are not removable.
+        internal: accept also disks that are not removable.
 
     Raises:
-        ImageError: it is no whole disk, too small, read-only, in use, or built into this computer and not ``internal``.
+        ImageError: no whole disk, too small, read-only, in use, or built into this computer and not ``internal``.
     """
     try:
         mode = path.stat().st_mode
@@ -90,7 +90,7 @@ def find_target(path: Path, internal: bool) -> Target:
         raise ImageError(f"{path}: is neither a disk nor a file; `lsblk` lists this computer's disks")
     need("lsblk")
     columns = "NAME,TYPE,SIZE,RO,RM,TRAN,MODEL,SERIAL,FSTYPE,LABEL,PARTLABEL,MOUNTPOINTS"
-    if _is_without_medium(path.resolve()):  # of which lsblk tells nothing
+    if _is_without_medium(path.resolve()):  # lsblk does not list such drives
         raise _empty(path)
     listed = run(["lsblk", "--json", "--bytes", "--paths", "--output", columns, str(path.resolve())])
     device = msgspec.json.decode(listed, type=_Listing).blockdevices[0]
@@ -98,7 +98,7 @@ def find_target(path: Path, internal: bool) -> Target:
 
 
 def check_device(path: Path, device: Device, internal: bool, writable: bool = True) -> Target:
-    """See that a device that ``lsblk`` describes may be overwritten.
+    """Check that a device from ``lsblk`` may be overwritten.
 
     Raises:
         ImageError: as :func:`find_target`.
@@ -128,7 +128,7 @@ def check_device(path: Path, device: Device, internal: bool, writable: bool = Tr
 
 
 def _is_without_medium(device: Path) -> bool:
-    """Whether it is a drive without a disk in it, such as a card reader."""
+    """Whether the device is a drive without a disk in it, such as an empty card reader."""
     try:
         return int(Path("/sys/class/block", device.name, "size").read_text()) == 0
     except OSError:

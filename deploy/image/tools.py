@@ -12,7 +12,7 @@ from typing import IO
 
 from deploy.image.errors import ImageError
 
-# Which of Debian's packages a program is in.
+# The Debian package of each program.
 _PACKAGES = {
     "mmdebstrap": "mmdebstrap",
     "mksquashfs": "squashfs-tools",
@@ -25,7 +25,7 @@ _PACKAGES = {
     "git": "git",
     "rauc": "rauc",
 }
-# Files that they need, of packages of their own.
+# Files that a program needs from another package.
 _FILES = {
     "mmdebstrap": ("/usr/share/keyrings/debian-archive-keyring.gpg", "debian-archive-keyring"),
     "grub-mkimage": ("/usr/lib/grub/x86_64-efi/moddep.lst", "grub-efi-amd64-bin"),
@@ -33,10 +33,10 @@ _FILES = {
 
 
 def need(*programs: str) -> None:
-    """See that all of these can be run, and have the files that they need.
+    """Check that all programs are installed, with their required files.
 
     Raises:
-        ImageError: it names all that are missing, and the packages they are in.
+        ImageError: the text names all missing programs and files, and their packages.
     """
     missing = {program: _PACKAGES[program] for program in programs if shutil.which(program, path=_path()) is None}
     files = [_FILES[program] for program in programs if program in _FILES]
@@ -47,10 +47,10 @@ def need(*programs: str) -> None:
 
 
 def run(command: Sequence[str], log: Path | None = None, env: Mapping[str, str] | None = None, stdin: Path | None = None) -> str:
-    """Run a program to its end; returns its output. With ``log`` all that it says is appended to that file.
+    """Run a program to its end, and return its output. With ``log``, the output is appended to this file.
 
     Raises:
-        ImageError: it failed; with the last line that it said.
+        ImageError: the program failed; the text has the last line of its output.
     """
     environment = {**os.environ, "PATH": _path(), "LC_ALL": "C.UTF-8", **(env or {})}
     with _output(log, command) as output, open(stdin if stdin is not None else os.devnull, "rb") as given:
@@ -68,7 +68,7 @@ def run(command: Sequence[str], log: Path | None = None, env: Mapping[str, str] 
 
 
 def _output(log: Path | None, command: Sequence[str]) -> IO[bytes]:
-    """Where a program's output goes: into the log, which can be followed while it runs."""
+    """Open the file for a program's output: the log, readable while the program runs, or a temporary file."""
     if log is None:
         return tempfile.TemporaryFile()
     file = log.open("a+b")
@@ -79,5 +79,5 @@ def _output(log: Path | None, command: Sequence[str]) -> IO[bytes]:
 
 
 def _path() -> str:
-    """Many of these programs are where only root's path leads."""
+    """Return the search path with root's folders added: many of these programs are there."""
     return os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"

@@ -14,12 +14,12 @@ from deploy.image.errors import ImageError
 from deploy.image.tools import run
 
 _OLDEST_GLIBC = 5  # of the platform tags of wheels
-ONBOARD = ("protocol", "agent")  # of this project, what flies
+ONBOARD = ("protocol", "agent")  # packages of this project on board
 
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """What the wheels are for. ``machine``: as ``uname -m`` has it; ``glibc``: 36 of 2.36."""
+    """Target platform of the wheels. ``machine``: as from ``uname -m``; ``glibc``: 36 of 2.36."""
 
     python: str
     machine: str
@@ -27,7 +27,7 @@ class Platform:
 
     @property
     def tags(self) -> list[str]:
-        """The platform tags of wheels that it runs, best first."""
+        """The platform tags of compatible wheels, best first."""
         numbered = [f"manylinux_2_{minor}_{self.machine}" for minor in range(self.glibc, _OLDEST_GLIBC - 1, -1)]
         return [*numbered, f"manylinux2014_{self.machine}"]
 
@@ -38,15 +38,15 @@ IMAGE = Platform("3.11", "x86_64", 36)  # Debian 12
 def make_wheels(
     source: Path, folder: Path, epoch: int, log: Path, platform: Platform = IMAGE, besides: tuple[str, ...] = ()
 ) -> list[Path]:
-    """Fetch and build all wheels into ``folder``, which is a cache: those that are there are not fetched again.
+    """Fetch and build all wheels into ``folder``, a cache: present wheels are not fetched again.
 
     Args:
         source: the checkout.
-        folder: where wheels are kept.
+        folder: cache of the wheels.
         epoch: date of the files in our own wheel, seconds since 1970.
-        log: what pip says is appended here.
-        platform: what they are for.
-        besides: packages besides those that the agent needs.
+        log: file to which pip's output is appended.
+        platform: target platform of the wheels.
+        besides: further packages besides the agent's dependencies.
 
     Returns:
         The wheels to install, sorted by name.
@@ -73,7 +73,7 @@ def make_wheels(
 
 
 def _missing(log: Path) -> str | None:
-    """Of which package pip has found no wheel, by its log; its last line does not tell."""
+    """Return the error for the package without a wheel, from pip's log, as its last line does not name it; None if unknown."""
     said = log.read_text(encoding="utf-8", errors="replace").rpartition("\n$ ")[2]
     found = re.search(r"^ERROR: (?:Cannot install|No matching distribution found for) ([A-Za-z0-9._-]+)", said, re.MULTILINE)
     if found is None:
@@ -84,10 +84,10 @@ def _missing(log: Path) -> str | None:
 
 
 def make_own_wheel(source: Path, work: Path, out: Path, epoch: int, log: Path) -> None:
-    """This project's wheel, from a copy of what flies: nothing that lies about in the checkout gets on board.
+    """Make this project's wheel from a copy of the onboard packages, so that no stray file of the checkout gets on board.
 
     Raises:
-        ImageError: it cannot be built.
+        ImageError: the wheel cannot be built.
     """
     copy = work / "source"
     copy.mkdir()

@@ -1,1 +1,1 @@
-"""The swarm's certificate authority: issuing, revoking and showing certificates."""
+"""The swarm's certificate authority: issue, revocation and list of certificates."""

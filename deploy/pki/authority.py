@@ -1,4 +1,4 @@
-"""The folder of a swarm's certificate authority: its certificate, its encrypted key, and what it has issued and revoked."""
+"""The folder of a swarm's certificate authority: certificate, encrypted key, and records of issued and revoked certificates."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ class PkiFolder:
     """An authority on disk: ``ca.pem``, ``ca-key.pem`` (or a key kept elsewhere), ``issued.json`` and ``revoked.crl``."""
 
     def __init__(self, folder: Path, key_file: Path | None = None) -> None:
-        """``key_file``: where the key is, if not in the folder: on a medium that is kept offline."""
+        """``key_file``: path of the key outside the folder, such as on a medium that is kept offline; None: in the folder."""
         self.folder = folder
         self.key_file = key_file if key_file is not None else folder / AUTHORITY_KEY_FILE
 
     def init(self, swarm: str, passphrase: Passphrase, now_ns: int) -> None:
-        """Make a new authority. Its key is only ever written encrypted.
+        """Make a new authority. Its key is written in encrypted form only.
 
         Raises:
-            IdentityError: there is one already, the passphrase is too short, or it cannot be written.
+            IdentityError: an authority exists, the passphrase is too short, or a file cannot be written.
         """
         for file in (self.folder / AUTHORITY_FILE, self.key_file):
             if file.exists():
@@ -80,8 +80,8 @@ class PkiFolder:
         ``may_revoke``: an operator's right to revoke others in flight.
 
         Raises:
-            IdentityError: the name is another member's or was revoked; a right to revoke for somebody who is no operator; the
-                authority's key cannot be used, or its certificate is not valid now; ``out`` is another member's folder; something
+            IdentityError: the name is another member's or was revoked; a right to revoke for another role than operator; the
+                authority's key cannot be used, or its certificate is not valid now; ``out`` is another member's folder; a file
                 cannot be written.
         """
         if may_revoke and role is not Role.OPERATOR:
@@ -109,10 +109,10 @@ class PkiFolder:
         return new
 
     def revoke(self, name: str, passphrase: Passphrase, now_ns: int) -> list[Issued]:
-        """Revoke all certificates of a name that have not expired; returns them, and writes ``revoked.crl``.
+        """Revoke all unexpired certificates of a name; return them, and write ``revoked.crl``.
 
         Raises:
-            IdentityError: there is none; the authority's key cannot be used; something cannot be written.
+            IdentityError: no such certificate; the authority's key cannot be used; a file cannot be written.
         """
         with self._locked():
             issued = self.issued()
@@ -122,15 +122,15 @@ class PkiFolder:
                 raise IdentityError(f"{name!r} has no valid certificate; those that have: {', '.join(valid) or 'none'}")
             issued = [replace(one, revoked_ns=now_ns) if one in concerned else one for one in issued]
             issuer = self._issuer(passphrase)
-            self._save(issued)  # first: a name that is listed must not be issued again
+            self._save(issued)  # first: a listed name must not be issued again
             self._list(issuer, issued, now_ns)
         return concerned
 
     def authority(self) -> Authority:
-        """The authority's certificate.
+        """Read the authority's certificate.
 
         Raises:
-            IdentityError: there is none.
+            IdentityError: no authority in this folder, or its certificate cannot be read.
         """
         file = self.folder / AUTHORITY_FILE
         try:
@@ -143,10 +143,10 @@ class PkiFolder:
             raise IdentityError(f"{file}: {error}; restore it from a backup") from None
 
     def issued(self) -> list[Issued]:
-        """Everything issued so far, in order.
+        """Return all issued certificates, in order of issue.
 
         Raises:
-            IdentityError: there is no authority, or its record cannot be read.
+            IdentityError: no authority in this folder, or its record cannot be read.
         """
         self.authority()
         file = self.folder / ISSUED_FILE
@@ -160,7 +160,7 @@ class PkiFolder:
             raise IdentityError(f"{file}: cannot be read ({error}); restore it from a backup") from None
 
     def _check_valid(self, now_ns: int) -> None:
-        """See that the authority's own certificate is valid: what it issued outside its time would be valid never."""
+        """Check that the authority's certificate is valid now: certificates issued outside its time would never be valid."""
         file, certificate, now = self.folder / AUTHORITY_FILE, self.authority().certificate, utc(now_ns)
         if now >= certificate.not_valid_after_utc:
             ended = f"{certificate.not_valid_after_utc:%Y-%m-%d}"
@@ -202,9 +202,10 @@ class PkiFolder:
         return Issuer(authority, key)
 
     def _list(self, issuer: Issuer, issued: list[Issued], now_ns: int) -> bytes | None:
-        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked.
+        """Renew and return the list of revoked, unexpired certificates; None: no certificate was ever revoked.
 
-        Who could revoke others stays in it, without the name: such a key could sign a revocation of the time before the end.
+        Expired certificates with the right to revoke stay listed, without their names: their keys could sign revocations dated
+        before the expiry.
         """
         revoked = [one for one in issued if one.revoked_ns is not None]
         if not revoked:
@@ -220,7 +221,7 @@ class PkiFolder:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        """Two commands at the same time do not lose each other's record."""
+        """Lock the folder, so that simultaneous commands do not lose each other's record."""
         self.authority()
         descriptor = os.open(self.folder, os.O_RDONLY)
         try:
@@ -238,12 +239,12 @@ def _write(file: Path, data: bytes, secret: bool = False) -> None:
 
 
 def _check_folder(name: str, out: Path) -> None:
-    """See that a folder is not another member's: its key would be lost."""
+    """Check that a folder is not another member's, whose key would be lost."""
     try:
         held = x509.load_pem_x509_certificate((out / CERTIFICATE_FILE).read_bytes())
         holders = [attribute.value for attribute in held.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
     except (OSError, ValueError):
-        return  # nothing of a member's
+        return  # no member's folder
     if holders != [name]:
         raise IdentityError(f"{out}: is the folder of {', '.join(map(str, holders))}; give another one with --out")
 
@@ -254,7 +255,7 @@ def _issued(peer: Peer, may_revoke: bool) -> Issued:
 
 
 def _check_free(name: str, role: Role, issued: list[Issued], now_ns: int) -> None:
-    """See that a name is one member's and was not revoked: links are judged by names alone."""
+    """Check that a name belongs to one member only and was not revoked: links are accepted by names alone."""
     checked_name(name)
     for one in issued:
         if one.name == name and one.role is not role:

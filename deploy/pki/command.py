@@ -115,7 +115,7 @@ def _until(own: Peer, now_ns: int) -> str:
 
 
 def drone_issuer(authority: PkiFolder, drone: str, days: int | None) -> Callable[[Path], None]:
-    """What writes a new identity of a drone into the folder that it is given; it asks for the passphrase."""
+    """Return a function that writes a new identity of a drone into a given folder; it asks for the passphrase."""
 
     def issue_into(folder: Path) -> None:
         authority.issue(drone, Role.DRONE, days, folder, lambda: passphrase(authority.key_file), time.time_ns())
@@ -130,7 +130,7 @@ def _folder(pki: Path, key: Path | None) -> PkiFolder:
 
 
 def passphrase(key_file: Path, new: bool = False) -> str:
-    """From the environment or the terminal, never from the command line: everybody can read that of a process."""
+    """Return the passphrase from the environment or the terminal, never from the command line: all users can read it there."""
     if PASSPHRASE_VARIABLE in os.environ:
         return os.environ[PASSPHRASE_VARIABLE]
     if not sys.stdin.isatty():

@@ -1,4 +1,4 @@
-"""What an authority has issued, as its record has it."""
+"""An authority's record of issued certificates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from protocol.identity import Role
 
 
 class Issued(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A certificate that was issued. Times: UTC, nanoseconds; ``serial``: hexadecimal, as other tools show it."""
+    """An issued certificate. Times: UTC, nanoseconds; ``serial``: hexadecimal, as other tools show it."""
 
     name: str
     role: Role

@@ -1,7 +1,7 @@
 """Certificates that sign releases of the onboard system.
 
-Their keys are ECDSA P-256: RAUC's signatures are CMS, for which OpenSSL 3.0, the drones' and Debian's, knows no Ed25519. Their
-purpose is the signing of code alone: they open no links, and the members' certificates, whose purpose is links, sign no releases.
+The keys are ECDSA P-256: RAUC's signatures are CMS, for which OpenSSL 3.0, the drones' and Debian's version, lacks Ed25519. Their
+only purpose is code signing: they open no links, and the members' certificates, issued for links, sign no releases.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def issue_release(issuer: Issuer, name: str, now_ns: int, days: int | None, out:
     """Issue a certificate for releases with a new key, and write its folder; other users cannot read the key.
 
     Raises:
-        IdentityError: a name that cannot be one.
-        OSError: it cannot be written.
+        IdentityError: an invalid name.
+        OSError: the folder cannot be written.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     authority = issuer.authority.certificate

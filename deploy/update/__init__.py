@@ -1,1 +1,1 @@
-"""Keeping a fleet's onboard computers updated over SSH (docs/nuc.md)."""
+"""Updates of a fleet's onboard computers over SSH (docs/nuc.md)."""

@@ -25,7 +25,7 @@ _MAGIC = b"hsqs"
 
 
 class BundleManifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a bundle is, in ``BUNDLE.json`` beside it: looked at before a copy; on board, its own signed manifest counts."""
+    """Description of a bundle, in ``BUNDLE.json`` beside it, for checks before a copy; on board, its signed manifest counts."""
 
     release: Release
     sha256: str
@@ -36,7 +36,7 @@ def build_bundle(image: Path, signer: Path, out: Path, say: Callable[[str], None
     """Make the bundle ``out`` from an image, signed by the release certificate in the folder ``signer``.
 
     Raises:
-        UpdateError: the certificate is none for releases.
+        UpdateError: no certificate for releases.
         ImageError: not an image, or a program is missing or failed.
     """
     need("rauc", "mksquashfs")
@@ -60,7 +60,7 @@ def build_bundle(image: Path, signer: Path, out: Path, say: Callable[[str], None
 
 
 def write_bundle(content: Path, release: Release, certificate: Path, key: Path, out: Path, log: Path) -> None:
-    """Sign the folder ``content`` with its ``root.squashfs`` as a bundle, and verify that drones would take the signature.
+    """Sign the folder ``content`` with its ``root.squashfs`` as a bundle, and verify that drones would accept the signature.
 
     Raises:
         ImageError: RAUC refuses.
@@ -80,10 +80,10 @@ def write_bundle(content: Path, release: Release, certificate: Path, key: Path, 
 
 
 def _check_signer(signer: Path) -> None:
-    """See that a folder holds a certificate by which drones take a bundle.
+    """Check that a folder holds a certificate for bundles that drones accept.
 
     Raises:
-        UpdateError: it does not.
+        UpdateError: no such certificate.
     """
     issue = "make one with `radron-deploy pki issue NAME --role release`"
     if not all((signer / name).is_file() for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE)):
@@ -102,10 +102,10 @@ def _check_signer(signer: Path) -> None:
 
 
 def extract_root(image: Path, out: Path) -> None:
-    """Copy the root file system out of an image: as much of its partition as the file system's own header says.
+    """Copy the root file system out of an image, with the size from the file system's own header.
 
     Raises:
-        UpdateError: there is none.
+        UpdateError: no root file system in the image.
     """
     with image.open("rb") as source, out.open("wb") as target:
         source.seek(ROOT_A.start)
@@ -121,15 +121,15 @@ def extract_root(image: Path, out: Path) -> None:
 
 
 def manifest_file(bundle: Path) -> Path:
-    """Where a bundle's manifest is."""
+    """Return the path of a bundle's manifest."""
     return bundle.with_name(bundle.name + ".json")
 
 
 def read_bundle_manifest(bundle: Path) -> BundleManifest:
-    """The manifest of a bundle, which must be whole.
+    """Read the manifest of a bundle, and check that the bundle is complete.
 
     Raises:
-        UpdateError: it is not beside the bundle, or the bundle was cut off.
+        UpdateError: the manifest is not beside the bundle, or the bundle is truncated.
     """
     file = manifest_file(bundle)
     try:

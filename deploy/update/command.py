@@ -1,4 +1,4 @@
-"""``radron-deploy bundle``, ``push``, ``logs`` and ``status``: keeping the onboard computers of a fleet updated."""
+"""``radron-deploy bundle``, ``push``, ``logs`` and ``status``: updates of a fleet's onboard computers."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def _tell_failures(done: Sequence[tuple[Host, object]]) -> None:
 
 @contextmanager
 def _interruptible(what: str) -> Iterator[None]:
-    """Ctrl-C ends in one line."""
+    """End an interruption by Ctrl-C in one line."""
     try:
         yield
     except KeyboardInterrupt:
@@ -161,7 +161,7 @@ def _interruptible(what: str) -> Iterator[None]:
 
 @contextmanager
 def _progress() -> Iterator[Tell]:
-    """A bar for each computer on a terminal; elsewhere a line for each step, and each tenth of a copy."""
+    """Yield a progress report: a bar for each computer on a terminal, else a line for each step and each tenth of a copy."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TransferSpeedColumn  # noqa: PLC0415
 

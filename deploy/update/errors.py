@@ -6,4 +6,4 @@ from protocol.errors import ProtocolError
 
 
 class UpdateError(ProtocolError):
-    """Something that the user can fix, in one line: what, where, what to do."""
+    """An error that the user can fix. Its one line names the fault, its place and the remedy."""

@@ -1,4 +1,4 @@
-"""Which onboard computers a command is for: addresses, or drones of a fleet file."""
+"""Target computers of a command: addresses, or drones of a fleet file."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from deploy.update.errors import UpdateError
 from protocol.onboard import Computer
 
 PROGRAM = "/opt/radron/bin/radron-update"
-Tell = Callable[[Host, str, int, int], None]  # what is being done there, and how far it is: bytes, or 0 of 0
+Tell = Callable[[Host, str, int, int], None]  # present step at a computer, and its progress: bytes done and in all, or 0 of 0
 
 
 def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[str]) -> tuple[list[Host], Fleet | None]:
-    """The computers, and the fleet.
+    """Return the named computers, and the fleet.
 
     Args:
-        names: addresses; with a fleet its drones' ids or addresses, none of them: all drones.
+        names: addresses; with a fleet, its drones' ids or addresses; empty: all drones.
         fleet_file: the fleet file.
         options: of ssh, such as ``IdentityFile=key``.
 
     Raises:
-        UpdateError: neither names nor a fleet, or a computer that is named twice.
-        ConfigError: a fleet file with errors, or without a drone that is named.
+        UpdateError: neither names nor a fleet, or a computer named twice.
+        ConfigError: a fleet file with errors, or without a named drone.
     """
     if fleet_file is None:
         if not names:
@@ -43,10 +43,10 @@ def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[
 
 
 async def ask(host: Host) -> Computer:
-    """What a computer tells of itself.
+    """Return a computer's status.
 
     Raises:
-        RemoteError: it does not answer, or is none that radron's image made.
+        RemoteError: no answer, no radron installed there, or a status of another version.
     """
     missing = "echo 'is no drone yet: `radron-deploy image flash` makes its disk, or `radron-deploy install`' >&2; exit 1"
     said = await run(host, f"command -v {PROGRAM} > /dev/null || {{ {missing}; }}; {PROGRAM} status")
@@ -57,7 +57,7 @@ async def ask(host: Host) -> Computer:
 
 
 def _host(name: str, fleet: Fleet, options: Sequence[str]) -> Host:
-    """A drone of the fleet by its id, or any computer by its address: that has a dot, a colon or an @ in it."""
+    """Return a drone of the fleet by its id, or any computer by its address. An address has a dot, a colon or an @."""
     if not set(name) & set(".:@") or any(drone.id == name for drone in fleet.config.drones):
         return Host(name, fleet.drone(name).address, options=tuple(options))
     return Host.parse(name, options)

@@ -14,7 +14,7 @@ from deploy.update.hosts import Tell
 
 FLIGHTS = "/var/lib/radron/flights"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-# Size and digest of each record as it is now: the newest one may still grow while it is copied.
+# Present size and digest of each record: the newest record may still grow during its copy.
 _LIST = (
     'cd {folder} 2>/dev/null || exit 0; for file in *.mcap; do test -f "$file" || continue; '
     'size=$(stat -c %s "$file"); echo "$size $(head -c "$size" "$file" | sha256sum | cut -d\' \' -f1) $file"; done'
@@ -23,7 +23,7 @@ _LIST = (
 
 @dataclass(frozen=True, slots=True)
 class Fetched:
-    """Records of one computer: how many there are, and how many of them were new."""
+    """Records of one computer: number of all records, and of new records."""
 
     records: int
     new: int
@@ -31,11 +31,11 @@ class Fetched:
 
 
 async def fetch_logs(host: Host, out: Path, tell: Tell, source: str = FLIGHTS) -> Fetched:
-    """Copy what is not there yet into ``out/NAME``. An interrupted copy is completed by the next one.
+    """Copy missing records into ``out/NAME``. The next call completes an interrupted copy.
 
     Raises:
         RemoteError: no connection, or a copy that differs.
-        OSError: it cannot be written here.
+        OSError: a record cannot be written here.
     """
     tell(host, "looking at its records", 0, 0)
     folder = out / re.sub(r"[^A-Za-z0-9.-]", "_", host.name)
@@ -48,7 +48,7 @@ async def fetch_logs(host: Host, out: Path, tell: Tell, source: str = FLIGHTS) -
         file = folder / name
         if file.exists() and file.stat().st_size == int(size) and await asyncio.to_thread(digest, file) == sha256:
             continue
-        if file.exists():  # it has grown since
+        if file.exists():  # the record has grown since its last copy
             file.replace(file.with_name(f"{name}.part"))
         await fetch(host, f"{source}/{name}", file, int(size), sha256, partial(tell, host, name))
         new += 1

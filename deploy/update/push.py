@@ -1,4 +1,4 @@
-"""``radron-deploy push``: a bundle to many computers at once, and what becomes of it there."""
+"""``radron-deploy push``: a bundle to many computers at once, and the outcome of each update."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from deploy.update.hosts import PROGRAM, Tell, ask
 from protocol.onboard import MOST_ATTEMPTS, Computer, Outcome
 
 INCOMING = "/var/lib/radron-update/incoming"
-DECIDED_S = 2400.0  # three attempts of a computer that takes long to start
+DECIDED_S = 2400.0  # three attempts of a slowly starting computer
 POLL_S = 3.0
 _MARGIN_MB = 200  # that stay free on the data partition
 
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """What is to be done at each computer. ``bundle`` None: back to the other slot. ``older``: also an older release."""
+    """Update order for each computer. ``bundle`` None: back to the other slot. ``older``: accept also an older release."""
 
     bundle: Path | None
     manifest: BundleManifest | None
@@ -33,10 +33,10 @@ class Push:
 
 
 async def push(hosts: Sequence[Host], order: Push) -> list[Outcome | RemoteError]:
-    """Update them all; what became of each, in the order of ``hosts``.
+    """Update all computers; return the outcome of each, in the order of ``hosts``.
 
     Raises:
-        UpdateError: nothing was done: a vehicle is armed, or a flight is under way.
+        UpdateError: a vehicle is armed, or a flight is under way; no computer was changed.
     """
     found = await at_all(hosts, ask)
     flying = [
@@ -62,7 +62,7 @@ async def _update(host: Host, before: Computer, order: Push) -> Outcome:
         raise host.error("it does not run the onboard image, and has no slots: `radron-deploy install` brings it up to date")
     trial, wanted = before.trial, order.manifest.release if order.manifest is not None else None
     under_way = trial is not None and trial.release == wanted and (before.busy or trial.slot == before.slot)
-    if not under_way:  # else this push goes on where an earlier one has lost its connection
+    if not under_way:  # else this push continues an earlier push with a lost connection
         if order.bundle is None or order.manifest is None:
             await _call(host, f"{PROGRAM} rollback", order)
         else:
@@ -81,7 +81,7 @@ async def _send_and_install(host: Host, before: Computer, bundle: Path, manifest
 
 
 async def _make_room(host: Host, target: str, manifest: BundleManifest) -> None:
-    """Remove what is left of other bundles, and see that this one fits."""
+    """Remove remains of other bundles, and check that this bundle fits. Raises RemoteError: the disk is full."""
     begun = f"stat -c %s {target} 2> /dev/null || stat -c %s {target}.part 2> /dev/null || echo 0"
     others = f"find {INCOMING} -type f ! -path '{target}*' -delete 2> /dev/null || true"
     there, free = (await run(host, f"{others}; {begun}; df --output=avail -B 1000000 /var | tail -n 1")).split()
@@ -91,7 +91,7 @@ async def _make_room(host: Host, target: str, manifest: BundleManifest) -> None:
 
 
 async def _call(host: Host, command: str, order: Push) -> None:
-    """Run the updater there; it starts the computer anew, which may end the connection."""
+    """Run the updater there. It restarts the computer, which may end the connection."""
     started = False
 
     def tell(line: str) -> None:
@@ -111,7 +111,7 @@ async def _decided(host: Host, before: Computer, order: Push) -> Outcome:
     """Wait until the computer has decided about its new slot.
 
     Raises:
-        RemoteError: it has not in time.
+        RemoteError: no decision in time.
     """
     until_s = time.monotonic() + order.decided_s
     order.tell(host, "starting anew", 0, 0)

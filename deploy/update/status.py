@@ -1,4 +1,4 @@
-"""``radron-deploy status``: what a fleet's onboard computers tell of themselves, in one table in which differences stand out."""
+"""``radron-deploy status``: the status of a fleet's onboard computers, in one table with marked differences."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _DAY_NS = 86_400_000_000_000
-_CLOCK_S = 0.5  # between a computer and this one; drones whose clocks differ by more do not start
+_CLOCK_S = 0.5  # between a computer's clock and this one; drones with a larger difference do not start
 _SOON_DAYS = 7.0
 _LEAST_FREE_MB = 1000
 _SAME = 1e-5  # relative, of a parameter: the link has single precision
-# Each drone has its own layer, and its own launch place; the last one is set at the takeoff.
+# Each drone has its own altitude layer and launch place; the last parameter is set at the takeoff.
 _OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST", "MIS_TAKEOFF_ALT"}
-Kind = tuple[bool, bool]  # whether an autopilot localises itself by satellites, and by vision
+Kind = tuple[bool, bool]  # localisation of an autopilot: by satellites, and by vision
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A text, and whether it is out of the ordinary: another one than the others', or one that somebody should look at."""
+    """A text; ``stands_out``: it differs from the other computers' text, or needs attention."""
 
     text: str
     stands_out: bool = False
 
     def __str__(self) -> str:
-        """Without colours, too, it stands out."""
+        """Return the text with a mark that stands out without colours, too."""
         return f"! {self.text}" if self.stands_out else self.text
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a computer told, and how far this computer's clock went meanwhile (UTC, nanoseconds)."""
+    """A computer's status, with the times of question and answer by this computer's clock (UTC, nanoseconds)."""
 
     computer: Computer
     asked_ns: int
@@ -48,8 +48,10 @@ class Answer:
 
 
 def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[dict[str, Cell]]:
-    """A row for each computer, by column. What ``fleet`` says of a drone counts; in what it leaves open, all should be alike:
-    in the release, in the version of PX4, and in the parameters of autopilots that localise themselves in the same way.
+    """Return a row for each computer, by column.
+
+    The values of ``fleet`` are the reference. Without a value there, all drones should have the same release, the same version
+    of PX4, and the same parameters of autopilots with the same kind of localisation.
     """
     drones = [_drone(host, fleet) for host, _ in answers]
     usual = _usual(answers, drones)
@@ -60,7 +62,7 @@ def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[di
 
 
 def table(made: Sequence[dict[str, Cell]]) -> Table:
-    """As a table."""
+    """Return the rows as a table."""
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
@@ -71,18 +73,18 @@ def table(made: Sequence[dict[str, Cell]]) -> Table:
 
 
 def _drone(host: Host, fleet: Fleet | None) -> FleetDrone | None:
-    """What the fleet file says of a computer."""
+    """Return a computer's drone in the fleet file; None if not listed."""
     drones = fleet.config.drones if fleet is not None else ()
     return next((drone for drone in drones if drone.id == host.name or drone.address == host.address), None)
 
 
 def _kind(drone: FleetDrone | None) -> Kind:
-    """How a drone's autopilot localises itself: for each kind other parameters are right."""
+    """Return the kind of localisation of a drone's autopilot: the right parameters depend on it."""
     return (True, False) if drone is None else (drone.vehicle.gnss, drone.vehicle.vision is not None)
 
 
 def _mark_other(made: Sequence[dict[str, Cell]], column: str, given: Sequence[str | None]) -> None:
-    """Mark what most drones have otherwise, except where the fleet file gives it."""
+    """Mark values that differ from most drones' value, except values given by the fleet file."""
     usual = Counter(row[column].text for row, wanted in zip(made, given, strict=True) if wanted is None)
     if not usual:
         return
@@ -160,7 +162,7 @@ def _camera(told: Computer, drone: FleetDrone | None) -> Cell:
 
 
 def _px4(told: Computer, judged: Px4Config, usual: Mapping[str, float]) -> Cell:
-    """Version, and the parameters that differ from the fleet file's; of those that it does not name, from most drones'."""
+    """Return the version, and the parameters that differ from the fleet file or, if not listed there, from most drones."""
     if told.report is None or told.report.px4 is None:
         return Cell("?", stands_out=judged != Px4Config())
     found = told.report.parameters
@@ -177,7 +179,7 @@ def _px4(told: Computer, judged: Px4Config, usual: Mapping[str, float]) -> Cell:
 
 
 def _usual(answers: Sequence[tuple[Host, Answer]], drones: Sequence[FleetDrone | None]) -> dict[Kind, dict[str, float]]:
-    """The most frequent value of each parameter, among the drones of each kind."""
+    """Return the most frequent value of each parameter, among the drones of each kind."""
     values: dict[Kind, dict[str, Counter[float]]] = defaultdict(lambda: defaultdict(Counter))
     for (_, answer), drone in zip(answers, drones, strict=True):
         counted = values[_kind(drone)]
@@ -191,7 +193,7 @@ def _differ(one: float, other: float) -> bool:
 
 
 def _clock(answer: Answer) -> Cell:
-    """Against this computer's; the answer came at some time between question and end."""
+    """Return the clock's offset from this computer's clock; the answer came between question and end of the reply."""
     told_ns = answer.computer.clock_ns
     offset_s = 0.0
     if told_ns < answer.asked_ns:
