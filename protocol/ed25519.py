@@ -1,8 +1,8 @@
 """Ed25519 signatures (RFC 8032), made and verified by libsodium.
 
-libsodium verifies in half the time of the certificates' library, and lets other threads run meanwhile: in a swarm all drones
-verify every batch of log entries at once. Both libraries give the same result, with one exception: libsodium also refuses keys of
-small order and signatures with a zero nonce. Only the holder of a key can make these, and they keep no secret.
+Reason: libsodium verifies in half the time of the certificates' library, and lets other threads run meanwhile. In a swarm all
+drones verify every batch of log entries at once. Both libraries give the same result, with one exception: libsodium also refuses
+keys of small order and signatures with a zero nonce. Only the holder of a key can make these, and they keep no secret.
 """
 
 from __future__ import annotations

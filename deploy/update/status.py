@@ -28,7 +28,7 @@ Kind = tuple[bool, bool]  # localisation of an autopilot: by satellites, and by 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A text; ``stands_out``: it differs from the other computers' text, or needs attention."""
+    """A cell of the table; ``stands_out``: the text differs from the other computers' text, or needs the operator's attention."""
 
     text: str
     stands_out: bool = False

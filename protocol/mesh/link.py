@@ -172,8 +172,8 @@ async def close_session(session: zenoh.Session) -> None:
 def _do_not_linger(link: socket.socket) -> None:
     """Let the kernel send remaining data in the background when a link is closed.
 
-    Zenoh gives its sockets a linger time of 10 s: for this time a link to a peer that has stopped reading would block close(),
-    and, when Zenoh gives such a peer up, a receive thread with all its queued messages.
+    Zenoh gives its sockets a linger time of 10 s. For this time a link to a peer that has stopped reading would block close().
+    When Zenoh gives such a peer up, the link would also block a receive thread with all its queued messages.
     """
     with contextlib.suppress(OSError):  # closed meanwhile
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))

@@ -141,13 +141,13 @@ class Serving:
         self._queryable: zenoh.Queryable[None] | None = None
 
     async def open(self) -> None:
-        """Start to answer. Raises zenoh.ZError."""
+        """Start answering. Raises zenoh.ZError."""
         self._queryable = await in_thread(
             lambda: self._session.declare_queryable(self._key, Callback(self._take, indirect=False))
         )
 
     async def close(self) -> None:
-        """Stop to answer. Raises zenoh.ZError."""
+        """Stop answering. Raises zenoh.ZError."""
         if self._queryable is not None:
             await in_thread(self._queryable.undeclare)
 

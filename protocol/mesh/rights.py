@@ -1,7 +1,7 @@
 """Rights of publication: the rules of a session for messages of its peers, by the names in their certificates.
 
-A message without a right is dropped by its receiver. Zenoh knows neither the roles of names nor the authors of relayed messages:
-agents check by signatures that a command is an operator's, and that an entry in an answer is its author's.
+A message without a right is dropped by its receiver. Zenoh knows neither the roles of names nor the authors of relayed messages.
+Agents check by signatures that a command is an operator's, and that an entry in an answer is its author's.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def access_control(
 def limits(swarm: str) -> list[dict[str, object]]:
     """Return Zenoh's ``downsampling`` settings of one session: limits of each peer's rate of commands, log and cache queries.
 
-    Zenoh's own threads drop messages beyond the limit: further on, they would take time of the agent's event loop, commands
-    first, and a flood would delay its steps and the news of the other peers. The inbox limits news and entries: after a stall
+    Zenoh's own threads drop messages beyond the limit. Later on, the messages would take time of the agent's event loop, commands
+    first: a flood would delay its steps and the news of the other peers. The inbox limits news and entries: after a stall
     several messages arrive at once, and the newest counts.
     """
     commands = [{"key_expr": f"{_PREFIX}/{swarm}/{STATION}/*/{kind}", "freq": COMMANDS_PER_S} for kind in STATION_KINDS]

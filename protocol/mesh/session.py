@@ -90,7 +90,7 @@ class Mesh:
         Args:
             config: endpoints.
             swarm: name of the swarm.
-            drone: own id; None: an operator, without history, without a token in ``alive``, without a log to query.
+            drone: own id; None: an operator, who gets no history, is not listed in ``alive`` and has no log to query.
             receive: called with key and payload of every message of the swarm except the own messages; an operator's session
                 gets its own orders, too. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one
                 key, in order; of other kinds only the newest message.
@@ -261,7 +261,7 @@ class Mesh:
         return await fetch(self._session, station_key(self._swarm, station, "mission"), hashes)
 
     async def close(self) -> None:
-        """Leave the swarm, normally within a second. Afterwards no message is received, and publications fail."""
+        """Leave the swarm, within the bound of ``close_session``. Afterwards no message is received, and publications fail."""
         self._inbox.close()
         await in_thread(self._outgoing.close)
         if self._session is not None:
