@@ -1,7 +1,8 @@
-"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and failsafes; with what the driver on board makes of a request.
+"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and failsafes; with the handling of requests by the driver on
+board.
 
-Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. As the driver (``agent.vehicle.requests``), it does
-not repeat a request that was fulfilled before somebody else chose another mode.
+Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. Like the driver (``agent.vehicle.requests``),
+it does not repeat a fulfilled request after another mode was chosen, not by the agent.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ ACTS_AFTER_S = 5.0  # COM_FAIL_ACT_T: time in hold before the failsafe of an emp
 class Autopilot:
     """The flight-mode logic of one vehicle, advanced in fixed steps.
 
-    Written by whatever disturbs it: ``hears_requests``, ``hears_setpoints``: messages of this step arrive. ``refuses``: changes
-    of mode by the agent are refused. ``knows_position``: its filter does.
+    Set by faults: ``hears_requests``, ``hears_setpoints``: messages of this step arrive. ``refuses``: mode changes by the
+    agent are refused. ``knows_position``: the filter's position is known.
     """
 
     def __init__(
@@ -43,8 +44,8 @@ class Autopilot:
         without_setpoints: FlightMode = FlightMode.RETURN,
     ) -> None:
         """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT); lower near home. ``has_home``: a PX4 without
-        satellites has none, and lands where it would return; preflight refuses a return for want of setpoints there.
-        ``without_setpoints``: the mode that it flies then (COM_OBL_RC_ACT).
+        satellites has none, and lands instead of a return; its preflight checks refuse a return as the reaction to lost
+        setpoints. ``without_setpoints``: mode without setpoints (COM_OBL_RC_ACT).
         """
         self._highest_return_m, self._has_home = return_height_m, has_home
         self._return_height_m = return_height_m  # of this return
@@ -64,35 +65,35 @@ class Autopilot:
         self._setpoint_age = float("inf")
         self.hears_requests = self.hears_setpoints = self.knows_position = True
         self.refuses = False
-        self._intended: FlightMode | None = None  # to be flown again when a failsafe is over
+        self._intended: FlightMode | None = None  # resumed after a failsafe
         self._request = Request.STAY
-        self._yielded = False  # somebody else has chosen the mode since that request
+        self._yielded = False  # another mode was chosen since that request, not by the agent
         self._piloted = self._failed = False
-        self._acts: tuple[FlightMode, float] | None = None  # mode of a battery failsafe, and the time until it is flown
+        self._acts: tuple[FlightMode, float] | None = None  # mode of a battery failsafe, and the time of its begin
 
     @property
     def target(self) -> Target:
-        """The target that the vehicle follows now."""
+        """Return the target that the vehicle follows now."""
         return self._guidance.target
 
     @property
     def setpoint_age_s(self) -> float | None:
-        """Age of the setpoint that the vehicle follows; None where it follows none."""
+        """Return the age of the setpoint that the vehicle follows, s; None without a setpoint."""
         return self._setpoint_age if self.mode is FlightMode.OFFBOARD else None
 
     @property
     def piloted(self) -> bool:
-        """Whether a human pilot flies by hand: nobody else is obeyed, and no failsafe for want of battery acts."""
+        """Return whether a safety pilot flies by hand: agent and battery failsafe have no effect then."""
         return self._piloted
 
     @property
     def descends(self) -> bool:
-        """Whether the vehicle comes down to land, also at the end of a return."""
+        """Return whether the vehicle descends to land, also at the end of a return."""
         return self.mode is FlightMode.LAND or self._comes_down
 
     @property
     def grounded(self) -> bool:
-        """Whether the vehicle is on the ground with idling or stopped rotors."""
+        """Return whether the vehicle is on the ground with idling or stopped rotors."""
         return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)
 
     def command(self, command: VehicleCommand) -> None:
@@ -103,7 +104,7 @@ class Autopilot:
         if self.hears_requests:
             self._ask(command, setpoint is not None)
         if self._intended is FlightMode.OFFBOARD and self.knows_position and setpoint is not None and not self._failed:
-            self.failsafe, self._intended = False, None  # it goes back by itself
+            self.failsafe, self._intended = False, None  # recovers without a request
             self._follow_setpoints()
         if self.mode is FlightMode.OFFBOARD and setpoint is not None:
             self._guidance.target = Target(
@@ -111,34 +112,36 @@ class Autopilot:
             )
 
     def take_over(self, mode: FlightMode) -> None:
-        """A human pilot chooses a mode; in manual the pilot hovers, and requests of the agent count for nothing."""
+        """Begin a manual override: a safety pilot chooses a mode; in manual the pilot hovers, and the agent's requests have
+        no effect.
+        """
         if self.armed and not self._failed:
             self._piloted = mode is FlightMode.MANUAL
             self.in_air = self.in_air or self._armed_for > ARMING_S
             self._choose(mode)
 
     def give_back(self) -> None:
-        """The human pilot leaves the vehicle in hold, or lets it land that comes down, or that a failsafe flies."""
+        """End the manual override in hold; a descent or a failsafe continues."""
         if self._piloted or (self._yielded and not (self.descends or self.failsafe)):
             self._piloted = False
             self._choose(FlightMode.HOLD)
 
     def fail(self) -> None:
-        """The vehicle has lost its thrust: it comes down, is disarmed on the ground, and does not fly again."""
+        """Fail the motors: the vehicle descends, is disarmed on the ground, and does not fly again."""
         self._failed, self._acts, self._intended = True, None, None
         if self.armed:
             self._switch(FlightMode.LAND)
         self.failsafe = True
 
     def save_battery(self, mode: FlightMode) -> None:
-        """The battery is nearly empty: after some seconds in hold that mode is flown, unless somebody chooses otherwise."""
+        """React to a nearly empty battery: that mode is flown after some seconds in hold, unless another mode is chosen."""
         if self.armed and not self._failed and not self._piloted and self.mode not in (mode, FlightMode.LAND):
             waited = self.failsafe
             self._choose(mode if waited else FlightMode.HOLD)
             self._acts, self.failsafe = None if waited else (mode, ACTS_AFTER_S), True
 
     def reframe(self, frame: Reframing) -> None:
-        """The vehicle's local frame has jumped, and its filter reports it."""
+        """Note a reported jump of the vehicle's local frame."""
         self._guidance.reframe(frame)
 
     def step(self, position: Vector3, ground_m: float | None = None, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
@@ -164,7 +167,7 @@ class Autopilot:
             self._guidance.hover()
 
     def _watch(self) -> None:
-        """Failsafes: lost setpoints, lost position, battery. Those of a lost position end with it."""
+        """Check the failsafes: lost setpoints, lost position, battery. A lost-position failsafe ends with its cause."""
         if not self.armed or self._failed:
             return
         blind = not self.knows_position and self.in_air and self.mode is not FlightMode.MANUAL
@@ -188,18 +191,18 @@ class Autopilot:
                 self._switch(mode)
 
     def _choose(self, mode: FlightMode) -> None:
-        """Somebody other than the agent chooses a mode."""
+        """Choose a mode, not by the agent."""
         self._yielded, self._intended, self._acts, self.failsafe = True, None, None, False
         self._switch(mode)
 
     def _ask(self, command: VehicleCommand, streaming: bool) -> None:
-        """The agent requests a mode."""
+        """Handle the agent's request of a mode."""
         request = command.request
         if request is not self._request:
             self._request, self._yielded = request, False
         if self._yielded or self._piloted or self.refuses or self._failed:
             return
-        fails = self._intended is not None  # a mode that a failsafe flies is not what was asked for
+        fails = self._intended is not None  # the mode of a failsafe is not the requested one
         if request is Request.TAKEOFF:
             self._take_off(command.takeoff_height_m)
         elif request is Request.OFFBOARD and self.in_air and streaming:
@@ -212,7 +215,7 @@ class Autopilot:
             self._change(FlightMode.LAND)
 
     def _change(self, mode: FlightMode) -> None:
-        """Change to a mode by request of the agent; those that need a position are refused where it is not known."""
+        """Change to a mode by request of the agent; modes that need a position are refused without a known one."""
         if not self.knows_position and mode is not FlightMode.LAND:
             return
         self._intended = self._acts = None
@@ -249,7 +252,7 @@ class Autopilot:
             self._guidance.stay(self.target.position)
 
     def _return_home(self) -> None:
-        """A PX4 stays in return mode until it is down."""
+        """Fly the return; a PX4 stays in return mode until it is down."""
         if self._guidance.go_home(self._return_height_m, RETURN_CLIMB_MPS, RETURN_SPEED_MPS):
             self._comes_down = True
 
@@ -270,7 +273,9 @@ class Autopilot:
 
 
 def autopilots(mission: MissionConfig, homes: Iterable[Vector3], yaws: Array, step_s: float) -> list[Autopilot]:
-    """Those of a mission's drones. ``homes``: in each one's local frame; ``yaws``: (N,) rad, of these frames in the mission's."""
+    """Return the autopilots of a mission's drones. ``homes``: in their local frames; ``yaws``: (N,) rad, of these in the
+    mission's.
+    """
     places = zip(homes, yaws.tolist(), mission.return_heights_m, mission.drones, strict=True)
     mode = FlightMode(mission.safety.agent_lost)
     return [

@@ -18,7 +18,7 @@ BELOW_GROUND_M = 0.5  # end of a descent's target, so that the vehicle is sure t
 # in which it builds up its deceleration; or at once, and then back to where it began, at a speed by distance as recorded.
 ACCELERATION_MPS2, JERK_MPS3, LATE_S = 3.0, 4.0, 0.6
 BACK_PS = 0.4
-APPROACH_S = 0.3  # time constant to the speed that is wanted
+APPROACH_S = 0.3  # time constant to the wanted speed
 SLOWING_M = (7.0, 3.5)  # heights between which a landing slows down, as recorded
 CONE_M, CONE_DEG, LOWEST_RETURN_M = 10.0, 45.0, 2.0  # a return that begins near home (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
@@ -54,19 +54,19 @@ class Target:
 
 
 def stopping_m(speed_mps: float) -> float:
-    """How far ahead a PX4 puts the place where it holds or lands (``computeBrakingDistanceFromVelocity``)."""
+    """Return how far ahead a PX4 places its stop in hold or landing, m (``computeBrakingDistanceFromVelocity``)."""
     return speed_mps * (speed_mps / (2.0 * ACCELERATION_MPS2) + LATE_S)
 
 
 def fastest_mps(distance_m: float) -> float:
-    """Speed at which a PX4's setpoint approaches a place that is so far away (``computeMaxSpeedFromDistance``)."""
+    """Return the speed of a PX4's setpoint on its approach at this distance, m/s (``computeMaxSpeedFromDistance``)."""
     ramp_mps = 2.0 * ACCELERATION_MPS2**2 / JERK_MPS3
     return sqrt(ramp_mps**2 + 2.0 * ACCELERATION_MPS2 * distance_m) - ramp_mps
 
 
 def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CONE_M, angle_deg: float = CONE_DEG) -> float:
-    """Height above home at which a PX4 returns from so far away: nearer than ``within_m`` (RTL_MIN_DIST) no higher than a cone
-    about home (RTL_CONE_ANG, deg: its half-angle).
+    """Return the height above home of a PX4's return from this distance, m: nearer than ``within_m`` (RTL_MIN_DIST) no higher
+    than a cone about home (RTL_CONE_ANG, deg: its half-angle).
     """
     if distance_m >= within_m:
         return highest_m
@@ -74,7 +74,7 @@ def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CO
 
 
 def descent_mps(height_m: float, fastest_mps: float, landing_mps: float) -> float:
-    """Speed at which a PX4 comes down to land, at a height: from MPC_Z_V_AUTO_DN it slows down to MPC_LAND_SPEED."""
+    """Return a PX4's descent speed at a height, m/s: from MPC_Z_V_AUTO_DN it slows down to MPC_LAND_SPEED."""
     high_m, low_m = SLOWING_M
     share = max(0.0, min((height_m - low_m) / (high_m - low_m), 1.0))
     return landing_mps + share * (fastest_mps - landing_mps)
@@ -114,7 +114,7 @@ class Guidance:
         self._go((x, y, z))
 
     def reframe(self, frame: Reframing) -> None:
-        """The local frame has jumped: the target keeps its place in the world."""
+        """Adapt to a jump of the local frame: the target keeps its place in the world."""
         target = self.target
         self.home = frame.point(self.home)
         self._place = frame.point(self._place)
@@ -154,11 +154,11 @@ class Guidance:
         self._go((x, y, max(self.home[2] + height_m, z - speed_mps * self._step_s)))
 
     def _rest(self, place: Vector3) -> None:
-        """Nothing is left of a way across to ``place``."""
+        """End a way across at ``place``."""
         self._place, self._velocity, self._acceleration, self._flies_back = place, REST, REST, False
 
     def _across(self) -> tuple[float, float]:
-        """Where it is next, horizontally, on its way to where it stays: as fast as the distance allows, without a jerk."""
+        """Return the next horizontal position on its way: as fast as the distance allows, without a jerk."""
         (x, y, _), (u, v, _), (a, b, _) = self.target.position, self._velocity, self._acceleration
         dx, dy = self._place[0] - x, self._place[1] - y
         distance = hypot(dx, dy)

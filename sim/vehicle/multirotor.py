@@ -111,7 +111,7 @@ class Multirotors:
         step_s: float,
         rng: np.random.Generator,
     ) -> None:
-        """``truth``: of all, or of each; delay and wind are those of the first."""
+        """``truth``: of all, or of each; delay and wind are the first vehicle's."""
         count = len(position_m)
         truths = [truth] * count if isinstance(truth, MultirotorTruth) else list(truth)
         self._truth, self._truths = truths[0], truths
@@ -199,7 +199,7 @@ class Multirotors:
             self._state[grounded, :, POSITION] = resting
 
     def fail(self, drone: int, descent_mps: float) -> None:
-        """A vehicle has lost its thrust for good: it slows down by drag, sinks at this speed and spins."""
+        """Fail a vehicle's motors for good: it slows down by drag, sinks at this speed and spins."""
         self._falling[drone] = descent_mps
 
     @property
@@ -267,7 +267,7 @@ class Multirotors:
 
 
 def _shorter_way(angle: Array) -> Array:
-    """Angles (N,) within half a turn; 0 instead of NaN, where no heading is wanted."""
+    """Reduce angles (N,) to half a turn; 0 instead of NaN, for a free heading."""
     turned: Array = np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
     return np.where(np.isnan(turned), 0.0, turned)
 

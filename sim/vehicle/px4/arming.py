@@ -19,7 +19,7 @@ CHECKED_S = 2.5  # time after the start of the first checks
 
 
 class Readiness(NamedTuple):
-    """Inputs of the checks. mode: the one being flown; stream: whether offboard targets arrive."""
+    """Inputs of the checks. mode: present mode; stream: whether offboard targets arrive."""
 
     armed: bool
     mode: Mode
@@ -64,7 +64,7 @@ class ArmingChecks:
         self._fixless = fixless
 
     def failure(self, now: Readiness) -> str | None:
-        """Why arming is denied, in PX4's words; None if it is not."""
+        """Return the reason for a denied arming, in PX4's words; None if it is allowed."""
         found = (
             (self._time_s < self._stable_s, HEADING),
             (self._unhealthy is not None, self._unhealthy),

@@ -25,7 +25,7 @@ _LEVELS = (
     (Warning.LOW, "BAT_LOW_THR", 0.5),
     (Warning.CRITICAL, "BAT_CRIT_THR", 0.75),
     (Warning.EMERGENCY, "BAT_EMERGEN_THR", 2.6),
-)  # parameter, and how long its condition must hold
+)  # parameter, and duration of its condition
 
 
 class Battery:

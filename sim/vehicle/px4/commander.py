@@ -94,7 +94,9 @@ class Commander:
         self._steering.offboard, self._offboard_s = target, self._time_s
 
     def reframe(self, frame: Reframing) -> None:
-        """The local frame has jumped. PX4's autonomous modes take it into account; offboard targets are left to the companion."""
+        """Note a jump of the local frame. PX4's autonomous modes take it into account; offboard targets are left to the
+        companion.
+        """
         self._guidance.reframe(frame)
 
     def set_mode(self, mode: Mode) -> int:
@@ -118,12 +120,12 @@ class Commander:
         return result
 
     def take_over(self) -> None:
-        """A pilot takes over by the sticks, in position mode, and hovers."""
+        """Begin a manual override by the sticks, in position mode; the pilot hovers."""
         self._at_the_sticks = True
         self._choose(Mode.POSITION)
 
     def fail(self) -> None:
-        """The vehicle has lost its thrust: it comes down whatever it is asked for, is disarmed on the ground, and never armed."""
+        """Fail the motors: the vehicle descends in any mode, is disarmed on the ground, and never armed again."""
         self._failed = True
 
     def take_off(self, height_m: float | None) -> int:
@@ -170,7 +172,7 @@ class Commander:
 
     @property
     def preflight_failure(self) -> str | None:
-        """Why arming is denied, in PX4's words; None if it is not."""
+        """Return the reason for a denied arming, in PX4's words; None if it is allowed."""
         if self._failed:
             return MOTOR_FAILED
         return self.checks.failure(
@@ -207,12 +209,12 @@ class Commander:
 
     @property
     def home(self) -> Vector3:
-        """Where it was armed last, or stands."""
+        """Return the place of the last arming, or the present one before it."""
         return self._guidance.home if self.armed else self._position
 
     @property
     def target(self) -> Target:
-        """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
+        """Return the target that the vehicle follows now; with a position of NaN only the velocity counts."""
         return self._guidance.target
 
     @property
@@ -249,7 +251,7 @@ class Commander:
         return self._time_s - self._offboard_s <= self._parameters["COM_OF_LOSS_T"]
 
     def _is_possible(self, mode: Mode) -> bool:
-        """Whether an armed vehicle has what it needs to fly in a mode."""
+        """Return whether the conditions of a mode are met for an armed vehicle."""
         if mode.by_hand:
             return self._at_the_sticks
         return self.knows_position and (mode is not Mode.RETURN or self.has_home)

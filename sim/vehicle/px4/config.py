@@ -21,7 +21,7 @@ class Faults(Struct, frozen=True, kw_only=True):
     """Injected faults of a vehicle. In flight, links are cut by ``Px4Face.cut_links``, satellites by ``lose_satellites``."""
 
     boot_s: float = 0.0  # additional boot time: no message before
-    silent: bool = False  # neither sends nor hears anything
+    silent: bool = False  # neither sends nor receives
     unhealthy: str | None = None  # text of an arming check that never passes
     satellites_lost_s: tuple[float, float] | None = None  # begin of an outage, by its own clock, and duration
 

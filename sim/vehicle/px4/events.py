@@ -43,7 +43,7 @@ class Action(IntEnum):
 
 
 class Cause(IntEnum):
-    """Causes of a failsafe, numbered as in its events; those without a number of their own are generic."""
+    """Causes of a failsafe, numbered as in its events; causes without a number of their own are generic."""
 
     GENERIC = 0
     GROUND_STATION_LOST = 2
@@ -52,7 +52,7 @@ class Cause(IntEnum):
 
 
 class By(IntEnum):
-    """Who arms or disarms, numbered as in the events."""
+    """Cause of an arming or disarming, numbered as in the events."""
 
     COMMAND = 4
     LANDING = 6

@@ -115,7 +115,7 @@ class Px4Face:
         self._dark_until_s = max(self._dark_until_s, self._state.boot_s + duration_s)
 
     def disarm_before_takeoff(self) -> None:
-        """Somebody on site disarms it as soon as its heartbeat shows it armed, unless it is in the air by then."""
+        """Disarm by a person on site as soon as the heartbeat shows it armed, unless it is in the air by then."""
         self._to_be_disarmed = True
 
     @property
@@ -181,13 +181,13 @@ class Px4Face:
         return self.reckoning.step(not needs_them or state.reading is not None, self.commander.armed)
 
     def align_heading(self) -> float | None:
-        """Return the angle (rad) by which its filter resets its heading now, and nothing else; None where it does not."""
+        """Return the angle (rad) of a heading reset by its filter now, and nothing else; None without a reset."""
         if self._alignment is None or self.vision.wanted or not self.by_satellites:
             return None
         return self._alignment.step(self.commander.landed, self._state.now.position_enu_m[2])
 
     def take_external_places(self) -> tuple[Geodetic | None, Geodetic | None]:
-        """Position and local origin that somebody has sent to it, each returned once."""
+        """Return position and local origin sent by an external source, each once."""
         requests = self._requests
         told = (requests.told, requests.external_origin)
         requests.told = requests.external_origin = None
@@ -200,19 +200,19 @@ class Px4Face:
         self._origin_announced = False
 
     def look(self, time_s: float, estimate: Estimate, yaw_rad: float, step_s: float) -> list[Correction]:
-        """Take the vision's poses, if there is one: corrections of the latest estimate, whose heading is ``yaw_rad`` (ENU)."""
+        """Process the vision's poses, if any: return corrections of the latest estimate, whose heading is ``yaw_rad`` (ENU)."""
         if not self.vision.wanted:
             return []
         now = Pose(max(0.0, time_s - self._boot_s), estimate.position_enu_m, yaw_rad)
         return self.vision.step(now, step_s)
 
     def update_position_known(self, by_vision: bool) -> None:
-        """Use vision, which may have been lost for too long to know the position; else satellites, for which the same holds."""
+        """Update whether the position is known, by vision or else by satellites: either may have been lost for too long."""
         vision, boot_s = self.vision, self._state.boot_s
         self._state.knows_position = vision.knows_position(boot_s) if by_vision else self.reckoning.known
 
     def set_truth_source(self, truth: Callable[[], Estimate]) -> None:
-        """Set the source of the true state, for those who request it."""
+        """Set the source of the true state, for requests of it."""
         self._state.truth = truth
 
     def claim(self, horizontal_m: float) -> None:
@@ -220,12 +220,12 @@ class Px4Face:
         self._claimed_m = horizontal_m
 
     def reset(self, frame: Reframing, resets: int = 1) -> None:
-        """The filter has been reset: the local frame jumps, and the reset counter reports it."""
+        """Report a reset of the filter: the local frame jumps, and the reset counter shows it."""
         self._frame_resets += resets
         self.commander.reframe(frame)
 
     def step(self, time_s: float, estimate: Estimate, contact: bool) -> None:
-        """Take the latest estimate and decide what to fly; ``contact``: on the ground."""
+        """Process the latest estimate and decide the target; ``contact``: on the ground."""
         state, commander = self._state, self.commander
         state.boot_s = max(0.0, time_s - self._boot_s)
         state.utc_ns = self._stepped_ns = self._clock_ns()

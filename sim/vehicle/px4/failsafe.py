@@ -37,9 +37,7 @@ _WARNINGS = {
 
 
 class Situation(NamedTuple):
-    """Inputs of the failsafes. offboard_silent_s: since the last target, 0 where offboard is not intended. Positions are
-    local.
-    """
+    """Inputs of the failsafes. offboard_silent_s: since the last target, 0 unless offboard is intended. Positions are local."""
 
     offboard_silent_s: float
     position: Vector3
@@ -52,9 +50,9 @@ class Situation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fallback:
-    """Whether a failsafe is active, and the mode that it flies; None: unchanged.
+    """Activity of a failsafe, and its mode; None: unchanged.
 
-    here: it holds where it began, not where it stops.
+    here: it holds at its begin, not at the stopping point.
     """
 
     active: bool = False

@@ -1,8 +1,8 @@
-"""Faults of emulated vehicles: gusts, a failed motor, a battery that is low or lies, an autopilot that refuses, whose position
-jumps or heading is reset, that falls silent, or that is disarmed.
+"""Faults of emulated vehicles: gusts, a failed motor, a low or misreported battery, refusals, position jumps, heading resets,
+silence, and disarming.
 
-They do to emulated autopilots what ``sim.faults.vehicles`` does to those of lockstep, but for what the emulation does by itself:
-its failsafes react to the battery.
+They correspond to ``sim.faults.vehicles`` in lockstep, except for the emulation's own behaviour: its failsafes react to the
+battery.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class EmulatedFaults:
         step_s: float,
         rng: np.random.Generator,
     ) -> None:
-        """``reset``: resets a vehicle's filter, so that its own position jumps by a shift (world, m) and its heading by an angle
+        """``reset``: resets a vehicle's filter: its own position jumps by a shift (world, m) and its heading by an angle
         (rad); ``turn``: resets its heading alone, by an angle (rad); ``rng``: draws the directions of gusts and jumps.
         """
         self._faces, self._motion, self._reset, self._turn = faces, motion, reset, turn
@@ -46,11 +46,11 @@ class EmulatedFaults:
         self._active: list[tuple[int, VehicleFault]] = []
         self._pushes: dict[tuple[int, VehicleFault], Array] = {}
         self._jumps: dict[tuple[int, VehicleFault], tuple[Array, float]] = {}  # shift, angle
-        self._true: dict[int, Cells] = {}  # of vehicles whose battery lies
+        self._true: dict[int, Cells] = {}  # of vehicles with a misreported battery
         self._actions: dict[int, float] = {}  # of vehicles whose autopilot only warns for now
 
     def begin(self, drone: int, fault: VehicleFault) -> None:
-        """A fault strikes a vehicle."""
+        """Begin a fault of a vehicle."""
         self._active.append((drone, fault))
         match fault:
             case Gust():
@@ -75,7 +75,7 @@ class EmulatedFaults:
                 self._faces[drone].disarm_before_takeoff()
 
     def end(self, drone: int, fault: VehicleFault) -> None:
-        """A fault of a vehicle is over."""
+        """End a fault of a vehicle."""
         self._active.remove((drone, fault))
         match fault:
             case Gust():
@@ -92,7 +92,7 @@ class EmulatedFaults:
                 self._jump(drone, -shift_m, -turn_rad)
 
     def step(self) -> None:
-        """Advance one step: what the faults draw from the batteries."""
+        """Advance one step: discharge of batteries by faults."""
         for drone, fault in self._active:
             if not isinstance(fault, Battery):
                 continue
@@ -106,7 +106,7 @@ class EmulatedFaults:
                 self._fail(drone, EMPTY_MPS)
 
     def _battery(self, drone: int) -> Cells:
-        """The one that the vehicle flies on."""
+        """Return the vehicle's true battery."""
         return self._true.get(drone, self._faces[drone].battery)
 
     def _batteries(self, drone: int) -> list[Battery]:
@@ -132,11 +132,11 @@ class EmulatedFaults:
             face.parameters.set(_ACTION, self._actions.pop(drone))
 
     def _side(self) -> float:
-        """Left or right, drawn."""
+        """Draw left or right."""
         return 1.0 if self._rng.random() < 0.5 else -1.0
 
     def _direction(self) -> Array:
-        """A horizontal unit vector, drawn."""
+        """Draw a horizontal unit vector."""
         angle = float(self._rng.uniform(-pi, pi))
         return np.array([cos(angle), sin(angle), 0.0])
 

@@ -50,7 +50,7 @@ class VehicleReport:
     in_air: bool
     failsafe: bool
     setpoints: int  # position targets received
-    computed_setpoints: int  # of these, the ones that differ from the one before
+    computed_setpoints: int  # targets that differ from the one before
     largest_gap_s: float  # between two computed setpoints while in offboard
     # source of its position: this simulation, PX4's simulation, or its own estimate
     truth: Literal["world", "simulation", "estimate"] = "world"
@@ -59,8 +59,8 @@ class VehicleReport:
 class Px4Fleet:
     """The vehicles 0 .. N-1, MAVLink system ids 1 .. N.
 
-    Each has its own local NED frame with an origin some tens of metres from where it stands; with vision, the frame is the
-    vision's. Where its localisation drifts or jumps (``localized``), this frame does too.
+    Each has its own local NED frame with an origin some tens of metres from its start; with vision, the frame is the
+    vision's. Drift and jumps of its localisation (``localized``) move this frame too.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class Px4Fleet:
         self.faces[drone].parameters.set("SIM_GPS_USED", float(number.view(np.float32)))
 
     def take_over(self, drone: int, mode: str) -> None:
-        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+        """Override a vehicle as a safety pilot by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
         commander = self.faces[drone].commander
         if mode == "manual":
             commander.take_over()
@@ -158,15 +158,15 @@ class Px4Fleet:
             commander.set_mode(Mode[mode.upper()])
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault strikes a vehicle."""
+        """Begin a fault of a vehicle."""
         self._faults.begin(drone, fault)
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault of a vehicle is over."""
+        """End a fault of a vehicle."""
         self._faults.end(drone, fault)
 
     def reports(self) -> list[VehicleReport]:
-        """One for each vehicle."""
+        """Return a report for each vehicle."""
         return [_report(face) for face in self.faces]
 
     def close(self) -> None:
@@ -175,13 +175,13 @@ class Px4Fleet:
             face.close()
 
     def _reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
-        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
+        """Reset a vehicle's filter: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
         place = self._motion.position_m[drone] + self._error.position_error_m[drone]
         x, y, z = (self._frames.matrix[drone].T @ np.array(shift_m)).tolist()
         self.faces[drone].reset(self._frames.correct(drone, place, (x, y, z), turn_rad))
 
     def _turn_heading(self, drone: int, turn_rad: float) -> None:
-        """A vehicle's filter resets its heading by ``turn_rad``, and nothing else: its local frame stays where it is."""
+        """Reset the heading of a vehicle's filter by ``turn_rad``, and nothing else: its local frame stays."""
         self._error.turn(drone, turn_rad)
         self.faces[drone].reset(Reframing(0.0, REST))
 

@@ -58,7 +58,7 @@ class _Track:
 
 @dataclass(slots=True)
 class _Received:
-    """Messages of one vehicle: its own estimate and, where it is simulated, the true state of that simulation.
+    """Messages of one vehicle: its own estimate and, if it is simulated, the true state of that simulation.
 
     ``geodetic``: latitude, longitude in degrees and altitude in metres of the true positions' origin.
     """
@@ -83,17 +83,17 @@ class _Received:
 
     @property
     def track(self) -> _Track:
-        """The track that is used as truth."""
+        """Return the track that serves as truth."""
         return self.true if self.simulated else self.told
 
 
 class GroundStation:
     """Listens to vehicles 0 .. N-1, MAVLink system ids 1 .. N, and replaces ``Px4Fleet`` and its motion in the world.
 
-    PX4's own simulation is asked for its true state (HIL_STATE_QUATERNION), which is used as truth. For a vehicle that has none,
-    such as a real one, it is the vehicle's own estimate. It stands on its launch place until it is first armed.
+    PX4's own simulation is asked for its true state (HIL_STATE_QUATERNION), which serves as truth. For other vehicles, such
+    as real ones, the truth is their own estimate. A vehicle stands on its launch place until it is first armed.
 
-    A vehicle forwards what it hears on its other links: heartbeats of companions, which may all call themselves system 1, and of
+    A vehicle forwards messages of its other links: heartbeats of companions, which may all call themselves system 1, and of
     other ground stations. Only messages of the autopilots, component 1 of their systems, are used.
 
     position_m, velocity_mps: (N, 3), world ENU.

@@ -10,7 +10,7 @@ SPOOL_UP_S = 0.85  # after arming
 DETECTED_S = (0.75, 1.1)  # delay of takeoff detection once the rotors turn and a climb is wanted
 RAMP_S = 2.35  # from then until the thrust lifts the vehicle
 DRIFTING_MPS = 1.5  # LNDMC_XY_VEL_MAX: a vehicle whose estimated speed is higher counts as flying
-SETTLED_S = 0.2  # contact time after which it stands firmly
+SETTLED_S = 0.2  # contact time until it stands firmly
 DISARMED_S = 0.05  # contact time with stopped rotors
 # Delay from contact to detection, and its frequency: of 13 recorded landings 9 took 3.2 to 4 s, one 7.8 and one 22.5 s.
 NOTICED_S = ((0.7, 3.2, 4.0), (0.15, 2.0, 3.2), (0.1, 4.0, 8.0), (0.05, 8.0, 22.5))
@@ -40,8 +40,8 @@ class LandDetector:
         self._wanted_s = 0.0
 
     def rise(self, wants_up: bool) -> bool:
-        """One step of an armed vehicle in the landed state; ``wants_up``: the rotors turn, and its target is above. Returns True
-        where the takeoff is noticed now.
+        """Advance an armed vehicle in the landed state by one step; ``wants_up``: the rotors turn, and its target is above.
+        Return True when the takeoff is noticed.
         """
         if not wants_up:
             self._wanted_s = 0.0
@@ -55,7 +55,7 @@ class LandDetector:
         return True
 
     def fly(self, contact: bool, wants_down: bool, noticeable: bool, mode: Mode) -> None:
-        """One step of a vehicle in the flying state.
+        """Advance a vehicle in the flying state by one step.
 
         wants_down: its target is below. noticeable: it descends in the way that the detector expects of a landing.
         """
@@ -71,7 +71,7 @@ class LandDetector:
         self._contact_s += self._step_s
 
     def notice(self, time_s: float, armed: bool) -> bool:
-        """Returns True where a landing is noticed now."""
+        """Return True when a landing is noticed."""
         if self._contact_s <= (self._notice_s if armed else DISARMED_S):
             return False
         self.landed, self.standing, self.landed_s = True, True, time_s

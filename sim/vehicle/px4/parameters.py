@@ -1,4 +1,4 @@
-"""PX4's parameters: some dozens of its about 885, those that the emulation reads or a companion asks for.
+"""PX4's parameters: some dozens of its about 885, as read by the emulation or requested by a companion.
 
 A parameter is an int32 or a float32. On the link every value is a float: an int32 is sent as its bits.
 """

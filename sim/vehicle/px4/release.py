@@ -1,4 +1,4 @@
-"""Versions of PX4, as far as the emulation tells them apart; each held to its recordings (``tests/contract``)."""
+"""Versions of PX4 that the emulation distinguishes; each is held to its recordings (``tests/contract``)."""
 
 from __future__ import annotations
 

@@ -12,14 +12,14 @@ from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 
 CLIMB_MPS2 = 0.6  # acceleration of a takeoff after lift-off
-AGAINST_DRAG = 0.87  # share of MPC_TKO_SPEED and MPC_XY_CRUISE that is reached
+AGAINST_DRAG = 0.87  # reached share of MPC_TKO_SPEED and MPC_XY_CRUISE
 LIFTS_M = 0.1  # a target this far above makes a standing vehicle lift off
 # A return slows down well before its end: speed by distance, in 1/s, the least speed, and the distance that is close enough.
 UP_PS, UP_MPS, UP_NEAR_M = 0.62, 0.1, 0.45
 UP_DELAY_S, UP_MPS2 = 1.2, 2.0
 ACROSS_PS, ACROSS_MPS, ACROSS_NEAR_M = 0.55, 0.55, 2.0
 CRAWL_BELOW_M, CRAWL_MPS = 0.8, 0.28
-DEEP_M = -1000.0  # a descent ends at the ground, wherever that is
+DEEP_M = -1000.0  # a descent ends at the ground, at any depth
 FALL_MPS2 = 100.0  # beyond free fall at zero thrust
 
 
@@ -43,7 +43,7 @@ class Steering:
 
     @property
     def target(self) -> Target:
-        """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
+        """Return the target that the vehicle follows now; with a position of NaN only the velocity counts."""
         return self.guidance.target
 
     def begin(
@@ -56,8 +56,8 @@ class Steering:
         standing: bool,
         back: bool = False,
     ) -> None:
-        """Fly another mode from now on; autonomous ones begin from the vehicle's motion. ``back``: it flies back to where it is
-        once it has braked, as it does before a return anyway.
+        """Fly another mode from now on; autonomous modes begin from the vehicle's motion. ``back``: after braking it flies
+        back to its present place, as always before a return.
         """
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
@@ -85,8 +85,8 @@ class Steering:
         return self.landing or mode is Mode.DESCEND
 
     def commanded_to_sink(self, mode: Mode) -> bool:
-        """Whether it is commanded to sink in the way that the land detector expects. Of two recorded offboard landings, the one
-        by velocity only was noticed; the one to a position below the ground never was.
+        """Return whether a commanded descent matches the land detector's expectation. Of two recorded offboard landings, a
+        landing by velocity only was noticed; a landing to a position below the ground never was.
         """
         if mode is Mode.OFFBOARD and self.offboard is not None:
             return self.offboard.velocity_mps[2] < 0.0 and not isfinite(self.offboard.position_m[2])

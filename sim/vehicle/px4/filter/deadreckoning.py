@@ -1,9 +1,9 @@
-"""Dead reckoning of PX4's EKF2: a vehicle that uses satellites loses them, and regains them.
+"""Dead reckoning of PX4's EKF2: loss and return of satellites for a vehicle that uses them.
 
-As recorded: it continues by its inertial sensors for EKF2_NOAID_TOUT with a growing error, of which it reports little; after that
-the vehicle does not know its position. 20 s without satellites in a hover gave an error of 99 m. When they return after a few
-seconds the position converges; once the fusion had stopped it is reset, which the reset counter reports. A vehicle that has
-landed and been disarmed detects that it is at rest.
+As recorded: it continues by its inertial sensors for EKF2_NOAID_TOUT with a growing error, and reports little of it; after
+that the position is unknown. 20 s without satellites in a hover gave an error of 99 m. When they return after a few seconds
+the position converges; once the fusion had stopped it is reset, which the reset counter reports. A vehicle that has landed
+and been disarmed detects that it is at rest.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ASIDE_RAD = 0.5  # largest angle between the two
 NOTICED_S = (0.22, 0.25)  # delay beyond EKF2_NOAID_TOUT
 GIVEN_UP_S = 2.32  # beyond EKF2_NOAID_TOUT: the fusion has stopped
 AT_REST_S = 2.7  # after disarming
-TAKEN_S = (0.28, 0.4)  # delay after the return until they are used, where the position was known throughout
+TAKEN_S = (0.28, 0.4)  # delay after the return until they are used, with the position known throughout
 RESET_S = (1.0, 1.25)  # else, in the air
 RESET_STANDING_S = 0.5
 VALID_S = 1.0  # after that, until the position is trusted
@@ -34,9 +34,9 @@ FAST_SLIDE_S, SLIDE_S = 0.3, 0.9  # time constants of the convergence
 REPORTED_MPS, REPORTED_MPS2 = 0.22, 0.0125  # growth of the reported accuracy
 RATIO_KEEP_S = 1.12  # decay time of test ratios without comparisons
 RESETS_FLYING, RESETS_STANDING = 4, 2
-EXTERNAL_SHARE, EXTERNAL_SHARE_BLIND = 0.3, 0.75  # share of the way to a position sent by somebody
+EXTERNAL_SHARE, EXTERNAL_SHARE_BLIND = 0.3, 0.75  # share of the way to an externally sent position
 TOLD_RESETS, TOLD_RESETS_BLIND, TOLD_SLIDE_S = 1, 2, 2.2
-HEADING_S = 8.0  # time constant with which a heading that was reset becomes right again, as recorded (v1.16.1)
+HEADING_S = 8.0  # time constant of the recovery of a reset heading, as recorded (v1.16.1)
 
 
 class _Phase(Enum):
@@ -77,7 +77,7 @@ class DeadReckoning:
         self._slide_s = SLIDE_S
 
     def step(self, aided: bool, armed: bool) -> Array | None:
-        """One step; ``aided``: by satellites. Returns the jump (3,) of the position where it is reset now, else None."""
+        """Advance one step; ``aided``: by satellites. Return the jump (3,) of the position at a reset, else None."""
         self._since_s += self._step_s
         self._rest_s = 0.0 if armed else self._rest_s + self._step_s
         if aided and self._phase is _Phase.BLIND:
@@ -91,7 +91,7 @@ class DeadReckoning:
         return None
 
     def accept_place(self, place_m: Array, true_m: Array) -> None:
-        """Somebody sends the vehicle's position (3,), world; ``true_m`` (3,): the true one. The filter moves a part of the way:
+        """Process an externally sent position (3,), world; ``true_m`` (3,): the true one. The filter moves a part of the way:
         little while satellites contradict, most of it without them.
         """
         blind = self._phase is _Phase.BLIND
@@ -181,8 +181,8 @@ class DeadReckoning:
 
 
 class FilterErrors:
-    """Errors of N filters: the small ones of ``sim.world.localization``, whose interface this has, those of dead reckoning, and
-    those of headings that were reset.
+    """Errors of N filters, with the interface of ``sim.world.localization``: its small errors, dead reckoning, and heading
+    resets.
     """
 
     def __init__(self, small: Localization, step_s: float) -> None:

@@ -85,7 +85,7 @@ class Estimator:
         return Estimate((x, y, z), (north, east, -up), roll, pitch, yaw, (0.0, 0.0, 0.0), float(thrust[0]), z, place)
 
     def world_from(self, drone: int, place: Geodetic) -> Array:
-        """(3,), world: where a vehicle places a geodetic position; without an altitude, at its own height."""
+        """Return the place of a geodetic position by a vehicle's frame, (3,), world; without an altitude, at its own height."""
         offset = (np.array(place) - self._origins[drone]) / self._scale[drone]
         world: Array = self._frames.origin[drone] + offset[[1, 0, 2]]
         own = self._motion.position_m[drone] + self._error.position_error_m[drone]
@@ -98,8 +98,8 @@ class Estimator:
         return moved
 
     def _rates(self, angles: Array) -> list[list[float]]:
-        """Differences of the angles (N, 3): close to body rates, as a multirotor tilts little. The heading is the true one: no
-        gyroscope sees a filter's reset.
+        """Return differences of the angles (N, 3): close to body rates, as a multirotor tilts little. The heading is the true
+        one: gyroscopes do not measure a filter's reset.
         """
         before = angles if self._angles is None else self._angles
         self._angles = angles

@@ -1,6 +1,6 @@
-"""Reset of the heading in each takeoff, at the height where the magnetic field of the ground does not disturb any more.
+"""Reset of the heading in each takeoff, at the height without disturbance by the ground's magnetic field.
 
-PX4 v1.16.1 aligns its heading to the magnetometer again there; position and velocity, and so the local frame, stay as they are.
+PX4 v1.16.1 aligns its heading to the magnetometer again there; position and velocity, and with them the local frame, stay.
 """
 
 from __future__ import annotations

@@ -13,14 +13,14 @@ OPEN_SKY_M = (0.7, 1.0)  # horizontal, vertical: reported accuracy of a receiver
 
 
 class Satellites:
-    """N receivers: those of the scenario, or for other vehicles one that agrees with the vehicle's filter."""
+    """N receivers: the scenario's, or for other vehicles a receiver that agrees with the vehicle's filter."""
 
     def __init__(self, localized: MovingFrames | None, count: int) -> None:
         self._receivers = [None] * count if localized is None else localized.receiver
         self._readings: list[Reading | None] = [None] * count
 
     def may_regain(self, drone: int) -> bool:
-        """Whether a vehicle may still get satellites; not after they are lost for good."""
+        """Return whether a vehicle may still get satellites; not after a permanent loss."""
         receiver = self._receivers[drone]
         return receiver is None or not receiver.lost
 

@@ -1,9 +1,9 @@
 """Fusion of an external vision's poses (MAVLink's ODOMETRY) in the vehicle's filter, and its behaviour without them.
 
-As in PX4's EKF2: poses are compared with the vehicle's estimate at their time. Those that pass the innovation gate correct it
-gently, the others are rejected; after a second of rejections, or when the vision reports a jump of its own frame, the filter is
-reset to it. Without poses it continues by its inertial sensors, which drift, for EKF2_NOAID_TOUT; after that it does not know its
-position.
+As in PX4's EKF2: poses are compared with the vehicle's estimate at their time. Poses within the innovation gate correct it
+gently, others are rejected. After a second of rejections, or at a reported jump of the vision's own frame, the filter is
+reset to it. Without poses it continues by its inertial sensors, which drift, for EKF2_NOAID_TOUT; after that the position is
+unknown.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Vision:
         self._past: deque[Pose] = deque()
         self._resets: int | None = None  # of the vision, at the latest pose
         self._taken_s = self._reset_s = float("-inf")
-        self._left_out_s: float | None = None  # since when all poses have been rejected
+        self._left_out_s: float | None = None  # begin of the present rejections
         angle = rng.uniform(0.0, tau)
         self._drift = (cos(angle), sin(angle))
 
@@ -65,11 +65,11 @@ class Vision:
         return bool(int(self._parameters["EKF2_EV_CTRL"]) & _POSITION)
 
     def knows_position(self, time_s: float) -> bool:
-        """Whether poses are fused, or were until so recently that the inertial sensors suffice."""
+        """Return whether poses are fused, or were until so recently that the inertial sensors suffice."""
         return time_s - self._taken_s < self._parameters["EKF2_NOAID_TOUT"] * 1e-6
 
     def hear(self, message: Message, time_s: float) -> None:
-        """Take an ODOMETRY that held at ``time_s``; frames and quaternions that PX4 refuses are ignored."""
+        """Process an ODOMETRY valid at ``time_s``; frames and quaternions that PX4 refuses are ignored."""
         w, x, y, z = message.q
         finite = np.isfinite([message.x, message.y, message.z, w, x, y, z]).all()
         if message.frame_id not in _FRAMES or not finite:
@@ -110,7 +110,7 @@ class Vision:
         return Correction((x, y, z), turn, reset=True)
 
     def _has_failed(self, time_s: float) -> bool:
-        """Whether all poses have been rejected for so long that the filter is reset to the vision."""
+        """Return whether poses have been rejected for long enough to reset the filter to the vision."""
         if self._left_out_s is None:
             self._left_out_s = time_s
         return time_s - self._left_out_s >= FAILING_S

@@ -36,7 +36,7 @@ class Contacts:
 
     @property
     def station_lost(self) -> bool:
-        """Whether a ground station was present and has been silent for too long."""
+        """Return whether a ground station was present and has been silent for too long."""
         return self._station.lost
 
     @property
@@ -45,14 +45,14 @@ class Contacts:
         return self._station.lost or self._station.heard_s is None
 
     def hear_station(self, now_s: float) -> None:
-        """A ground station's heartbeat arrived."""
+        """Note a ground station's heartbeat."""
         self._station.heard_s = now_s
 
     def hear_companion(self, now_s: float) -> None:
-        """A companion's heartbeat arrived."""
+        """Note a companion's heartbeat."""
         self._companion.heard_s = now_s
 
     def step(self, now_s: float) -> None:
-        """Update who is lost and who is back."""
+        """Update lost and regained contacts."""
         self._station.step(now_s, self._parameters["COM_DL_LOSS_T"] + STATION_NOTICED_S, self._announce)
         self._companion.step(now_s, COMPANION_LOST_S, self._announce)

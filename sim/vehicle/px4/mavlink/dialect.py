@@ -76,7 +76,7 @@ class CurrentEventSequence(_Message):
 
 
 class AvailableModes(_Message):
-    """AVAILABLE_MODES: one of the modes; ``mode_index`` from 1. ``mode_name``: of a mode that is none of MAVLink's."""
+    """AVAILABLE_MODES: one of the modes; ``mode_index`` from 1. ``mode_name``: of a mode outside MAVLink's own."""
 
     id = 435
     msgname = "AVAILABLE_MODES"

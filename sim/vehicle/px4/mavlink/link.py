@@ -1,4 +1,4 @@
-"""One MAVLink link of a vehicle over UDP: it sends to a fixed address and receives whatever is sent to its socket."""
+"""One MAVLink link of a vehicle over UDP: it sends to a fixed address and receives all data sent to its socket."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Receiver = Callable[["Link", Message], None]
 
 
 class Link:
-    """Sending never blocks; what cannot be sent at once is lost, as on a radio."""
+    """Sending never blocks; data that cannot be sent at once are lost, as on a radio."""
 
     def __init__(self, remote: Address, system_id: int, schedule: Schedule, receive: Receiver) -> None:
         self.schedule = schedule

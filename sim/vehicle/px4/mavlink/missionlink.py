@@ -1,6 +1,6 @@
-"""Missions, fences and rally points over a vehicle's links: there are none here, and none can be uploaded.
+"""Missions, fences and rally points over a vehicle's links: always empty, without upload.
 
-A ground station asks for all three when it connects, and takes a vehicle for broken that does not answer.
+A ground station asks for all three when it connects, and considers a vehicle without an answer broken.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class MissionLink:
         _answer(link, message, mavlink.MAV_MISSION_ACCEPTED)
 
     def upload(self, link: Link, message: Message) -> None:
-        """MISSION_COUNT: an empty list changes nothing; PX4 would take another, this vehicle says that it flies none."""
+        """MISSION_COUNT: an empty list changes nothing; PX4 would accept another, this vehicle answers that it flies none."""
         _answer(link, message, mavlink.MAV_MISSION_ACCEPTED if message.count == 0 else mavlink.MAV_MISSION_UNSUPPORTED)
 
 

@@ -30,7 +30,7 @@ SYNC_WINDOW_NS = 2_000_000_000
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
 _WRONG_FRAME = 9  # PX4's answer
-_ALTITUDES_M = (-12_000.0, 100_000.0)  # that its filter takes for an origin
+_ALTITUDES_M = (-12_000.0, 100_000.0)  # limits of an origin for its filter
 _NO_NUMBER = 65_535  # of no message, mode or unit
 _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
@@ -38,8 +38,8 @@ _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 class Requests:
     """Message handlers of one vehicle. ``boot_ns``: its own clock now.
 
-    links: all of the vehicle's, over which heartbeats are forwarded. told, external_origin: position of the vehicle, or origin
-    of its local frame, sent by somebody; the reader sets it to None.
+    links: all of the vehicle's, over which heartbeats are forwarded. told, external_origin: externally sent position of the
+    vehicle, or origin of its local frame; the reader sets it to None.
     """
 
     def __init__(
@@ -62,10 +62,10 @@ class Requests:
         self._contacts = contacts
         self._announce = announce
         self.links: list[Link] = []
-        self.refuses = False  # all that the commander is asked for
+        self.refuses = False  # all requests to the commander
         self.told: Geodetic | None = None
         self.external_origin: Geodetic | None = None
-        self._synchronised: deque[tuple[int, int]] = deque()  # when, and the companion's clock at the vehicle's 0
+        self._synchronised: deque[tuple[int, int]] = deque()  # time, and the companion's clock at the vehicle's 0
         self._boot_ns = boot_ns
         self._handlers: dict[str, Callable[[Link, Message], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -86,7 +86,7 @@ class Requests:
         }
 
     def receive(self, link: Link, message: Message) -> None:
-        """Handle a message; one for another system, or of a kind that PX4 does not answer, is ignored silently."""
+        """Handle a message; messages for another system, or of a kind that PX4 does not answer, are ignored silently."""
         handler = self._handlers.get(message.get_type())
         if handler is not None and self._concerns(message):
             handler(link, message)
@@ -132,7 +132,7 @@ class Requests:
         link.send(mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender))
 
     def _by_the_link(self, link: Link, message: Message) -> int | None:
-        """Commands that the MAVLink module answers itself; None for others."""
+        """Handle the commands that the MAVLink module answers itself; None for others."""
         number = message.command
         if number == mavlink.MAV_CMD_REQUEST_MESSAGE:
             return self._request_message(link, _whole(message.param1), message.param2)
@@ -152,7 +152,7 @@ class Requests:
         return None
 
     def _take_place(self, message: Message) -> int:
-        """A position sent by somebody; by COMMAND_INT only in a frame with latitudes."""
+        """Handle an externally sent position; by COMMAND_INT only in a frame with latitudes."""
         if message.get_type() == "COMMAND_INT":
             return _WRONG_FRAME
         place = Geodetic(message.param5, message.param6, message.param7)
@@ -270,11 +270,11 @@ class Requests:
 
 
 def _whole(parameter: float) -> int:
-    """A command's parameter as the number of something; ``_NO_NUMBER`` where it is none."""
+    """Return a command's parameter as an integer; ``_NO_NUMBER`` if it is none."""
     return int(parameter) if 0.0 <= parameter < _NO_NUMBER else _NO_NUMBER
 
 
 def _is_on_earth(place: Geodetic) -> bool:
-    """Within the limits of PX4's filter."""
+    """Return whether a place is within the limits of PX4's filter."""
     low_m, high_m = _ALTITUDES_M
     return abs(place.latitude_deg) <= 90.0 and abs(place.longitude_deg) <= 180.0 and low_m <= place.altitude_m <= high_m

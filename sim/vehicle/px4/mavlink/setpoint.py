@@ -24,7 +24,7 @@ class OffboardTarget(NamedTuple):
 
 
 def offboard_target(message: mavlink.MAVLink_set_position_target_local_ned_message) -> OffboardTarget | None:
-    """The target in a message of frame LOCAL_NED; None where it has no value, or values that are not finite."""
+    """Return the target in a message of frame LOCAL_NED; None without a value, or with values that are not finite."""
     mask = message.type_mask
     x, y, z = _given(mask, (message.x, message.y, message.z))
     vx, vy, vz = _given(mask >> 3, (message.vx, message.vy, message.vz))
@@ -42,10 +42,10 @@ def _given(mask: int, values: Vector3) -> Vector3:
 
 
 class SetpointLog:
-    """Arrival times of position targets; a target that only repeats the one before was not newly computed.
+    """Arrival times of position targets; a target that repeats the one before was not newly computed.
 
-    received: all. computed: those that differ from the one before. largest_gap_s: between two computed ones in offboard. gaps_s:
-    all of these gaps in order.
+    received: all. computed: targets that differ from the one before. largest_gap_s: between two computed ones in offboard.
+    gaps_s: all of these gaps in order.
     """
 
     def __init__(self) -> None:

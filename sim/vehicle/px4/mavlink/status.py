@@ -24,7 +24,7 @@ _HEIGHT_FLAGS = (
 _PREDICTED_FLAGS = mavlink.ESTIMATOR_PRED_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 _POSITION_FLAGS = mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
 _GLOBAL_FLAGS = mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
-# As PX4 names and orders them; advanced ones (1) are those that PX4 calls so, 2 those that nobody can choose.
+# PX4's names and order; 1: advanced by PX4's own flag, 2: not selectable.
 _MODES = (
     ("Manual", Mode.MANUAL, 1),
     ("Altitude", Mode.ALTITUDE, 0),

@@ -90,14 +90,14 @@ GROUND_STATION_HZ: dict[int, float] = {
 }
 
 HEARTBEAT_LATE_S, HEARTBEAT_SELDOM_S, SELDOM = (-0.005, 0.018), (0.02, 0.1), 0.005  # recorded: 0.98 to 1.11 s between two
-SLOWEST_S = 2**31 * 1e-6  # longest interval that MESSAGE_INTERVAL can tell; at a longer one a message is off
+SLOWEST_S = 2**31 * 1e-6  # longest interval in MESSAGE_INTERVAL; at a longer one a message is off
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _EARLY_S = 1e-6  # tolerance for rounding, of the time of a step
 
 
 class Schedule:
-    """When each message of one link is due, in seconds of the vehicle's clock: each at its own fixed interval, whatever changes
-    in its content.
+    """Due times of each message of one link, in seconds of the vehicle's clock: each at its own fixed interval, regardless of
+    its content.
     """
 
     def __init__(self, rates_hz: dict[int, float], begin_s: float, rng: np.random.Generator) -> None:
@@ -105,7 +105,7 @@ class Schedule:
         self._usual = {message: 1.0 / rate for message, rate in rates_hz.items()}
         self._interval = dict(self._usual)
         self.beat_s = float("-inf")  # of the last heartbeat
-        self.muted: set[int] = set()  # messages that a fault keeps from being sent
+        self.muted: set[int] = set()  # messages suppressed by a fault
         self._rng = rng
         self._next = {message: begin_s + float(rng.uniform(0.0, interval)) for message, interval in self._usual.items()}
 
@@ -133,8 +133,8 @@ class Schedule:
         return -1 if interval_s is None else round(interval_s * 1e6)
 
     def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
-        """Apply SET_MESSAGE_INTERVAL: -1 off, 0 the default; False for a message that this vehicle lacks, and for the heartbeat,
-        whose rate PX4 does not allow to change.
+        """Apply SET_MESSAGE_INTERVAL: -1 off, 0 the default; False for a message unknown to this vehicle, and for the
+        heartbeat, whose rate is fixed in PX4.
         """
         if message not in BUILDERS or message == _HEARTBEAT:
             return False
