@@ -1,13 +1,13 @@
 """Clock offsets between the drones, from the delays of their status messages. Stamps of log entries are never corrected by them.
 
 Two drones that hear each other know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
-difference is the clock offset, as in NTP (RFC 5905, section 8); its error is half the asymmetry of the two ways. The smallest
+difference is the clock offset, as in NTP (RFC 5905, section 8). Its error is half the asymmetry of the two ways. The smallest
 delay of the last seconds is used, because queueing only ever makes a message later.
 
 No round trip takes less than no time. If the two delays add up to less, one of the clocks has been set in these seconds, and the
-larger delay is from before that. The drone with the larger delay finds that its newest delay fits, and forgets the others. So the
-offset of a clock that was set is known again after one exchange of statuses, however long delays are kept, and a forged delay
-alone moves nothing.
+larger delay is from before that. The drone with the larger delay finds that its newest delay fits, and forgets the others. So
+after a clock step its offset is known again by one exchange of statuses, however long delays are kept. A forged delay alone moves
+nothing.
 
 When delays change, the smallest delays of the two ways enter and leave the window at different times. In between they belong to
 different times, and half their difference is wrong by half of the change. But the former offset is still possible by both, unless
@@ -46,7 +46,7 @@ MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays with a larger mean ar
 MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
 _LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
 # How long a still possible offset holds against a new value. Statuses come once a second, so the smallest delays of the two ways
-# are at most a second apart; one may be lost, and the next one late.
+# are at most a second apart. One status may be lost, and the next one late.
 _HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
 _AGAIN_NS = 2_000_000_000  # statuses come once a second, and tell until when a clock was right at least
@@ -77,7 +77,7 @@ class Clocks:
         self._back_s = 0.0  # backward step of that, while a clock that was right by it stamps measurements made elsewhere
         self._followed_ns = 0
         # Offset of the own clock from the median of all known clocks, its own included. If the clocks split into halves (two
-        # drones), neither half is known to be right: then the offset from the other half, on both sides.
+        # drones), neither half is known to be right. Then the offset from the other half, on both sides.
         self.offset_s = 0.0
 
     def hear(self, status: Status, now_ns: int) -> bool:
@@ -217,14 +217,14 @@ class Clocks:
     def common_ns(self, now_ns: int) -> int:
         """Return the time now by the clocks of the others, if the own clock is known to be wrong; else by the own clock.
 
-        If the clocks split into halves, all drones take the time of the half that is behind: hypotheses stay comparable, and no
-        entry is late by the offset.
+        If the clocks split into halves, all drones take the time of the half that is behind. So hypotheses stay comparable, and
+        no entry is late by the offset.
         """
         return now_ns - round(1e9 * self._outvoted_s)
 
     def followed_ns(self, now_ns: int) -> int:
-        """Return the common time as the hypothesis follows it. It stands still after a backward step to stamps that already have
-        measurements of another drone, and after a step within the error of its estimates.
+        """Return the common time as the hypothesis follows it. It stands still after a backward step to stamps with measurements
+        of another drone, and after a step within the error of its estimates.
         """
         common_ns = self.common_ns(now_ns)
         back_ns = self._followed_ns - common_ns
@@ -255,7 +255,7 @@ class Clocks:
 def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _Held:
     """Return the offset by these two delays, or the former one.
 
-    No way takes less than no time: the offset is the own delay at most, and at least the other delay with the sign reversed.
+    No way takes less than no time. So the offset is the own delay at most, and at least the other delay with the sign reversed.
     """
     told = _Held((own_ns - returned_ns) // 2)
     if before is None or abs(told.ahead_ns - before.ahead_ns) <= 1e9 * LIMIT_S:

@@ -17,7 +17,7 @@ NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for no
 _PART = 0.25  # a jump back over a gap may miss the other place by this share of the doubt, if the motion explains it
 _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. After a slide at this speed, or faster, all
-# measurements of that time are taken back, after a slower one the last part: with a lower limit more correct measurements would
+# measurements of that time are taken back, after a slower one the last part. With a lower limit more correct measurements would
 # be lost.
 SLIDE_MPS = 1.0
 _LONGEST_S = 30.0  # taken back at most: after a jump by hundreds of metres the position is rather wrong from then on
@@ -27,10 +27,11 @@ class KnownFrame:
     """An exactly known frame over jumps of the localisation.
 
     An announced jump begins another frame, which continues the motion. An unannounced jump has two explanations that cannot be
-    distinguished: the position is wrong from then on, or was wrong until then, as at the end of satellite spoofing. The drone
-    flies on by continuity. The position by its localisation is the alternative hypothesis, ``otherwise`` (None: no such doubt).
-    Measurements during a possible slide are taken back (``elsewhere``). The frame stays after an announced jump with which an
-    untrusted localisation finds its satellites again, within its stated error, and without a jump, as at their loss.
+    distinguished. Either the position is wrong from then on, or it was wrong until then, as at the end of satellite spoofing. The
+    drone flies on by continuity. The position by its localisation is the alternative hypothesis, ``otherwise`` (None: no such
+    doubt). Measurements during a possible slide are taken back (``elsewhere``). The frame stays after an announced jump with
+    which an untrusted localisation finds its satellites again, within its stated error. It also stays without a jump, as at the
+    loss of satellites.
     """
 
     def __init__(self) -> None:

@@ -3,8 +3,8 @@
 A jump of the localisation does not move the drone. Until the log yields an estimate of the new epoch's frame, the frame that
 continues the motion is used (``agent.localization.continuity``). After a restart of the agent, or if none of its entries counts
 any more, the frame known before is used. All of these drift. A frame that the mission gives exactly is known so for its first
-epoch only (``agent.localization.knownframe``); later frames are published with the measurements in them (``carried``), so that
-all drones place these alike.
+epoch only (``agent.localization.knownframe``). Later frames are published with their measurements (``carried``), so that all
+drones place these alike.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The own pose: the only place that takes telemetry, decides its epoch, and gives the present and past poses of this drone.
 
-Everything that needs the own pose asks here, so that all answers change together when the localisation jumps: the newest
+All users of the own pose ask here, so that all answers change together when the localisation jumps. The answers: the newest
 telemetry, the poses of the last seconds, the epoch, and the transform from the local frame to the mission frame.
 """
 
@@ -42,8 +42,8 @@ class LocalFrame(Struct, frozen=True):
 
 
 class Whereabouts(Struct, frozen=True):
-    """Own position estimate of a drone, mission frame: position and heading (of its body, from east), each with 1 sigma; the
-    position's is of the horizontal distance.
+    """Own position estimate of a drone, mission frame: position and heading (of its body, from east), each with 1 sigma. The
+    position's sigma is of the horizontal distance.
     """
 
     place_m: Vector3
@@ -138,8 +138,8 @@ class OwnPose:
 
     @property
     def tells_frame(self) -> bool:
-        """Whether the others know this drone's frame by its poses in the log only: estimated, or published with them after a
-        jump, as soon as its position can be trusted.
+        """Whether the others know this drone's frame by its poses in the log only. The frame is estimated, or published with the
+        poses after a jump, as soon as the position can be trusted.
         """
         vehicle = self.vehicle
         return self._frames.is_estimated or (
@@ -248,8 +248,8 @@ class OwnPose:
         return self._frames.carried(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
-        """A place of the local frame where this drone was at a stamp, in the mission frame, as surely as that can be told; None
-        while it is not known.
+        """Return a place of the local frame where this drone was at a stamp, in the mission frame, by the best knowledge; None if
+        not known.
         """
         known = self.surest(epoch, stamp_ns, position_m)
         transform = self._frames.at(epoch, stamp_ns) if known is None else None

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from agent.geometry import Vector3
 from agent.vehicle.interface import VehicleState
 
-# A standing receiver's position wanders by a metre or two (multipath, the constellation); with spoofing, or a diverging filter,
+# A standing receiver's position wanders by a metre or two (multipath, the constellation). With spoofing, or a diverging filter,
 # it moves on and on. This limit and the stated errors avoid false alarms.
 MOVED_M = 3.0
 _SIGMAS = 3.0

@@ -1,4 +1,4 @@
-"""Braking: where it comes to rest; jerks that reach a given velocity as fast as the limits allow, for when there is no plan."""
+"""Braking: the stopping place, and the jerks that reach a given velocity as fast as the limits allow, in place of a plan."""
 
 from __future__ import annotations
 

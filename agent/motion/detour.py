@@ -22,9 +22,9 @@ class Detours:
         self._graph: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none where the straight line is free.
+        """Corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none if the straight line is free.
 
-        Where the area does not connect the two, the straight line is returned.
+        The straight line is also returned if the area does not connect the two.
         """
         if self._sees(start[None], end[None])[0]:
             return np.empty((0, 2))

@@ -68,9 +68,9 @@ class Fence:
     def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
         """Convex piece of the polygon around (x, y): inward normals (M, 2) and offsets (M,); inside is where n . p >= b.
 
-        In a non-convex polygon the nearest point of the boundary gives the first half-plane; the boundary behind it is cut off,
-        and the rest gives the next one in the same way. For a place outside, the only half-plane is at the nearest boundary.
-        The clipping is written by hand: with shapely's intersections a piece of an L-shaped fence takes 2.1 times as long.
+        In a non-convex polygon the nearest point of the boundary gives the first half-plane. The boundary behind it is cut off,
+        and the rest gives the next one in the same way. For a place outside, the only half-plane is at the nearest boundary. The
+        clipping is written by hand: with shapely's intersections a piece of an L-shaped fence takes 2.1 times as long.
         """
         if self._planes is not None:
             return self._planes

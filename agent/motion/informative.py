@@ -1,7 +1,7 @@
 """Informative search: the waypoint from which the expected information gain, on the way and there, is largest.
 
 The information that a count over T seconds gives about the position of a source is 4 T Var(sqrt(lambda)) over the possible
-positions, with the expected rate lambda (the square root of a Poisson count has a variance of 1/4, whatever the rate). The
+positions, with the expected rate lambda. (The square root of a Poisson count has a variance of 1/4, whatever the rate.) The
 information is zero if all possible positions give the same rate: far away, or where a source has been excluded.
 """
 

@@ -1,7 +1,7 @@
 """Lanes that cover one connected piece of an area: every point is within half the lane spacing of some lane.
 
 The piece is cut into slabs, and each slab into cells in which its cross-section is one interval. The lane of a cell runs along
-the middle of the slab or, where the piece does not reach the middle, along its edge; so every point of a cross-section is within
+the middle of the slab, or along the edge of a piece that does not reach the middle. So every point of a cross-section is within
 half a slab of the lane. Adjoining cells share one lane.
 """
 
@@ -54,9 +54,9 @@ def lanes(piece: Polygon, spacing_m: float) -> list[NDArray[np.float64]]:
 
 
 def _lane_direction(piece: Polygon, spacing_m: float) -> NDArray[np.float64]:
-    """Unit vector (2,) along the edge across which the piece is narrowest; of equals, the one nearest to x.
+    """Unit vector (2,) along the edge across which the piece is narrowest; of equals, the nearest to x.
 
-    Edges shorter than the spacing count only where there is no longer one: they approximate the rounded ends of covered swaths.
+    Edges shorter than the spacing count only without a longer edge: short edges approximate the rounded ends of covered swaths.
     """
     corners = shapely.get_coordinates(piece.exterior)
     steps = np.diff(corners, axis=0)

@@ -1,5 +1,5 @@
 """Radius and height of the circle, from the accuracy of the hypothesis. The information of a camera falls with about the fourth
-power of the distance, so a smaller circle is better; but a circle smaller than the hypothesis' error may not contain the source.
+power of the distance, so a smaller circle is better. But a circle smaller than the hypothesis' error may not contain the source.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the ba
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
     """Radius of one of the concentric circles for network components without a link. The circles are apart by twice the
-    separation, so that the vehicles' deviations do not bring drones on two of them together; see ``ring_lift_m``.
+    separation, so that the vehicles' deviations do not bring drones together. See ``ring_lift_m``.
 
     ``ring``: from 0 on; ``fits_hypothesis``: the radius of the shared circle follows the hypothesis' RMS.
     """
@@ -53,9 +53,9 @@ def second_height_m(mission: MissionConfig) -> float | None:
     """Height (m) above the ground of the second half of a turn around a source; None if the source's height is known, so that one
     height suffices.
 
-    From one height alone, counts fit a source above the cameras and its mirror image below them alike. No higher than the highest
-    circle, which crossing or returning drones pass over, and below the lowest altitude layer of vehicles that return after the
-    loss of their agents.
+    From one height alone, counts fit a source above the cameras and its mirror image below them alike. Upper limits: the highest
+    circle, which crossing or returning drones pass over, and the lowest altitude layer for a return after the loss of an agent,
+    which stays free.
     """
     if mission.source_height_m[1] <= 0.0:
         return None
@@ -89,11 +89,11 @@ class Orbit:
         Args:
             now_ns: UTC.
             rms_m: of the hypothesis.
-            activity_bq: of the source, where known.
-            lost: the circle may be wider than configured: all that is known is that the source is within ``rms_m``.
-            ring_m: the radius that it has to be, whatever the accuracy.
-            lift_m: by how much it has to be higher than is best.
-            least_m: the height that it has to have at least, though lower is better.
+            activity_bq: of the source, if known.
+            lost: the circle may be wider than configured: the source is only known to be within ``rms_m``.
+            ring_m: prescribed radius, whatever the accuracy.
+            lift_m: height above the best one.
+            least_m: minimum height, though lower is better.
         """
         passed_s = 0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) * 1e-9
         elapsed_s = min(max(passed_s, 0.0), _LONGEST_S)  # less than none where the clock was set back

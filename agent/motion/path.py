@@ -56,7 +56,7 @@ class PathFollower:
     def advance(self, s: float, position: Sequence[float], reach_m: float = _REACH_M) -> float:
         """The progress of a drone at ``position`` whose progress was ``s``.
 
-        The progress is the nearest point of the path between s and s + ``reach_m``; this window keeps a drone from skipping to
+        The progress is the nearest point of the path between s and s + ``reach_m``. This window keeps a drone from skipping to
         the next lane, or across the end of the path, where the way out and the way back are equally near.
         """
         best, best_gap = s, math.inf

@@ -1,8 +1,8 @@
 """The constrained tracking problem: limits and half-planes, solved by OSQP.
 
 The unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a
-limit minus the optimum's own value. Half-planes are soft, with one slack per step, whose cost dominates the tracking cost: a
-drone inside a forbidden zone is led out of it instead of the problem being infeasible.
+limit minus the optimum's own value. Half-planes are soft, with one slack per step. The cost of slack dominates the tracking cost:
+a drone inside a forbidden zone is led out of it, without an infeasible problem.
 
 The solver must be deterministic: no time limit, its step size adapted at fixed iterations, and a limited number of these.
 """
@@ -169,7 +169,7 @@ def _solved(solver: osqp.OSQP) -> Any:
     """OSQP's result; no SIGINT gets lost meanwhile.
 
     OSQP catches SIGINT itself while it solves, and only stops. So the signal is kept back until the solution is there. If another
-    thread of the process lets it through, it is raised anew: this ends a simulation; in an agent, which ignores it, the problem
+    thread of the process lets it through, it is raised anew. This ends a simulation. An agent ignores the signal, and the problem
     is solved once more.
     """
     while True:

@@ -1,8 +1,7 @@
 """Inter-agent separation: half-planes along the horizon from the peers' plans; as a last resort evasion by measured positions.
 
 Distances are horizontal: because of the downwash, drones do not pass above one another. Of two drones the one with the smaller id
-has the right of way: the other keeps the whole margin, and the first 60 % of it, so that they do not both evade fully and meet
-again.
+has the right of way. It keeps 60 % of the margin, the other the whole, so that they do not both evade fully and meet again.
 """
 
 from __future__ import annotations
@@ -144,7 +143,7 @@ def half_planes(nominal: Array, here: tuple[float, float], other: Array, distanc
 
     nominal: (H, 2), this drone's planned positions; other: (H + 1, 2), the other's positions now and at the steps. Returns
     normals (H, 2) and offsets (H,). The normal turns with the nominal relative position, but never by more than a right angle
-    from step to step: a nominal path through the other drone must not be taken for a path around it.
+    from step to step. Otherwise a nominal path through the other drone would be taken for a path around it.
     """
     relative = nominal - other[1:]
     normals = np.empty_like(relative)

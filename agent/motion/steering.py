@@ -31,10 +31,10 @@ _FENCE_YIELDS = 1.0
 # position uncertainty.
 _LINE_YIELDS = 0.3
 _FACING = -0.9  # cosine between the normals of two facing lines
-# Soft-constraint weight of a lost peer's possible positions, above that of a peer with a link: pushed away from them, a drone
-# turned back into the next one on the circle, which could not brake in time. The weight grows with the position uncertainty,
-# unless this half-plane is the only one near the plan: a drone that caught up with its slot cut the corner, and passed another
-# drone, landing 3.4 m beside its home, at 2.3 m.
+# Metres per metre of slack by which the distance from a lost peer yields, more than from a peer with a link. Pushed away from
+# such possible positions, a drone turned back into the next one on the circle, which could not brake in time. The value grows
+# with the position uncertainty, unless this half-plane is the only one near the plan. Otherwise a drone that caught up with its
+# slot cut the corner, and passed a drone landing 3.4 m beside its home at 2.3 m.
 _UNHEARD_YIELDS = 2.0
 # Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
 # (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). With an expected return within a second, two drones passing
@@ -135,8 +135,9 @@ class Steering:
     def _constrained(
         self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], fence: Piece
     ) -> tuple[Array | None, bool]:
-        """Jerks (H, 2) of the solution that passes others on the same side as the first of ``plans``, (H, 2) each, and whether it
-        keeps apart from the peers near any of these plans, or the optimum. ``fence``: the piece that the plan stays inside.
+        """Return the jerks (H, 2) of the solution that passes others on the same side as the first of ``plans``, (H, 2) each.
+        Also return whether it keeps apart from the peers near any of these plans, or the optimum. ``fence``: the piece that the
+        plan stays inside.
         """
         (normals, offsets), nominal, free = fence, plans[0], optimum[1, :, :2]
         neighbours, _ = self._neighbours(situation, np.array((free, *plans)), peers)
@@ -198,7 +199,7 @@ class Steering:
     def _yields(self, peer: PeerPlan, lacking_m: float) -> float | Array:
         """Return by how many metres the distance from a drone yields per metre of slack; ``lacking_m``: the present lack of it.
 
-        Distance for a position uncertainty can be gained only after a while, at the end of the plan: until then the others, and
+        Distance for a position uncertainty can be gained only after a while, at the end of the plan. Until then the others, and
         the fence, must not lose as many metres. A drone that gives no way may prevent the gain for long.
         """
         doubted_m = _doubted_m(peer)
@@ -223,11 +224,11 @@ class Steering:
     def _half_planes(
         self, situation: Situation, position: Array, nominal: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """Return the half-planes of neighbours and fence; per step the worst violated by the nominal plan (H, 2), and the next
-        worst by this plan or the unconstrained optimum (H, 2).
+        """Return the half-planes of neighbours and fence. For each step these are the half-plane that the nominal plan (H, 2)
+        violates most, and the next worst by this plan or the unconstrained optimum (H, 2).
 
-        On the way home through the others, the optimum may be far from the plan, which they have pushed aside, and violate all of
-        their half-planes by more than the plan violates that of a drone in its way.
+        On the way home through the others, the optimum may be far from the plan, which they have pushed aside. Then the optimum
+        violates all of their half-planes by more than the plan violates that of a drone in its way.
         """
         if not neighbours and len(fence[0]) == 0:
             return None
@@ -281,8 +282,8 @@ class Steering:
 def _with_room(lines: Sequence[_Neighbour], separation_m: float) -> list[_Neighbour]:
     """Return the lines with distances that leave room between facing lines.
 
-    Two lines facing each other with less room both give up the same share of their distance beyond the separation. Kept in full,
-    the distances drove a drone to where two lines are farther apart, if only by 7 cm in a metre, and far out of the area.
+    Two lines facing each other with less room both give up the same share of their distance beyond the separation. Full distances
+    drove a drone to the wider end between two lines, which diverge by only 7 cm in a metre, and far out of the area.
     """
     fitted = list(lines)
     for (first, _), (second, _) in combinations(enumerate(lines), 2):

@@ -193,7 +193,7 @@ def _order(found: list[NDArray[np.float64]], start: Point2 | None) -> list[tuple
 
 
 def _nearest_next(gaps: NDArray[np.float64], beginning: int) -> list[int]:
-    """The ends at which the lanes are entered, from a beginning on; a lane entered at one end is left at the other (^ 1)."""
+    """The ends at which the lanes are entered, from a beginning on. A lane entered at one end is left at the other (^ 1)."""
     free = gaps.copy()
     tour = [beginning]
     while True:

@@ -1,8 +1,9 @@
 """Sequence numbers of the own log entries: the numbers given since a time, and those given with a wrong clock.
 
 A clock that is set back may have been wrong before, or be wrong from then on. Once the others' clocks confirm it, its wrongly
-stamped entries are taken back. After a forward step by the same amount these are all entries since then, otherwise the entries
-with later stamps than the time to which it was set back. If the clock reaches these stamps again first, nothing is taken back.
+stamped entries are taken back. After a forward step by the same amount these are all entries since then. Otherwise they are the
+entries with later stamps than the time to which it was set back. If the clock reaches these stamps again first, nothing is taken
+back.
 """
 
 from __future__ import annotations
@@ -97,8 +98,8 @@ class Numbering(Iterator[int]):
         return first, self._next - 1
 
     def wrong(self) -> tuple[int, int] | None:
-        """The first and the last number of the entries that the clock has stamped wrongly, told once, where it is known to be
-        right now; None without any.
+        """Return the first and the last number of the wrongly stamped entries, once, after the clock is known to be right; None
+        without any.
         """
         doubted, self._doubted = self._doubted, None
         return None if doubted is None else (doubted.first, doubted.last)

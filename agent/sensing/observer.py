@@ -33,12 +33,12 @@ from protocol.entries import (
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
 MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB of an entry
-# Live time without any hit. The background makes 1.5 hits a second; a healthy camera is then mute once in 600 hours, and silent
-# once in 1200 even at half that background (gaps of length T at rate r begin r exp(-r T) times a second).
+# Live time without any hit. The background makes 1.5 hits a second. A healthy camera is then mute once in 600 hours, and silent
+# once in 1200 even at half that background. (Gaps of length T at rate r begin r exp(-r T) times a second.)
 MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
 SILENT_S = 20.0  # the operator is told
-# Cones published of a stretch, for each second of it: a landed drone half a metre from 10 GBq measures 10,000, and so many more
-# directions from one place tell nothing new. In flight there are about 30 a second. The exposure counts them all.
+# Cones published of a stretch, for each second of it. A landed drone half a metre from 10 GBq measures 10,000; more directions
+# from one place carry no new information. In flight there are about 30 a second. The exposure counts them all.
 MOST_CONES_PS = 100
 # A pose is held for this long before the first telemetry and after the last: telemetry comes every 20 to 50 ms.
 HELD_NS = 100_000_000
@@ -94,7 +94,7 @@ class Observer:
         )
 
     def taken_back(self, stamp_ns: int, first: int, last: int) -> Retraction:
-        """Return the log entry that takes back the entries of these numbers with stamps of a wrong clock; later measurements at
+        """Return the log entry that takes back the entries of these numbers with stamps of a wrong clock. Later measurements at
         the same stamps are used.
         """
         self._waiting.clear()
@@ -130,10 +130,11 @@ class Observer:
         """Return the log entries of a stretch of detections, and of earlier stretches that have waited for their telemetry.
         Counts are held until an exposure is full.
 
-        The zeros of a mute camera are not used (see ``unseen``): these are no evidence against a source. Stretches are dropped
-        and counted in ``dropped`` if longer than the longest exposure, without a known (telemetry missing) or trusted pose, or if
-        overlapping earlier ones (a backward clock step): measurements at a wrong place would mislead the whole swarm. Of more
-        cones than ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in ``withheld``.
+        The zeros of a mute camera are not used (see ``unseen``): these are no evidence against a source. Some stretches are
+        dropped, and counted in ``dropped``: longer than the longest exposure, without a known (telemetry missing) or trusted
+        pose, or overlapping earlier ones (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of
+        more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in
+        ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -199,7 +200,7 @@ class Observer:
         """Return poses for the time without usable data of the camera: exposures without live time. These carry no information on
         the source, but without them the drone's frame could not be estimated, or published after a jump, any more.
 
-        The wait for a readout is as short as possible: after late poses every drone estimates all frames since then again, and
+        The wait for a readout is as short as possible. After late poses every drone estimates all frames since then again, and
         with them the source.
         """
         entries: list[Entry] = []

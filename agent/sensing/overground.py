@@ -1,7 +1,7 @@
 """The camera's place over the ground on which the source lies, by the rangefinder.
 
-An autopilot's own height drifts by a metre and more: an error of the direction by 7 degrees beside a source at 8 m, and by 45
-degrees for a vehicle that has landed a metre from it. With a hundred such cones a second the whole swarm followed them away.
+An autopilot's own height drifts by a metre and more. Beside a source at 8 m the direction is then wrong by 7 degrees, for a
+vehicle landed a metre from it by 45 degrees. With a hundred such cones a second the whole swarm followed them away.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from protocol.entries import CarriedFrame
 class OverGround:
     """Places of one drone in its local frame, as its measurements state them.
 
-    Only for a frame that is known exactly, or continued from such a frame, over level ground: otherwise the height is part of the
+    Only for a frame that is known exactly, or continued from such a frame, over level ground. Otherwise the height is part of the
     estimate, or of the ground's shape.
     """
 

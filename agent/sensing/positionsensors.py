@@ -73,7 +73,7 @@ class PositionSensors:
     def sighting(self, seen: SeenDrone) -> Sighting | None:
         """Return the log entry of a relative observation, its direction in the local frame; None if unusable.
 
-        After a backward clock step the log already holds poses of this drone at these stamps, and present sightings of the others
+        After a backward clock step the log already holds poses of this drone at these stamps. Present sightings of the others
         would contradict their former positions. Such a sighting is ``NOT_LOGGED``, until the poses are taken back
         (``begin_anew``). The same holds for a sighting of a time at which this drone may have been elsewhere (``drop_until``).
         """

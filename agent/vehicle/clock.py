@@ -14,9 +14,9 @@ class BootClock:
     """Maps boot time to UTC by the least delayed message of the last two seconds.
 
     Messages arrive late, never early, so the smallest difference between arrival and boot time is the closest to the true offset
-    of the clocks. The window is short, so that the mapping follows a simulation that does not run in real time, or a pause; real
-    clocks drift by less than 0.1 ms within it. After a step of UTC the window begins anew: otherwise stamps would be wrong by the
-    step for 2 s.
+    of the clocks. The window is short, so that the mapping follows a pause, or a simulation out of real time. Real clocks drift
+    by less than 0.1 ms within it. After a step of UTC the window begins anew: otherwise stamps would be wrong by the step for 2
+    s.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,7 @@
 """PX4's events: the link carries a number, levels and the bytes of the arguments; the texts are here.
 
-The number of an event is a hash of its name. Names, texts and layouts are those of PX4 1.17, as far as they are useful to an
-operator; nearly all have been seen on a real one. Events are sent on every link, STATUSTEXT only on links on which a ground
-station was heard.
+The number of an event is a hash of its name. Names, texts and layouts are of PX4 1.17, as far as useful to an operator. Nearly
+all have been seen on a real PX4. Events are sent on every link, STATUSTEXT only on links on which a ground station was heard.
 
 PX4 reports whether it can be armed whenever that changes: a summary, an event for each failed check with the modes that it bars,
 and another summary.

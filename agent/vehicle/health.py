@@ -36,7 +36,7 @@ def not_ready(status: SystemStatus) -> str | None:
 
 
 class StatusMessages:
-    """The autopilot's messages: its warnings and errors of the last seconds, from events and texts, and the checks that by its
+    """The autopilot's messages: its warnings and errors of the last seconds, from events and texts. Also the checks that by its
     last report keep it from being armed. Long texts come in chunks of 50 characters.
 
     ``failsafe``: its message at the beginning of its last failsafe; else empty. ``version``: of its firmware.

@@ -107,10 +107,9 @@ class VehicleCommand(Struct, frozen=True):
 class LaunchPlace(Struct, frozen=True, kw_only=True):
     """A drone's local frame in its autopilot's: the place of the launch in the autopilot's local NED frame.
 
-    A restarted agent recognises the frame by its geodetic origin or, where there is none because the autopilot flies without
-    satellites, by the boot time of the autopilot. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its
-    estimator's resets by then (None: not reported); ``flown``: whether the vehicle has been in the air since; ``mission``: id of
-    the mission of the launch.
+    A restarted agent recognises the frame by its geodetic origin. Without satellites there is none, and the boot time of the
+    autopilot is used. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its estimator's resets by then
+    (None: not reported); ``flown``: whether the vehicle has been in the air since; ``mission``: id of the mission of the launch.
     """
 
     north_m: float

@@ -31,8 +31,8 @@ class LaunchSurvey:
     shift of the origin in flight invalidates the place: setpoints and cones would be wrong by as much. (The autopilot may correct
     the origin's altitude without moving its frame: a warning.)
 
-    An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until it is rebooted;
-    an origin that appears later, because a receiver has found satellites, does not move the frame.
+    An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until a reboot. An
+    origin that appears later, because a receiver has found satellites, does not move the frame.
 
     A frame that jumps in flight begins a new epoch. An exact frame by the mission (``exact``) is that of the first epoch only; so
     the jump is reported too.

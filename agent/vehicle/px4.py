@@ -255,7 +255,7 @@ class Px4Vehicle:
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
         """Send the setpoint; returns whether offboard mode may be requested.
 
-        A setpoint planned before a jump of the frame would be wrong by as much: none is sent until the pilot knows of the new
+        A setpoint planned before a jump of the frame would be wrong by the jump. None is sent until the pilot knows the new
         frame.
         """
         launch = self._telemetry.launch.place

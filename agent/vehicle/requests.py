@@ -1,8 +1,8 @@
 """Judges PX4's mode and state from its heartbeat, and chooses the next command that fulfils the pilot's request.
 
-Acknowledgements are not relied on (PX4 acknowledges a mode change before it has decided): a command is repeated until the
+Acknowledgements are not relied on (PX4 acknowledges a mode change before it has decided). A command is repeated until the
 heartbeat shows its effect. A change away from a mode that was reached, or was active when the request came, is a takeover by a
-pilot or a failsafe: the mode is not commanded again until there is a new request.
+pilot or a failsafe. The mode is then not commanded again until there is a new request.
 
 In a failsafe the heartbeat shows the mode of the failsafe, and CURRENT_MODE the mode to go back to once its cause is over. A mode
 that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it. Offboard is an exception:
@@ -10,13 +10,13 @@ setpoints alone end the failsafe for want of them, and other failsafes are to be
 a moment, until acknowledged, at the wish of an operator, who can see the failsafe. A failsafe for want of a ground station or
 battery, or at the fence, ends only by a chosen mode.
 
-Transitions by the autopilot itself are no takeovers: after its takeoff it changes to hold, and a heartbeat up to a second old may
+Transitions by the autopilot itself are no takeovers. After its takeoff it changes to hold, and a heartbeat up to a second old may
 still show the hold before that takeoff. After a landing the autopilot goes back to the previous mode, and cannot be armed in
 offboard: hold is commanded then.
 
-After a takeover the pilot keeps the vehicle also against the next request, until the pilot program has noticed and released it:
-only later requests account for the takeover. The same holds for a takeover during a lost link: a manual mode that the newest
-heartbeat did not show when the request came is a takeover. After some time without a link nothing is commanded: by then a
+After a takeover the pilot keeps the vehicle also against the next request, until the pilot program has noticed and released it.
+Only later requests account for the takeover. The same holds for a takeover during a lost link. A manual mode that the newest
+heartbeat did not show when the request came is a takeover. After some time without a link nothing is commanded. By then a
 failsafe flies the vehicle, or a pilot, who would lose it again and again.
 """
 
@@ -31,7 +31,7 @@ from agent.vehicle.interface import FlightMode, Request
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
 DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says otherwise: one forged packet is not believed
-# Period and duration of repeating a command that ends offboard, until acknowledged: the setpoints have ended, and after a second
+# Period and duration of repeating a command that ends offboard, until acknowledged. The setpoints have ended, and after a second
 # without them PX4 returns.
 UNACKED_S, _LOST_S = 0.2, 1.0
 # With neither a heartbeat nor a new request for so long, nothing is commanded: PX4 notices after a second that no setpoints come.

@@ -1,10 +1,10 @@
 """Jumps of the autopilot's local frame, detected by its count of resets and by the effect of the reset.
 
 PX4 counts in ODOMETRY every reset of its estimator: of position, velocity, height or heading. Many do not matter here (the
-velocity at takeoff). The frame changes with a reset in which the position jumps, or with which satellites are lost or found,
-because the autopilot then uses another position source. A frame guided by vision also changes with a reset of the heading. The
-axes of a frame guided by satellites do not: a reset of the heading without one of the position corrects the attitude alone (PX4
-v1.16.1 does so in every takeoff).
+velocity at takeoff). The frame changes with a reset in which the position jumps. It also changes if satellites are lost or found
+with the reset, because the autopilot then uses another position source. A frame guided by vision also changes with a reset of the
+heading. The axes of a frame guided by satellites do not change. A reset of the heading without one of the position corrects the
+attitude alone (PX4 v1.16.1: in every takeoff).
 
 Positions come in another message (LOCAL_POSITION_NED), so the count may arrive a little before or after the position that jumped.
 This position is held back until the count explains it; without an explanation it is passed on unchanged.

@@ -1,7 +1,7 @@
 """The autopilot's parameters that a flight relies on, once: what each must be, why, and the value that corrects it.
 
-Preflight and status judge by this table (``agent.vehicle.parameters``), the doctor corrects by it
-(``agent.preflight.corrections``), and the tables of the documentation list the same names. Values and their meanings are PX4's
+Preflight and status judge by this table (``agent.vehicle.parameters``), and the doctor corrects by it
+(``agent.preflight.corrections``). The tables of the documentation list the same names. Values and their meanings are PX4's
 (commander, navigator, rtl and mc_pos_control parameters, 1.13 and later; of vision, 1.14 and later).
 """
 
@@ -33,7 +33,7 @@ _MAX_LOW_RETURN_M = 12.0
 _MAX_DISARMING_S = 10.0
 _MAX_BLIND_US = 5_000_000.0
 # With satellites: after their loss the position error of a real PX4 was 1.9 m after 2 s, 3.4 m after 3 s, and 7.8 m after 5 s,
-# its default; the separation of vehicles is 3 m. PX4 accepts no value below half a second.
+# its default. The separation of vehicles is 3 m. PX4 accepts no value below half a second.
 _MAX_DRIFT_US, _MIN_DRIFT_US = 2_000_000.0, 500_000.0
 
 Check = Callable[[float, Demands], str | None]

@@ -1,7 +1,7 @@
 """Trust in the position of an autopilot that flies by satellites, and a bound of the error without trust.
 
 A PX4 that loses its satellites flies on for EKF2_NOAID_TOUT by its inertial sensors alone, and its stated uncertainty is far too
-small: seven seconds after the loss the error of a real PX4 was 14.5 m, and 8 m while the stated sigma was 1.5 m. When the
+small. Seven seconds after the loss the error of a real PX4 was 14.5 m, and 8 m while the stated sigma was 1.5 m. When the
 satellites return, its estimate is pulled or jumps to their position, by up to 99 m.
 
 Measured drift (three losses, up to 20 s): 0.75 m after 1 s, 1.9 m after 2 s, 7.8 m after 5 s, 31 m after 11 s, 101 m after 21 s,

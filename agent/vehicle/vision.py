@@ -8,8 +8,8 @@ The feed sends one pose per line, as JSON, at 10 to 50 Hz:
 Position and attitude (w, x, y, z; local from body FLU) are in the SLAM's own frame: z up, any heading. ``covariance`` (m2,
 rad2; as in ROS) may be omitted. ``reset_counter`` grows where that frame jumps.
 
-PX4 gets them in MAV_FRAME_LOCAL_FRD, an upright frame of any heading. Its x is the SLAM's y, so that the drone's local frame,
-which the agent derives from PX4's as if its axes were north, east and down, has the SLAM's axes again.
+PX4 gets them in MAV_FRAME_LOCAL_FRD, an upright frame of any heading. Its x is the SLAM's y. The agent derives the drone's local
+frame from PX4's as if its axes were north, east and down, so the local frame has the SLAM's axes again.
 """
 
 from __future__ import annotations

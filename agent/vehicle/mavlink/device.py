@@ -39,7 +39,7 @@ def check_device(address: str) -> None:
 
 
 def is_new(number: int, root: Path = Path("/")) -> bool:
-    """Whether udev has still to set a device up, and its group and mode with that; it notes in its database when it has.
+    """Whether udev has still to set a device up, with its group and mode; afterwards its database has a note.
 
     Args:
         number: of the device, as in ``st_rdev``.

@@ -39,7 +39,7 @@ def exposure(address: str, source: str | None = None, first: str | None = None) 
 
 
 def take_only_from(address: str, source: str) -> None:
-    """Have the kernel drop what arrives at the socket of a UDP link from another address: there is no relay that could be late.
+    """Have the kernel drop packets from another address at the socket of a UDP link: without a relay, which could be late.
 
     Raises:
         VehicleError: not a UDP link, not an IPv4 address, or no such socket in this process.
