@@ -1,7 +1,7 @@
 """The electrons' drift time across the sensor, from the time between the two clusters of a coincidence.
 
 Photons of the line scatter once in the slab (Klein-Nishina) and are absorbed elsewhere in it, both at a depth where the electrons
-stay inside; the distribution of the difference of depths follows from geometry and attenuation, and the drift time scales it.
+stay inside. The distribution of the difference of depths follows from geometry and attenuation, and the drift time scales it.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from agent.errors import DetectorError
 from agent.outputs import replacing
 
 # Times in ns since the detector's clock was reset; camera frame (x along the rows, y up, z the outward normal). The axis is that
-# of reading 1 (cluster 1 is the electron), from the absorbed photon to the electron; reading 2 has its opposite.
+# of reading 1 (cluster 1 is the electron), from the absorbed photon to the electron. Reading 2 has its opposite.
 CSV_COLUMNS = (
     "stamp_ns",
     "axis_x",

@@ -1,7 +1,7 @@
 """Pixel hits -> clusters: hits that touch (8 neighbours) and follow each other within a time gap.
 
-There are two algorithms with equal results (held equal by the tests): event by event for the few hits of one readout, and sorting
-with a sparse graph for many.
+There are two algorithms with equal results (held equal by the tests). The few hits of one readout are clustered event by event,
+many hits by sorting with a sparse graph.
 """
 
 from __future__ import annotations

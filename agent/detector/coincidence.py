@@ -29,10 +29,10 @@ def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Clu
 def merge_satellites(event: list[Cluster]) -> list[Cluster]:
     """Merge K fluorescence clusters into the clusters that they came from. Returns the result in order of time.
 
-    A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV, which is absorbed about 0.1 mm away and often makes a
-    small cluster of its own. Taken for a recoil electron it would yield a wrong cone; as a third cluster it would spoil a correct
-    one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of the event with at least its
-    energy lies within 1.2 mm. Its energy, hits and earliest time are added to that parent (the largest, of several), whose
+    A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV. The photon is absorbed about 0.1 mm away, and often
+    makes a small cluster of its own. Taken for a recoil electron it would yield a wrong cone; as a third cluster it would spoil a
+    correct one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of the event with at least
+    its energy lies within 1.2 mm. Its energy, hits and earliest time are added to that parent (the largest, of several), whose
     position is kept. True recoil electrons of this kind are lost with them; they are rare, since Compton scattering by so small
     an angle is.
     """

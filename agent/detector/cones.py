@@ -85,7 +85,7 @@ def cone_event(
     """The cone of a coincidence. ``separation_mm``: cluster 1 minus cluster 2, camera frame.
 
     The difference between the line and the measured sum is divided between the two energies in proportion to their variances, so
-    that they add up to the line; both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the
+    that they add up to the line. Both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the
     line.
     """
     measured_1, measured_2 = energies_kev
@@ -123,9 +123,9 @@ def _reading(line: Line, electron_kev: float, variance: float, length_mm: float)
     """Opening angle, its 1 sigma (ARM) in rad, and the weight of one order; the energies add up to the line.
 
     The weight is the Klein-Nishina cross section for the recoil energy times the probability that the scattered photon is
-    absorbed at this distance; beyond the Compton edge, a Gaussian of the resolution. Near the edge and beyond, the energy only
-    tells that the photon was scattered back, and few directions lie exactly behind: the angle is then that of BELOW_EDGE of the
-    resolution below the edge.
+    absorbed at this distance. Beyond the Compton edge it is a Gaussian of the resolution. Near the edge and beyond, the energy
+    only shows that the photon was scattered back, and few directions lie exactly behind. The angle is then that of BELOW_EDGE of
+    the resolution below the edge.
     """
     photon_kev = line.energy_kev - electron_kev
     edge = compton_edge_kev(line.energy_kev)

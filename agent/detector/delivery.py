@@ -12,8 +12,8 @@ LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of th
 
 
 class Delivery(Struct, frozen=True):
-    """Hits as they were delivered, and losses: rows that are no hits, the missing time that they report, and hits that the reader
-    moved to the neighbouring period of the chip's counter.
+    """Hits as delivered, with losses and repairs: rows that are no hits, the missing time that they report, and hits that the
+    reader moved to the neighbouring period of the chip's counter.
     """
 
     hits: PixelHits

@@ -14,8 +14,8 @@ class ConeEvent(Struct, frozen=True):
 
     Row 0 of each array takes cluster 1 as the recoil electron, row 1 cluster 2. axis: (2, 3) unit vectors from the absorbed
     photon to the electron; the source lies at angle theta from it. theta_rad, sigma_rad, probability: (2,); the probabilities add
-    up to 1. An order beyond the Compton edge has the theta of an order just below it, and the probability that resolution and
-    Doppler broadening put it there, which is seldom 0. energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
+    up to 1. An order beyond the Compton edge has the theta of an order just below it, and the probability, seldom 0, that
+    resolution and Doppler broadening put it there. energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
     """
 
     stamp_ns: int

@@ -21,14 +21,15 @@ class NoiseMask:
     """The mask of one camera's noisy pixels. ``masked_hits`` counts the hits left out so far, ``pixels`` the pixels masked now.
 
     Time is divided into beats of 0.1 s. With m the mean number of hits of a healthy pixel in a beat, a pixel with c hits gains
-    min(c, 1 + SHARE m) - SHARE m: about 1 at most, however many hits a burst has, and negative while it fires no more than SHARE
-    times as often as the mean; the sum is kept at 0 or above (Page's CUSUM test, Biometrika 41, 1954). A pixel whose sum exceeds
-    NOISY is masked. With background only, a pixel that fires 30 times a second is masked after a second, a pixel that fires once
-    a second after ten, and never a pixel that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels. Consequently more
-    than 160 equally noisy pixels, such as a column or a row, hide each other; noise of that kind is not detected.
+    min(c, 1 + SHARE m) - SHARE m. The gain is about 1 at most, however many hits a burst has, and negative while the pixel fires
+    no more than SHARE times as often as the mean. The sum is kept at 0 or above (Page's CUSUM test, Biometrika 41, 1954). A pixel
+    whose sum exceeds NOISY is masked. With background only, a pixel that fires 30 times a second is masked after a second, a
+    pixel that fires once a second after ten. A pixel that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels is never
+    masked. Consequently more than 160 equally noisy pixels, such as a column or a row, raise the mean so far that none is masked.
+    Noise of that kind is not detected.
 
     A healthy pixel is not masked. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
-    within minutes, and in any field 400 times as often as the others; the border of a sensor irradiated from the side is hit only
+    within minutes, and in any field 400 times as often as the others. The border of a sensor irradiated from the side is hit only
     a few times as often.
 
     A noisy pixel is unmasked after a minute in which it was quiet, and after twice as long whenever that was too soon. Each

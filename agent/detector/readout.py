@@ -71,7 +71,7 @@ class Readout(Struct, frozen=True):
 def shed(readout: Readout, most: int) -> Readout:
     """The readout up to a time before which there are at most ``most`` hits; the others count as lost.
 
-    The time lies in a pause, so that no event is shed in part; without a pause it is the time of the first excess hit. The live
+    The time lies in a pause, so that no event is shed in part. Without a pause it is the time of the first excess hit. The live
     time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
     """
     hits = readout.hits

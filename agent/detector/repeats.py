@@ -18,8 +18,8 @@ class Repeats:
     """Leaves out the readouts of a camera that delivers the same hits again and again, under whatever times.
 
     Pixels, times over threshold and the times between the hits, to 1.6 ns, are as random as decay and noise, and never come
-    again: two clusters of three pixels agree in all of this once in 1e11 times or more rarely, two events in one readout once in
-    1e16. One or two pixels alone may well be noisy pixels with always the same pulse, which ``NoiseMask`` leaves out; a camera
+    again. Two clusters of three pixels agree in all of this once in 1e11 times or more rarely, two events in one readout once in
+    1e16. One or two pixels alone may well be noisy pixels with always the same pulse, which ``NoiseMask`` leaves out. A camera
     that repeats so little is mute after that.
 
     After a repeated readout nothing is used until a readout with enough hits is new: empty readouts in between may be repeated,

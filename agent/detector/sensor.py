@@ -1,6 +1,6 @@
 """The agent's sensor model: a 2 mm CdTe slab on a Timepix3, electrons collected at the rear.
 
-The values come from reference data for the MiniPIX TPX3 with CdTe; they are assumptions, and a real camera (or the simulation)
+The values come from reference data for the MiniPIX TPX3 with CdTe. They are assumptions, and a real camera (or the simulation)
 may differ.
 """
 
@@ -15,13 +15,13 @@ DRIFT_NS = 86.0  # across the full thickness, where the camera's calibration doe
 NOISE_KEV = 2.5  # 1 sigma of a cluster's energy: constant part ...
 RELATIVE_NOISE = 0.02  # ... and the part proportional to the energy
 DOPPLER_MOMENTUM = 4.2 / 137.036  # 68 % limit of the bound electrons' momentum along the photon's momentum transfer, in m c
-# 1 sigma of a cluster's centroid about the point of interaction, in each direction: pixels, drift times, range of the
-# fluorescence, and the electron's track, which lengthens with its energy; from transported electrons of 50 to 1100 keV.
+# 1 sigma of a cluster's centroid about the point of interaction, in each direction. Parts: pixels, drift times, range of the
+# fluorescence, and the electron's track, which lengthens with its energy. From transported electrons of 50 to 1100 keV.
 PIXELS_MM = 0.045
 TRACK_MM, TRACK_KEV, TRACK_POWER = 0.064, 411.0, 1.2
 
-# CdTe, cm2/g: photoelectric (Kissel) and total attenuation, from xraylib 4.3; the two K edges (Cd 26.711, Te 31.814 keV)
-# have a row on each side. Beyond 800 keV xraylib gives no total: the Compton part was scaled by Klein-Nishina.
+# CdTe, cm2/g: photoelectric (Kissel) and total attenuation, from xraylib 4.3. The two K edges (Cd 26.711, Te 31.814 keV) have a
+# row on each side. Beyond 800 keV xraylib gives no total: the Compton part was scaled by Klein-Nishina.
 _CDTE = (
     (10.0, 135.4, 138.1),
     (15.0, 44.76, 46.56),

@@ -2,7 +2,7 @@
 
 The total energy of a coincidence decides the line of its cone. For a named nuclide the window is the mission's (the paper's 20
 %). For an unknown nuclide the lines of all candidates are searched for, and such windows would overlap and take in the whole
-spectrum: each window then reaches as far as the resolution puts a line's events, and the nearest line counts.
+spectrum. Each window then reaches as far as the resolution puts a line's events, and the nearest line counts.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Records of one MCAP file in order, each within a limit of size: a file of others can state any length, and compress gigabytes.
+"""Records of one MCAP file in order, each within a limit of size. A foreign file can state any length, and compress gigabytes.
 
-The framing is read here (https://mcap.dev/spec: opcode, length, content), the contents by the library; its own reader unpacks
-chunks of any size, and reads on through a file's zeros.
+The framing is read here (https://mcap.dev/spec: opcode, length, content), the contents by the library. The library's own reader
+unpacks chunks of any size, and reads on through a file's zeros.
 """
 
 from __future__ import annotations

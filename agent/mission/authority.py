@@ -101,8 +101,8 @@ def is_elsewhere(vehicle: VehicleState | None, request: Request) -> bool:
 
 
 def is_cut_short(vehicle: VehicleState, height_m: float) -> bool:
-    """Whether a takeoff to a height above the launch place has ended long before: a pilot or a ground station has chosen another
-    mode.
+    """Whether a takeoff to a height above the launch place has ended long before, because a pilot or a ground station has chosen
+    another mode.
     """
     return vehicle.in_air and vehicle.position_trusted and vehicle.position_m[2] < height_m - CUT_SHORT_M
 
@@ -213,7 +213,7 @@ class Authority(Struct, frozen=True):
         return judged.after(Event.OVERRULED, now_ns) if lasts else judged
 
     def mode_lasts(self, now_ns: int) -> bool:
-        """Whether the autopilot has been in its mode for long enough to be reported: a failsafe for want of battery holds before
+        """Whether the autopilot has been in its mode for long enough to be reported. A failsafe for want of battery holds before
         it returns, and a pilot may cancel it. The others plan by the last stage that is published.
         """
         return self.mode_since_ns is not None and now_ns - self.mode_since_ns >= FAILSAFE_NS

@@ -250,7 +250,7 @@ class Executive:
 
     def _is_no_nearer(self, returning_s: float) -> bool:
         """Whether the return has made no progress for long enough to land on the spot. A revoked drone has less time, because the
-        others take it to have landed soon; but not while it is above the altitudes of the others, or over home.
+        others expect it landed soon. Not while it is above the altitudes of the others, or over home.
         """
         vehicle, home = self._own.vehicle, self._navigator.home
         is_low = vehicle is not None and vehicle.height_m < low_m(self._config)

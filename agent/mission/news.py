@@ -71,10 +71,10 @@ class News:
 
     def _receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
         """Take a message at its time by the own clock. A stamp that is plainly of now is kept: the sender's clock is right again,
-        and a late status of before has stated otherwise, or none has come yet.
+        after a late status of before, or before the next status.
 
         Of two senders under one id, one may have forged the difference of the clocks, so that the messages of the other would be
-        stale, or of the future: then both readings count.
+        stale, or of the future. Then both readings count.
         """
         here, were_two = self._clocks.by_own_clock(message), self._peers.are_two(message.drone, now_ns)
         is_other, is_now = here.stamp_ns != message.stamp_ns, is_present(message.stamp_ns, now_ns)

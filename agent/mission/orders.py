@@ -1,10 +1,10 @@
 """Which commands reach this drone's mission: signed by an operator, for this mission, and not sent before.
 
-A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given: a nonce,
-which the drone changes twice a second by its own clock and never uses again after a restart, and a number above that of the last
-command carried out. So neither a recorded nor a delayed nor a reordered command is obeyed: none given more than
-``MAX_ORDER_AGE_NS`` ago, by the drone's clock alone. The operator's clock only matters for a start, whose stamp is the beginning
-of the swarm's mission.
+A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given. The
+ticket is a nonce, and a number above that of the last command carried out. The drone changes the nonce twice a second by its own
+clock, and never uses it again after a restart. So neither a recorded nor a delayed nor a reordered command is obeyed, and none
+given more than ``MAX_ORDER_AGE_NS`` ago, by the drone's clock alone. The operator's clock only matters for a start, whose stamp
+is the beginning of the swarm's mission.
 
 Nonces follow from a key that each agent draws at its start. Before their publication they are secret: a brief hold of an
 operator's key is not enough to sign commands for later.

@@ -4,9 +4,9 @@ At first it stays in place by setpoints, with separation from the others, which 
 that lasts, hold is requested while the autopilot still accepts it: PX4 goes back to the mode chosen last when the satellites
 return, and in hold it stays. (In the failsafe that follows it accepts no mode that needs a position.)
 
-The mission continues when the position is confirmed and the drone is certainly well above the ground: a real drone has landed
+The mission continues when the position is confirmed and the drone is certainly well above the ground. A real drone has landed
 unnoticed, and then taken off at 5 m/s. The drone lands near the ground, and anywhere if the position stays lost for
-``LONGEST_NS``, or the battery is low before. A landing that has begun goes on when the position is confirmed; but from then on,
+``LONGEST_NS``, or the battery is low before. A landing that has begun continues when the position is confirmed. But from then on,
 well above the ground, an operator may send the drone home.
 """
 

@@ -1,7 +1,7 @@
 """Revocation in flight: messages and commands of a revoked member are ignored. Log entries of a drone that has been revoked, or
 has contradicted itself, are left out from a number on.
 
-What follows depends on the set of revocations and entries alone, not on their order: of several numbers for the same drone the
+What follows depends on the set of revocations and entries alone, not on their order. Of several numbers for the same drone the
 lowest counts, for each boot. So all drones leave the same entries out of log, digest and hypothesis.
 """
 

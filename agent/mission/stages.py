@@ -24,7 +24,7 @@ from protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
 
 STRANDED_S = 5.0  # return delay after lost links, or with an uncertain position
 # Return delay without a feasible circle. The others keep the stopping place clear for as long as the vehicle would stop there
-# after the loss of its agent; the agent notices that a second later than its autopilot (``navigation.unheard.agentless``).
+# after the loss of its agent. The agent notices that a second later than its autopilot (``navigation.unheard.agentless``).
 ROOMLESS_S = 2.0
 _STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
 _ABOVE_FLOOR_M = 0.25  # margin above the floor: heights err by 0.05 m (1 sigma), and references are 0.5 m above it

@@ -17,7 +17,7 @@ from protocol.stages import ON_GROUND
 
 
 class Origin(Struct, frozen=True, kw_only=True):
-    """Where an uploaded mission comes from: the station, its certificate (DER; empty in a swarm without), when by the drone's
+    """The origin of an uploaded mission: the station, its certificate (DER; empty in a swarm without), the time by the drone's
     clock (UTC), and the id of the mission in the drone's mission file, which it replaces.
     """
 

@@ -8,8 +8,8 @@ index, ToA, overflow, FToA, ToT, with the same meaning as in a .t3pa file.
 
 ToA counts from the start of an acquisition. Its time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the transfer
 from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock with an
-error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts. These times are by a clock that is never
-set: otherwise, after a step of the computer's UTC by 3 s within the minute, hits kept to the former time.
+error of 50 ppm is off by at most 3 ms. The pause between two acquisitions is a gap between readouts. These times are by a clock
+that is never set: otherwise, after a step of the computer's UTC by 3 s within the minute, hits kept to the former time.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ def load_flight_calibration(path: Path) -> Calibration:
 def bad_pixels(a: FloatArray, b: FloatArray, c: FloatArray, t: FloatArray) -> NDArray[np.bool_]:
     """Return which pixels (N,) have no time over threshold that is finite and rises over ``RANGE_KEV``.
 
-    The slope is a + c / (E - t)^2: c = 0 is a straight line; a negative c must be outweighed at the lowest energy. Zeros in b, c
+    The slope is a + c / (E - t)^2: c = 0 is a straight line. A negative c must be outweighed at the lowest energy. Zeros in b, c
     and t together mean that the pixel was not calibrated.
     """
     finite = np.isfinite(a) & np.isfinite(b) & np.isfinite(c) & np.isfinite(t)

@@ -1,7 +1,7 @@
 """Reader of the real camera's files, Advacam's ``.t3pa`` and ``.t3p``, in pieces, so that memory does not grow with the file.
 
 Text with a header row that names the columns (Index, Matrix Index, ToA, ToT, FToA, Overflow). Time in ns is 25 ToA - (25/16)
-FToA; FToA has 5 bits. Rows with Overflow = 1 are no hits: matrix index 0x74 marks the start of lost data, 0x75 its end, with the
+FToA; FToA has 5 bits. Rows with Overflow = 1 are no hits. Matrix index 0x74 marks the start of lost data, 0x75 its end, with the
 length of the missing time as its ToA. A file may hold several measurements, one appended to the other: Index begins anew with
 each (Advacam's description of its file types).
 """
@@ -44,8 +44,8 @@ class T3paReader:
 
     ToA in the file may be extended, or may wrap. With ``toa_bits`` None a wrap is recognised: of 30 bits (every 26.8 s, a gap
     that only the weakest sources leave empty) by a step back of more than half of the range; of 14 bits (every 0.41 ms) where the
-    first rows wrap several times and never exceed them. 14 bits keep events whole, but every pause longer than half of the range
-    loses whole periods, so that rates from such a file are too high; export with the extended ToA instead.
+    first rows wrap several times and never exceed them. Events stay whole with 14 bits, but every pause longer than half of the
+    range loses whole periods. Rates from such a file are too high: export with the extended ToA instead.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
 """Gain stabilisation, as in spectrometers: the lines of the nuclides in view are a reference for the camera's energy scale.
 
-A Kalman filter of two states: g, the natural logarithm of the gain over that of the calibration, a random walk; and e, the
-constant error of reading the place of the lines. A reading is z = g + e + noise, its noise from the likelihood of the spectrum by
-gain. So the scale follows every change from its first evidence on, as far as the readings show it, and leaves the calibration
-only as far as the lines are read more exactly than a camera is calibrated.
+A Kalman filter has two states. State g is the natural logarithm of the gain over that of the calibration, a random walk. State e
+is the constant error of reading the place of the lines. A reading is z = g + e + noise, its noise from the likelihood of the
+spectrum by gain. So the scale follows every change from its first evidence on, as far as the readings show it. The scale leaves
+the calibration only as far as the lines are read more exactly than a camera is calibrated.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class EnergyScale:
 
 
 def read(counts: Array, nuclides: tuple[str, ...], readings: tuple[Reading, ...], evidence: float) -> tuple[float, float] | None:
-    """Logarithm of the gain by which a spectrum (B,) of these nuclides is read, and its 1 sigma: the maximum of the likelihood by
+    """Return the logarithm of the gain of a spectrum (B,) of these nuclides, and its 1 sigma: the maximum of the likelihood by
     gain, and its curvature. ``readings``: equally spaced in it.
 
     None if the spectrum does not need the nuclides' peaks by this evidence, has others, or lacks some, and if the maximum is the

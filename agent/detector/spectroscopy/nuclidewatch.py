@@ -17,10 +17,10 @@ LOOK_NS = 10_000_000_000
 class NuclideWatch:
     """Recognises the nuclide every LOOK_NS, and compares it with the mission's.
 
-    With several candidates there may be several sources, whose spectrum is that of no single nuclide; so only lines are reported
+    With several candidates there may be several sources, whose spectrum is that of no single nuclide. So only lines are reported
     that no mixture of candidates explains.
 
-    The nuclides that are seen are the reference for the camera's energy scale: the mission's one, until another is recognised; of
+    The nuclides in view are the reference for the camera's energy scale: the mission's nuclide, until another is recognised; of
     several candidates the ones present. Readings from before a jump of that scale are forgotten.
     """
 

@@ -1,11 +1,12 @@
 """Nuclide recognition: the spectrum of a camera's events against the lines of the known nuclides.
 
-The spectrum is modelled as a sum of components (``shapes``) with free, non-negative strengths: full-energy peaks of a nuclide,
-with relative strengths from photons per decay and the sensor's efficiency; its Compton continuum; peaks of the natural
-background; and broad humps for scattered photons and the background's continuum. For each nuclide, and each of a few ways in
-which a camera may read energies, the components are fitted by maximum likelihood (Poisson), with its peaks and without. A
-nuclide is recognised where its peaks are significant, every other nuclide explains the spectrum much worse, and the spectrum
-has neither a peak more than the nuclide nor one less. Only shapes enter, so neither activity nor distance need be known.
+The spectrum is modelled as a sum of components (``shapes``) with free, non-negative strengths. Components of a nuclide are its
+full-energy peaks, with relative strengths from photons per decay and the sensor's efficiency, and its Compton continuum. The
+others are peaks of the natural background, and broad humps for scattered photons and the background's continuum. For each
+nuclide, and each of a few energy responses of a camera, the components are fitted by maximum likelihood (Poisson), with its peaks
+and without. A nuclide is recognised if its peaks are significant, and every other nuclide explains the spectrum much worse. Also,
+the spectrum must have neither a peak more than the nuclide nor one less. Only shapes enter, so neither activity nor distance need
+be known.
 """
 
 from __future__ import annotations

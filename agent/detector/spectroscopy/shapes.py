@@ -18,8 +18,8 @@ EDGES_KEV: Array = np.geomspace(45.0, 1600.0, 141)  # 2.6 % wide: one standard d
 MIDDLES_KEV: Array = np.sqrt(EDGES_KEV[1:] * EDGES_KEV[:-1])
 _HUMPS = 9
 
-# Effective area for full-energy events, mm2, mean over all directions, by energy in keV: photons that the simulated sensor turns
-# into a peak of the agent's resolution.
+# Effective area for full-energy events, mm2, mean over all directions, by energy in keV, for photons that the simulated sensor
+# turns into a peak of the agent's resolution.
 _PEAK_KEV = (60.0, 80.0, 120.0, 160.0, 210.0, 280.0, 365.0, 470.0, 600.0, 760.0, 960.0, 1173.0, 1400.0)
 _PEAK_MM2 = (75.5, 81.3, 70.6, 50.4, 31.1, 17.0, 9.48, 5.50, 3.27, 1.97, 1.21, 0.786, 0.535)
 
