@@ -1,4 +1,4 @@
-"""The types of vectors and attitudes in the simulation, whose maths is its own."""
+"""Types of vectors and attitudes in the simulation, which has maths of its own."""
 
 from __future__ import annotations
 

@@ -38,31 +38,31 @@ class RunResult(Struct, frozen=True, kw_only=True):
         bound_median_m, bound_relative_median_m: bounds of error_median_m and error_relative_median_m for the
             trajectories flown (``sim.scoring.bound``).
 
-    Estimated frames, of the first drone (None, or empty, where all are exact):
+    Estimated frames, of the first drone (None, or empty, if all are exact):
         best_position_error_m: median error, while tracking, of the drone with the best localisation, against the mission
             frame at the start. Frame errors are horizontal errors of the drones' positions.
         frames_known_s: first time at which all frames were known, since the start of the simulation.
         frame_error_median_m: over all drones and the tracking, where the frame is known.
-        suspects: drones that were suspected for more than half of the tracking, separated by commas.
+        suspects: drones suspected for more than half of the tracking, separated by commas.
         recovery_s: time from the first localisation event of the scenario until the hypothesis' error was last above 3 m (twice
-            its median before, where that is more); at most 60; None without event.
+            its median before, if that is more); at most 60; None without event.
 
     All sources of the first drone's last estimate against all true ones at that time, matched one to one
-    (``sim.scoring.sourcescore``); None where the hypothesis is given, and for an estimator that only listened:
+    (``sim.scoring.sourcescore``); None with a given hypothesis, and for a listening estimator:
         sources_true, sources_found: numbers of true and of estimated sources. number_right: both are equal and all are matched.
         false_sources: estimated ones without a match. nuclides_right: matches with the right nuclide.
-        matched_error_median_m, matched_error_p90_m, height_error_median_m: of the matches, horizontal, and of the heights where
-            these are estimated. activity_error_median: relative.
+        matched_error_median_m, matched_error_p90_m, height_error_median_m: of the matches, horizontal, and of the estimated
+            heights. activity_error_median: relative.
         in_region_90: share of the matches whose truth is in the 90 % region of the estimate, a Gaussian over the plane.
 
     A flight that finds nothing:
-        nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
-            listened: it excludes the activities that the mission searches for).
-        finding: that result, as the first drone tells it; empty of an estimator that only listened.
+        nothing_found: the mission's result: no source, or none that is strong enough (for a listening
+            estimator: it excludes the activities of the mission's search).
+        finding: that result, as reported by the first drone; empty for a listening estimator.
         excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
-            else at the end; None with a hypothesis of one source, or where nothing is excluded. Of a search for several sources
-            of unknown nuclides, for the one that hides best, beside those that were found.
-        excluded_nuclides_bq: the same at the end by nuclide, of such a search; without nuclides of which nothing is excluded.
+            else at the end; None with a hypothesis of one source, or without exclusion. Of a search for several sources
+            of unknown nuclides: for the nuclide that is hardest to find, beside the found sources.
+        excluded_nuclides_bq: the same at the end by nuclide, of such a search; only nuclides with an exclusion.
         false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
@@ -132,7 +132,7 @@ class ConeTrace:
 
 @dataclass(frozen=True, slots=True)
 class FaultTrace:
-    """A fault of the flight: what it is called, the drones that it struck (indices), and its begin and end within the flight."""
+    """A fault of the flight: its label, the struck drones (indices), and its begin and end within the flight."""
 
     label: str
     drones: tuple[int, ...]
@@ -151,7 +151,7 @@ class SourceTrace:
 
 @dataclass(frozen=True, slots=True)
 class EstimateTrace:
-    """A published estimate: when, and all its sources."""
+    """A published estimate: its time, and all its sources."""
 
     time_s: float
     sources: tuple[Found, ...]
@@ -163,8 +163,8 @@ class Trace:
 
     time_s: (T,) since the start of the simulation. position_m, velocity_mps: (T, N, 3), true. stage: (T, N) of protocol Stage
     strings. source_m: (T, 3), true; NaN without a source; of several, the one nearest to the first drone's hypothesis.
-    hypothesis_m: (T, N, 3) of each drone, NaN where it has none. covariance_m2: (T, 2, 2) of the first drone's posterior, NaN
-    where it has none; sigma_m: (T,) its RMS. activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's
+    hypothesis_m: (T, N, 3) of each drone, NaN without one. covariance_m2: (T, 2, 2) of the first drone's posterior, NaN
+    without one; sigma_m: (T,) its RMS. activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's
     hypothesis, NaN where the estimator does not give them. bound_m: (T,) least median error for the trajectories flown so far
     (``sim.scoring.bound``), NaN without a source, and with several. own_error_m, own_bound_m: (T,) error in the first vehicle's
     own frame, NaN where unknown; and its bound. source_bq: true activity of the source that is nearest to the estimate at the
@@ -172,8 +172,8 @@ class Trace:
     from 360/n of the gap to the next one, counter-clockwise around the hypothesis; NaN for the others. judged: (T,) index of
     the drone that is called the first one above: drone 0 as long as its agent lives, then the first one whose agent does.
     truths: all true sources. estimates: as the first drone published them, each source with its nuclide. left_m, glare_m: (C,
-    2) places where a search for several sources has not excluded a further one at the end: those where it would have gone on,
-    and those beside sources that outshine it.
+    2) places where a search for several sources has not excluded a further one at the end: places still to be searched,
+    and places beside sources that outshine it.
     """
 
     time_s: NDArray[np.float64]

@@ -23,7 +23,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def json_line(line: Line) -> str:
-    """One flat object on one line; numbers in full precision, so that reading them back gives the same bits."""
+    """Return one flat object on one line; numbers in full precision, which are read back with the same bits."""
     return msgspec.json.encode(line).decode() + "\n"
 
 
@@ -45,7 +45,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Turns an OSError into an OutputError that names the file."""
+    """Turn an OSError into an OutputError that names the file."""
     try:
         yield
     except OSError as error:

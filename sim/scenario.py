@@ -69,7 +69,7 @@ class EndTruth(_Section, frozen=True, kw_only=True):
 class Scenario(_Section, frozen=True, kw_only=True):
     """A mission and the truth for its simulation.
 
-    All of ``source``, ``sources`` and ``random_sources`` are there at once; each may be left out.
+    The sources of ``source``, ``sources`` and ``random_sources`` exist together; each may be left out.
     """
 
     name: str
@@ -81,8 +81,8 @@ class Scenario(_Section, frozen=True, kw_only=True):
     terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
-    cameras: dict[str, OwnCamera] = {}  # by drone: those that differ
-    ground: GroundTruth | None = None  # None: nothing below scatters or sends out photons, as in the paper's data
+    cameras: dict[str, OwnCamera] = {}  # by drone: cameras that differ
+    ground: GroundTruth | None = None  # None: no ground that scatters or emits photons, as in the paper's data
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
     sightings: SightingTruth | None = None  # None: no relative observations
@@ -94,12 +94,12 @@ class Scenario(_Section, frozen=True, kw_only=True):
 
     @property
     def measured(self) -> bool:
-        """Whether the drones' cameras are simulated: also without a source, but not where the hypothesis is given."""
+        """Return whether the drones' cameras are simulated: also without a source, but not with a given hypothesis."""
         given = self.mission.fusion.estimator == "given"
         return not given or self.source is not None or bool(self.sources) or self.random_sources is not None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where values contradict each other."""
+        """Raise ConfigError for contradictory values."""
         self.mission.check(where)
         check_estimator(self.mission.fusion.estimator, f"{where}: mission.fusion.estimator")
         nuclide = self.mission.one_nuclide
@@ -182,7 +182,7 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
 
 
 def chosen(scenario: Scenario, estimator: str | None, law: str | None) -> Scenario:
-    """The scenario with another estimator and another flocking law, where given; errors as in ``override``."""
+    """Return the scenario with another estimator and another flocking law, if given; errors as in ``override``."""
     values = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
     return override(scenario, {key: name for key, name in values.items() if name is not None})
 
@@ -215,13 +215,13 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, object]:
 
 
 def _base(path: Path, base: str) -> Path:
-    """The file of a base named in ``path``: beside it first, then among the shipped ones."""
+    """Return the file of a base named in ``path``: beside it first, then among the shipped ones."""
     named = base if base.endswith(".toml") else f"{base}.toml"
     for folder in (path.parent, _FOLDER):
         try:
             if (folder / named).is_file():
                 return folder / named
-        except OSError:  # a name that no file can have
+        except OSError:  # an impossible file name
             break
     known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.toml")))
     raise ConfigError(f"{path}: base: there is no {named!r} in {path.parent}, nor among the shipped scenarios: {known}")

@@ -26,7 +26,7 @@ class Case:
 
     @property
     def key(self) -> tuple[str, tuple[Value, ...]]:
-        """Identifies the case within its campaign: the name, and the values of the sweep."""
+        """Return the identity of the case within its campaign: the name, and the values of the sweep."""
         return self.name, tuple(value for _, value in self.point)
 
     @property
@@ -84,7 +84,7 @@ def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | No
 
 
 def without_effect(flown: Sequence[Case], settings: Iterable[str], estimator: str | None, law: str | None) -> list[str]:
-    """A line for each parameter that is set or swept, but has no effect in one of the cases.
+    """Return a line for each parameter that is set or swept, but has no effect in one of the cases.
 
     ``settings``: the parameters that are set; ``estimator``, ``law``: of all flights, None for the scenario's own.
     """

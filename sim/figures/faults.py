@@ -13,7 +13,7 @@ from sim.figures.style import DRONES, ESTIMATE, dress, new_figure
 def kinds_figure(rows: Sequence[tuple[str, int, int, int]], title: str) -> Figure:
     """Bars by kind of fault.
 
-    rows: kind, missions in which it came, those with a violation, those in which able drones did not locate the source.
+    rows: kind, its missions, missions with a violation, missions whose able drones did not locate the source.
     """
     figure = new_figure(8.0, 1.6 + 0.24 * len(rows))
     axes = figure.subplots()

@@ -30,7 +30,7 @@ FAILSAFE_S, SETPOINTS_S = (
     1.2,
     0.1,
 )  # PX4's after the last setpoint; by which the mode is known later, and the last one sent earlier
-HEARTBEAT_S = 1.1  # a real vehicle's mode comes with its heartbeat; the text that comes first does not contain it
+HEARTBEAT_S = 1.1  # a real vehicle's mode comes with its heartbeat; the earlier text does not contain it
 RETURN_S = 2.0
 HOLD_S, STOPPING_S = 9.0, 4.0
 STILL_MPS, STILL_M = 1.0, 2.0  # the true vehicle wanders by 0.2 to 0.6 m (1 sigma) with the noise of its estimate
@@ -111,7 +111,7 @@ async def gnss_lost(swarm: Swarm, seed: int, patience_s: float, folder: Path) ->
 
 @asynccontextmanager
 async def _circling(swarm: Swarm, seed: int, patience_s: float) -> AsyncIterator[tuple[Witness, asyncio.Task[Flight]]]:
-    """A mission in which all drones have just circled for 3 s: what is seen of it, and its flight, which ends with the context.
+    """Fly a mission until all drones have circled for 3 s; yield its witness, and its flight, which ends with the context.
 
     Raises:
         LiveError: the swarm does not get ready, or the mission is over before.
@@ -136,8 +136,10 @@ async def _judge(
     failsafe: int | None = None,
     strays: int | None = None,
 ) -> None:
-    """Criteria of every flight. ``failsafe``: drone whose autopilot may take over; ``strays``: drone that may land elsewhere."""
-    await swarm.operator.until(lambda: not any(moments[-1].armed), HEARTBEAT_S + SETPOINTS_S)  # a heartbeat tells of disarming
+    """Check the criteria of every flight. ``failsafe``: drone with a permitted failsafe; ``strays``: drone that may land
+    elsewhere.
+    """
+    await swarm.operator.until(lambda: not any(moments[-1].armed), HEARTBEAT_S + SETPOINTS_S)  # disarming shows in a heartbeat
     result, end = flight.result, moments[-1]
     folder.mkdir(parents=True, exist_ok=True)
     await asyncio.to_thread(write_flight, folder, flight)  # drawing takes seconds, during which agents must be heard

@@ -15,7 +15,7 @@ _IN_IMAGE = "/opt/px4/bin/px4"
 
 @dataclass(frozen=True, slots=True)
 class Px4:
-    """How an instance is started: a local build's binary, or an image with docker (``image``)."""
+    """The program of an instance: a local build's binary, or an image with docker (``image``)."""
 
     binary: Path | None = None
     image: str | None = None

@@ -35,12 +35,12 @@ class Checks:
         self.figures: dict[str, float] = {}
 
     def ask(self, holds: bool, otherwise: str) -> None:
-        """Note a failure where a criterion does not hold."""
+        """Note a failure of a criterion."""
         if not holds:
             self._failures.append(otherwise)
 
     def at_most(self, name: str, value: float | None, limit: float) -> None:
-        """A figure with an upper limit; None: it was never reached."""
+        """Note a figure with an upper limit; None: it was never reached."""
         if value is None:
             self._failures.append(f"{name}: never")
             return
@@ -48,12 +48,12 @@ class Checks:
         self.ask(value <= limit, f"{name}: {value:.2f}, more than {limit:g}")
 
     def at_least(self, name: str, value: float, limit: float) -> None:
-        """A figure with a lower limit."""
+        """Note a figure with a lower limit."""
         self.figures[name] = round(value, 3)
         self.ask(value >= limit, f"{name}: {value:.2f}, less than {limit:g}")
 
     def row(self) -> Row:
-        """The result."""
+        """Return the result."""
         return Row(self._name, tuple(self._failures), self.figures)
 
 
@@ -71,7 +71,7 @@ class Report(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Whether all rows passed, including those flown again."""
+        """Return whether all rows passed, including repeated ones."""
         return all(row.passed for row in self.rows)
 
 

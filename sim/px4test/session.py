@@ -50,7 +50,7 @@ async def fly_all(px4: Px4 | None, seed: int, chosen: Collection[str], folder: P
         seed: of the world's random numbers.
         chosen: names of sessions.
         folder: for all files; with a folder for each session and each further attempt.
-        attempts: most attempts at a session that fails; the report contains earlier failures.
+        attempts: most attempts at a failing session; the report contains earlier failures.
     """
     began_s = time.monotonic()
     rows: list[Row] = []

@@ -82,7 +82,7 @@ class Witness:
 
 
 def least_distance_m(moments: Sequence[Moment]) -> tuple[float, float]:
-    """Least distance between two airborne drones: horizontally, and in space; infinite if there never were two."""
+    """Return the least distance between two airborne drones, m: horizontally, and in space; infinite without two such drones."""
     flat = space = float("inf")
     for moment in moments:
         flying = [moment.position[drone].tolist() for drone in range(len(moment.position)) if moment.flies(drone)]

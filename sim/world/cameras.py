@@ -24,7 +24,7 @@ from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.world.walls import Walls
 
 _SAME = OwnCamera()
-_ANY = "Cs-137"  # the nuclide of cameras that see nothing but background, where the mission names none
+_ANY = "Cs-137"  # the nuclide of cameras that measure the background only, without a nuclide in the mission
 
 
 class Motion(Protocol):
@@ -53,8 +53,8 @@ class Cameras:
         random: Streams,
         clock_ns: int,
     ) -> None:
-        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera, but for ``scenario.cameras``. ``random``:
-        of the run. ``clock_ns``: UTC time at which the cameras' clocks were reset.
+        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera, except in ``scenario.cameras``.
+        ``random``: of the run. ``clock_ns``: UTC time at which the cameras' clocks were reset.
         """
         emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
@@ -89,12 +89,14 @@ class Cameras:
         return replace(view, concrete_m=concrete_m, nuclide=source.nuclide, camera_m=camera_m, source_m=source_m)
 
     def _concrete_m(self, place: Array, source: Array) -> float:
-        """Length of concrete between camera and source (3,), plus the concrete equivalent of the ground between them."""
+        """Return the length of concrete between camera and source (3,), plus the concrete equivalent of the ground between
+        them.
+        """
         soil_m = CONCRETE_PER_SOIL * self._terrain.soil_m(place, source)
         return soil_m if self._walls is None else soil_m + self._walls.concrete_m(place, source)
 
     def read_out(self, drone: int) -> Readout:
-        """The exposures since the last call as one readout; there must have been one."""
+        """Return the exposures since the last call as one readout; there must have been one."""
         slices, self._exposed[drone] = self._exposed[drone], []
         first, last = slices[0], slices[-1]
         live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
@@ -103,12 +105,12 @@ class Cameras:
 
     @property
     def calibrations(self) -> list[PixelCalibration]:
-        """The true calibration of each camera."""
+        """Return the true calibration of each camera."""
         return [camera.calibration for camera in self._cameras]
 
     def calibrated(self, drones: Sequence[DroneConfig], folder: Path) -> list[DroneConfig]:
-        """The drone files with the calibration that each camera has: by ``scenario.cameras``, or its own where pixels differ,
-        written into ``folder``.
+        """Return the drone files with the calibration of each camera: by ``scenario.cameras``, or its own for different
+        pixels, written into ``folder``.
         """
         if self._scenario.camera.calibration_spread > 0.0:
             folders = [folder / drone.id for drone in drones]

@@ -64,7 +64,7 @@ class Receiver:
 
     @property
     def available(self) -> bool:
-        """Whether it has a position now."""
+        """Return whether it has a position now."""
         return self._sky and not self.lost and not self.blocked
 
     @property
@@ -94,7 +94,7 @@ class Receiver:
             self._jump = np.append(truth.jump_m * rng.standard_normal(2), 0.0) if self._jumped else np.zeros(3)
 
     def fix(self, stamp_ns: int, position_m: Array) -> GnssFix | None:
-        """The fix at a true position (3,), world; None where none is due or available."""
+        """Return the fix at a true position (3,), world; None if no fix is due or available."""
         if self._datum is None or not self.available or self._steps % self._every:
             return None
         truth, datum = self._truth, self._datum

@@ -41,7 +41,7 @@ class StartTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def launch_places(start: StartTruth, mission: MissionConfig, rng: np.random.Generator) -> Array:
-    """(N, 3), mission frame; ConfigError where no positions are found that are far enough apart."""
+    """Return the launch positions, (N, 3), mission frame; ConfigError if no positions with sufficient distances are found."""
     if start.scatter_m <= 0.0:
         return np.array([drone.origin_m for drone in mission.drones], dtype=np.float64)
     for _ in range(_ATTEMPTS):
@@ -52,7 +52,7 @@ def launch_places(start: StartTruth, mission: MissionConfig, rng: np.random.Gene
 
 
 def _scatter(start: StartTruth, count: int, apart_m: float, rng: np.random.Generator) -> Array | None:
-    """Positions drawn one after another; None where the first ones leave no room for the others."""
+    """Draw positions one after another; None if the first ones leave no room for the others."""
     chosen: list[Array] = []
     for _ in range(count):
         for _ in range(_DRAWS):

@@ -23,10 +23,10 @@ _LEAD_S = 0.85  # by which the velocity's error leads the position's
 class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """1-sigma errors. Defaults: a real PX4's EKF against the truth, in 70 recordings of half a minute each.
 
-    Its position and velocity errors are correlated: along each axis they are p and 1.3 (p + 0.85 s dp/dt) in size, with p smooth
-    and a correlation time of some seconds. (dp/dt itself is only a third of the velocity's error.) The other errors vary slowly
-    at random; the biases are added, drawn once per vehicle and flight. All zero: ideal poses. ``vehicles``: those whose local
-    frames are not simply as in the mission; ``liar``: one of them has a spoofed pose.
+    Its position and velocity errors are correlated: along each axis they are p and 1.3 (p + 0.85 s dp/dt) in size, with p
+    smooth and a correlation time of some seconds. (dp/dt itself is only a third of the velocity's error.) The other errors
+    vary slowly at random; the biases are added, drawn once per vehicle and flight. All zero: ideal poses. ``vehicles``:
+    vehicles whose local frames differ from the mission's launch layout; ``liar``: a vehicle with a spoofed pose.
     """
 
     horizontal_m: Metres = 0.25  # of the horizontal distance; each axis has 1/sqrt(2) of it
@@ -73,7 +73,7 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 class Localization:
     """Errors of N vehicles (estimate minus truth), advanced in fixed steps.
 
-    Those of the filter are critically damped second-order Gauss-Markov processes, the slow ones of first order.
+    The filter's errors are critically damped second-order Gauss-Markov processes, the slow errors are of first order.
     """
 
     def __init__(self, truth: LocalizationTruth, count: int, step_s: float, rng: np.random.Generator) -> None:

@@ -30,7 +30,7 @@ class SlamTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     vertical: Share = 0.003  # the same vertically; a barometer or rangefinder helps
     yaw_degpm: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.015
     along_m: Annotated[float, Meta(gt=0.0, le=1e5)] = 25.0  # correlation length of these rates
-    told_m: Metres = 0.1  # accuracy that it reports, whatever the true one is
+    told_m: Metres = 0.1  # reported accuracy, regardless of the true one
     closure_s: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None  # mean time between loop closures; None: no closures
     closure_share: Share = 0.8  # share of the drift that a closure corrects at once
     closure_announced: bool = True  # with a new epoch
@@ -75,7 +75,7 @@ class VehicleTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         return GnssTruth() if "gnss" in kinds else None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where an event cannot happen."""
+        """Raise ConfigError for an impossible event."""
         kind: Kind = self.kind
         if list(self.events) != sorted(self.events, key=lambda event: event.at_s):
             raise ConfigError(f"{where}.events: give them in order of at_s")
@@ -99,7 +99,7 @@ class LiarTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def check_vehicles(vehicles: dict[DroneId, VehicleTruth], liar: LiarTruth | None, drones: Iterable[str], where: str) -> None:
-    """Raise ConfigError where these do not match the mission's drones."""
+    """Raise ConfigError unless these match the mission's drones."""
     known = list(drones)
     for name, vehicle in vehicles.items():
         if name not in known:

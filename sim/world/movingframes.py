@@ -1,7 +1,7 @@
 """Local frames of vehicles with different kinds of localisation: with initial errors, drift, rotation and jumps.
 
-A vehicle's error is stored as the present position of its local frame in the world: everything that the vehicle measures or is
-commanded in that frame then has the same error, as in flight. The small errors of ``sim.world.localization`` are added.
+A vehicle's error is stored as the present position of its local frame in the world: all measurements and commands in that
+frame then have the same error, as in flight. The small errors of ``sim.world.localization`` are added.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ _UPWARDS = 0.1  # share of a launch position's error: the ground is known best
 
 
 class Jump(NamedTuple):
-    """A jump of a vehicle's position by (3,), world axes, and of its heading. ``undoes``: one by the opposite angle."""
+    """A jump of a vehicle's position by (3,), world axes, and of its heading. ``undoes``: an earlier jump by the opposite
+    angle.
+    """
 
     shift_m: Array
     turn_rad: float = 0.0
@@ -37,7 +39,7 @@ class Jump(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """A reset of the vehicle's filter, announced: its position jumps by (3,), world axes, because an error of it is gone."""
+    """An announced reset of the vehicle's filter: its position jumps by (3,), world axes, as an error of it is removed."""
 
     jump_m: Array
 
@@ -66,7 +68,7 @@ class _Frame:
         self._events = list(truth.events)
         self._lie_m, self._liar = lie_m, liar
         self._due: list[Jump | Reset] = []
-        self._moved_m: dict[float, Array] = {}  # by angle: how far unannounced turns about the vehicle have moved the origin
+        self._moved_m: dict[float, Array] = {}  # by angle: displacement of the origin by unannounced turns about the vehicle
         spread = truth.origin_m * np.array([1.0, 1.0, _UPWARDS])
         self.true_origin: Array = np.array(origin, dtype=np.float64) + spread * rng.standard_normal(3)
         self.true_yaw = float(np.radians(yaw_deg + truth.yaw_deg * rng.uniform(-1.0, 1.0)))
@@ -129,11 +131,11 @@ class _Frame:
             self.origin = self.origin - by_m
 
     def expect(self, change: Jump | Reset) -> None:
-        """It happens in the next step."""
+        """Apply a change in the next step."""
         self._due.append(change)
 
     def _drift(self, place: Array, flown_m: float) -> None:
-        """Odometry drift; vehicles that only wait for their satellites keep north."""
+        """Add the odometry drift; vehicles that only wait for their satellites keep north."""
         keep = float(np.exp(-flown_m / self._slam.along_m))
         self._rate *= keep
         self._rate += (1.0 - keep**2) ** 0.5 * self._rate_sigma * self._rng.standard_normal(4)
@@ -165,7 +167,7 @@ class _Frame:
         self.epoch += 1
 
     def _jump(self, before: tuple[Array, float], jump: Jump, place: Array) -> None:
-        """``before``: origin and heading before it."""
+        """Apply a jump. ``before``: origin and heading before it."""
         origin = self.origin
         self._turn_about(place, jump.turn_rad)
         if jump.undoes:  # turned back about the place where the vehicle is now, its position would stay wrong
@@ -191,7 +193,7 @@ class _Frame:
             self.origin, self.yaw = self._north_origin - _TAKEN * self.receiver.error_m, 0.0
 
     def _close_loop(self, place: Array) -> None:
-        """Loop closure: most of the drift is corrected at once, as the beginning of the map is known."""
+        """Close a loop: most of the drift is corrected at once, as the beginning of the map is known."""
         before, share = (self.origin, self.yaw), self._slam.closure_share
         error = self.own_error_m(place)
         self._turn_about(place, share * (self.true_yaw - self.yaw))
@@ -209,10 +211,11 @@ class _Frame:
 
 
 class MovingFrames(LocalFrames):
-    """The frames of all vehicles; those that the scenario does not mention stay at the launch layout.
+    """The frames of all vehicles; vehicles not mentioned in the scenario stay at the launch layout.
 
-    In addition to ``LocalFrames``, by vehicle: epoch, a list; told_m: accuracy that each autopilot reports beyond the small
-    errors; reframing: announced jumps of the last step; receiver. moving: some frames move in this scenario, without any fault.
+    In addition to ``LocalFrames``, by vehicle: epoch, a list; told_m: accuracy reported by each autopilot beyond the small
+    errors; reframing: announced jumps of the last step; receiver. moving: some frames move in this scenario, without any
+    fault.
     """
 
     def __init__(
@@ -275,11 +278,11 @@ class MovingFrames(LocalFrames):
         self._frame(drone).spoof(by_m)
 
     def expect(self, drone: int, change: Jump | Reset) -> None:
-        """A vehicle's localisation jumps in the next step."""
+        """Announce a jump of a vehicle's localisation in the next step."""
         self._frame(drone).expect(change)
 
     def flies_by_satellites(self, drone: int) -> bool:
-        """Whether a vehicle's filter needs satellites."""
+        """Return whether a vehicle's filter needs satellites."""
         frame = self._frames[drone]
         return frame is None or frame.kind != "slam"
 
@@ -310,7 +313,7 @@ class MovingFrames(LocalFrames):
         return error
 
     def _frame(self, drone: int) -> _Frame:
-        """The frame of a vehicle; one that the scenario does not mention gets one without drift."""
+        """Return the frame of a vehicle; without a mention in the scenario, a frame without drift."""
         frame = self._frames[drone]
         if frame is None:
             still = VehicleTruth(kind="gnss", slam=SlamTruth(drift=0.0, vertical=0.0, yaw_degpm=0.0, told_m=0.0))
@@ -338,7 +341,7 @@ def _turned(yaw: float, vector: Array) -> Array:
 
 
 def _spoofing(truth: LocalizationTruth, drones: Sequence[str], rng: np.random.Generator) -> tuple[Array, str | None]:
-    """The spoofing offset (3,), and the drone that has it."""
+    """Return the spoofing offset (3,), and the drone concerned."""
     if truth.liar is None:
         return np.zeros(3), None
     liar = str(rng.choice([name for name in drones if name in truth.vehicles]))

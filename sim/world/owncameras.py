@@ -1,4 +1,4 @@
-"""One drone's camera, where it differs from the others': dead pixels, mounting, and what its drone file says of it."""
+"""One drone's camera with differences from the others': dead pixels, mounting, and the calibration in its drone file."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _Degrees = Annotated[float, Meta(ge=-180.0, le=180.0)]
 class OwnCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A camera that differs from the others'.
 
-    dead_block: share of its pixels that are dead. turned_deg: rotation vector about the camera's axes by which it is turned
-    against the others' mounting. calibrated: folder of one calibration by ``radron-agent calibrate``, whose two lines are in the
-    drone file; None: the drone file knows nothing of it.
+    dead_block: share of dead pixels. turned_deg: rotation vector about the camera's axes, against the others' mounting.
+    calibrated: folder of one calibration by ``radron-agent calibrate``, whose two lines are in the drone file; None: no entry
+    in the drone file.
     """
 
     dead_block: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
@@ -32,11 +32,11 @@ class OwnCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     calibrated: str | None = None
 
     def of(self, truth: CameraTruth) -> CameraTruth:
-        """Its true parameters; ``truth``: the others'."""
+        """Return its true parameters; ``truth``: the others'."""
         return replace(truth, dead_block=self.dead_block) if self.dead_block > 0.0 else truth
 
     def mounting(self, rpy_deg: Vector3) -> Vector3:
-        """Its true roll, pitch and yaw (deg); ``rpy_deg``: the others'."""
+        """Return its true roll, pitch and yaw (deg); ``rpy_deg``: the others'."""
         if not any(self.turned_deg):
             return rpy_deg
         turned = Rotation.from_euler("xyz", rpy_deg, degrees=True) * Rotation.from_rotvec(self.turned_deg, degrees=True)
@@ -57,7 +57,7 @@ class _Report(Struct, frozen=True):
 
 
 def drone_file(drone: DroneConfig, cameras: Mapping[str, OwnCamera]) -> DroneConfig:
-    """The drone file with the two lines of its camera's calibration. Raises ConfigError where that cannot be read."""
+    """Return the drone file with the two lines of its camera's calibration. Raises ConfigError if that cannot be read."""
     own = cameras.get(drone.id)
     if own is None or own.calibrated is None:
         return drone

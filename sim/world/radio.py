@@ -22,7 +22,7 @@ class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def is_entry(key: str) -> bool:
-    """Whether it is the key of log entries."""
+    """Return whether a key is of log entries."""
     return key.rsplit("/", 1)[-1] in LOG_KINDS
 
 
@@ -38,11 +38,11 @@ class Radio:
 
     @property
     def waiting(self) -> list[int]:
-        """How many messages are on their way to each drone."""
+        """Return the number of messages on their way to each drone."""
         return [len(inbox) for inbox in self._inboxes]
 
     def send(self, sender: int, key: str, payload: bytes, now_ns: int, to: int | None = None) -> None:
-        """Send a payload to all others, or to one: also to the sender itself, as somebody else with its key does."""
+        """Send a payload to all others, or to one: also to the sender itself, as a thief of its key does."""
         truth = self._truth
         repeated = is_entry(key)
         for receiver in range(len(self._inboxes)) if to is None else (to,):
@@ -58,18 +58,18 @@ class Radio:
             self._carry(sender, receiver, key, payload, delay, now_ns)
 
     def _carry(self, sender: int, receiver: int, key: str, payload: bytes, delay_s: float, now_ns: int) -> None:
-        """Put a payload on its way over one link; ``sim.faults.network`` plays there what is wrong with it."""
+        """Put a payload on its way over one link; overridden by ``sim.faults.network`` with the link's faults."""
         self._sent += 1
         heapq.heappush(self._inboxes[receiver], (now_ns + int(delay_s * 1e9), self._sent, key, payload))
 
     def _random(self) -> float:
-        """The next uniform number; drawn in blocks, which takes a tenth of the time."""
+        """Return the next uniform number; drawn in blocks, which takes a tenth of the time."""
         if not self._drawn:
             self._drawn = self._rng.random(1024).tolist()
         return self._drawn.pop()
 
     def receive(self, receiver: int, now_ns: int) -> list[tuple[str, bytes]]:
-        """Remove and return what has arrived at a drone by now."""
+        """Remove and return the messages that have arrived at a drone by now."""
         inbox = self._inboxes[receiver]
         arrived = []
         while inbox and inbox[0][0] <= now_ns:

@@ -55,7 +55,7 @@ class Sightings:
         self._waiting: list[tuple[int, int, list[SeenDrone]]] = []  # delivery time, observer, observations
 
     def due(self, step: int) -> bool:
-        """Whether the sensors are exposed in this step."""
+        """Return whether the sensors are exposed in this step."""
         return step % self._every == 0
 
     def look(self, stamp_ns: int, position_m: Array, attitudes: Sequence[Quaternion]) -> None:
@@ -73,7 +73,7 @@ class Sightings:
                 self._waiting.append((stamp_ns + self._delay_ns, observer, seen))
 
     def take(self, now_ns: int) -> list[tuple[int, list[SeenDrone]]]:
-        """Observations delivered by now, with the observing drone."""
+        """Return the observations delivered by now, with the observing drone."""
         ready = [(observer, seen) for due_ns, observer, seen in self._waiting if due_ns <= now_ns]
         self._waiting = [one for one in self._waiting if one[0] > now_ns]
         return ready
@@ -96,7 +96,7 @@ class Sightings:
         return bool(self._rng.random() >= self._truth.missed)
 
     def _report(self, stamp_ns: int, observer: int, target: int, ways: Array) -> SeenDrone:
-        """A report of the drone ``target``, or of what is mistaken for it; ways (N, 3): to each drone, in the observer's body
+        """Return a report of the drone ``target``, or of a false target; ways (N, 3): to each drone, in the observer's body
         frame.
         """
         truth, rng = self._truth, self._rng

@@ -1,4 +1,4 @@
-"""SLAM on board of the vehicles that have it: poses in its own frame, as an agent receives them."""
+"""SLAM on board of some vehicles: poses in its own frame, as an agent receives them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
 from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
 
-_EACH_ANGLE_RAD = 0.02  # 1 sigma that it reports for roll, pitch and yaw
+_EACH_ANGLE_RAD = 0.02  # 1 sigma reported for roll, pitch and yaw
 
 
 class Slam:
-    """SLAM poses of N vehicles, for those that have SLAM."""
+    """SLAM poses of N vehicles, for the vehicles with SLAM."""
 
     def __init__(self, motion: Multirotors, error: Localization, frames: MovingFrames) -> None:
         self._motion, self._error, self._frames = motion, error, frames
 
     def pose(self, drone: int, stamp_ns: int) -> dict[str, object]:
-        """One vehicle's pose now."""
+        """Return one vehicle's pose now."""
         motion, error, frames = self._motion, self._error, self._frames
         inward = frames.matrix[drone].T
         position = inward @ (motion.position_m[drone] + error.position_error_m[drone] - frames.origin[drone])

@@ -39,7 +39,7 @@ def anywhere(area: Polygon, rng: np.random.Generator) -> Place:
 
 
 def outside(area: Polygon, between_m: Place, rng: np.random.Generator) -> Place:
-    """A place so far from the area, uniformly distributed."""
+    """Return a place at this distance from the area, uniformly distributed."""
     least_m, most_m = between_m
     west, south, east, north = area.bounds
     while True:

@@ -1,4 +1,4 @@
-"""All true sources of a run: the configured ones on their paths, and those that are drawn from the seed."""
+"""All true sources of a run: the configured ones on their paths, and others drawn from the seed."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class _Moving:
 
 
 class Sources:
-    """The sources of a scenario; that of ``scenario.source`` is the first. Empty where there is none."""
+    """The sources of a scenario; ``scenario.source`` is the first. Empty without sources."""
 
     def __init__(self, scenario: Scenario, duration_s: float, random: Streams) -> None:
-        """``duration_s``: for which they move, at most."""
+        """``duration_s``: longest duration of their motion."""
         area = Polygon(scenario.mission.area.polygon_m)
         configured = [] if scenario.source is None else [(scenario.source, random.source)]
         configured += [(source, random.sources) for source in scenario.sources]
@@ -63,7 +63,7 @@ class Sources:
         return tuple(dict.fromkeys(source.nuclide for source in self._sources))
 
     def at(self, time_s: float) -> tuple[Source, ...]:
-        """All of them at this time since the beginning."""
+        """Return all sources at this time since the beginning."""
         return tuple(self._at(source, time_s) for source in self._sources)
 
     def _at(self, source: _Moving, time_s: float) -> Source:
@@ -72,7 +72,7 @@ class Sources:
 
 
 def _drawn(truth: RandomSourcesTruth, area: Polygon, rng: np.random.Generator) -> list[_Moving]:
-    """Sources at rest; their number is drawn once, the sources until each has found a place beside those before."""
+    """Draw sources at rest: their number once, the sources until each has found a place beside the previous ones."""
     count = int(rng.integers(truth.least, truth.most + 1))
     while True:
         sources: list[tuple[_Moving, Place]] = []

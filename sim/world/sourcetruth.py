@@ -53,7 +53,7 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
     height_m: SourceHeight = 0.0
 
     def check(self, area: Polygon, where: str, name: str = "source") -> None:
-        """Raise ConfigError where the source, in the scenario's section ``name``, is unknown or cannot move in this area."""
+        """Raise ConfigError if the source, in the scenario's section ``name``, is unknown or cannot move in this area."""
         _check_nuclides((self.nuclide,), f"{where}: {name}.nuclide")
         if self.motion == "circle" and self.circle_radius_m == 0.0:
             raise ConfigError(f"{where}: {name}.motion = 'circle' needs {name}.circle_radius_m > 0; or give motion = 'static'")
@@ -93,7 +93,7 @@ class RandomSourcesTruth(_Section, frozen=True, kw_only=True):
     contrast_apart_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 20.0
 
     def check(self, area: Polygon, where: str) -> None:
-        """Raise ConfigError where values are unknown or in the wrong order, or where there may be no room for the sources."""
+        """Raise ConfigError for unknown values, a wrong order, or possibly too little room for the sources."""
         here = f"{where}: random_sources"
         _check_nuclides(self.nuclides, f"{here}.nuclides")
         ranges = {"least and most": (self.least, self.most), "activity_bq": self.activity_bq, "height_m": self.height_m}

@@ -26,7 +26,7 @@ class WallTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     height_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 2.5
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where it has no length."""
+        """Raise ConfigError for a wall without length."""
         if self.from_m == self.to_m:
             raise ConfigError(f"{where}: walls: from_m and to_m are both {list(self.from_m)}; give two different ends")
 
