@@ -1,10 +1,10 @@
 """The estimator ``bayes``: a recursive Bayesian estimator of one gamma source from Compton cones and count rates.
 
-It draws no random numbers. While the source is not localised, a point-mass filter runs on a grid of places, activities and motion
-modes (``search``). Once the posterior is narrow enough, a Gaussian sum of IMM filters takes over (``mixture``, ``motion``); its
-state includes the pose biases of the vehicles. ``estimator`` decides between the two, ``tracking`` updates the sum, ``cones``
-and ``counts`` hold the likelihoods, ``response`` the expected rates, ``hidden`` what stands unknown in between. docs/estimator.md
-derives the whole.
+The estimator draws no random numbers. While the source is not localised, a point-mass filter runs on a grid of places, activities
+and motion modes (``search``). Once the posterior is narrow enough, a Gaussian sum of IMM filters takes over (``mixture``,
+``motion``); its state includes the pose biases of the vehicles. ``estimator`` decides between the two, and ``tracking`` updates
+the sum. ``cones`` and ``counts`` hold the likelihoods, ``response`` the expected rates, and ``hidden`` unknown obstacles.
+docs/estimator.md derives the whole.
 
 Notation of the docstrings: P(..) probability, p(..) density, N(z; m, V) Gaussian density, ' transpose, ~ distributed as;
 H1 a source is there, H0 none is. Sizes: S sites (components of the Gaussian sum), M motion modes, V vehicles, d = 5 + 4 V the

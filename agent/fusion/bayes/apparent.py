@@ -49,8 +49,9 @@ class Sights(Mapping[str, Sight]):
 
 
 def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
-    """J P J' (3, 3) of a horizontal covariance P (2, 2), with J = [[1, 0], [0, 1], rise]; rise: of the ground per metre east and
-    north.
+    """Return J P J' (3, 3) of a horizontal covariance P (2, 2), with J = [[1, 0], [0, 1], rise].
+
+    rise: slope of the ground, metres per metre east and north.
     """
     (xx, xy), (yx, yy) = covariance.tolist()
     east, north = rise
@@ -59,7 +60,7 @@ def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
 
 
 def apparent_rms_m(covariance: Array, bias_variance: Array) -> float:
-    """Horizontal RMS, metres, of the source's apparent place x + sum_i b_i / n, mean over the n vehicles heard.
+    """Return the horizontal RMS, metres, of the source's apparent place x + sum_i b_i / n, mean over the n vehicles heard.
 
     sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P.
     """
@@ -74,7 +75,7 @@ def shares(bias_variance: Array) -> Array:
 
 @lru_cache(maxsize=256)
 def _apparent(biases: bytes, d: int) -> Array:
-    """(d d,): A A' with A (d, 2) such that A' s is the apparent place; tr(A' P A) is its product with P, summed."""
+    """Return (d d,): A A' with A (d, 2) such that A' s is the apparent place; tr(A' P A) is its product with P, summed."""
     bias_variance = np.frombuffer(biases)
     apparent, share = np.zeros((d, 2)), shares(bias_variance)
     for axis in (0, 1):

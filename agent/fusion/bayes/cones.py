@@ -1,10 +1,10 @@
 """The likelihood of a Compton cone, given the angle between its axis and the direction to the source.
 
-A coincidence of two clusters has up to two readings: which cluster was the recoil electron is ambiguous, and each choice gives
-an axis n_k, an opening angle theta_k, its 1-sigma error sigma_k and the probability p_k of the reading. With u the unit vector
-from the camera to the source, the angular error of reading k is delta_k = angle(n_k, u) - theta_k. Its distribution is a mixture
-of a narrow and a wide Gaussian; a fraction eps of the source's cones does not point to the source at all (scattered photons,
-chance coincidences). The density of the cone per solid angle, relative to an isotropic one (1 / 4 pi), is
+A coincidence of two clusters has up to two readings, as either cluster may be the recoil electron. Each reading has an axis n_k,
+an opening angle theta_k, its 1-sigma error sigma_k and the probability p_k. With u the unit vector from the camera to the source,
+the angular error of reading k is delta_k = angle(n_k, u) - theta_k. Its distribution is a mixture of a narrow and a wide
+Gaussian; a fraction eps of the source's cones does not point to the source at all (scattered photons, chance coincidences). The
+density of the cone per solid angle, relative to an isotropic one (1 / 4 pi), is
 
     rho(u) + eps,   rho(u) = sum_k sum_j L_kj,   L_kj = 2 (1 - eps) p_k f_j N(delta_k; 0, (c_j sigma_k)^2) / sin(theta_k).
 
@@ -45,7 +45,7 @@ class Orders(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
-        """The readings of a cone."""
+        """Return the readings of a cone."""
         table = np.array(
             [
                 (
@@ -60,9 +60,9 @@ class Orders(Struct, frozen=True, eq=False):
         return Orders(table[:, :3], table[:, 3], table[:, 4:5] * _WIDTHS_SQUARED, table[:, 5:] * _DENSITIES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
-        """The terms L_kj of rho, and the precisions 1 / V_kj, (..., K, 2) each; V_kj = variance_k + (c_j sigma_k)^2.
+        """Return the terms L_kj of rho, and the precisions 1 / V_kj, (..., K, 2) each; V_kj = variance_k + (c_j sigma_k)^2.
 
-        delta_rad: (..., K). variance: (..., K) of delta_k by what is not known of the source and the camera, rad2.
+        delta_rad: (..., K). variance: (..., K) of delta_k, rad2, by the uncertainty of source and camera.
         """
         precision = 1.0 / (variance[..., None] + self.variance)
         exponent = (-0.5 * delta_rad * delta_rad)[..., None] * precision
@@ -70,12 +70,12 @@ class Orders(Struct, frozen=True, eq=False):
 
 
 def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Array:
-    """Likelihood of a cone that was registered, relative to H0 (no source):
+    """Return the likelihood of a registered cone, relative to H0 (no source):
 
         (R (rho + eps) + B) / (R + B),
 
-    a mixture of the source's cones, of rate R, and isotropic background cones, of rate B. That a cone came at all is not counted
-    here: its event is in the exposure's counts.
+    a mixture of the source's cones, of rate R, and isotropic background cones, of rate B. The likelihood is conditional on the
+    cone's registration: its event counts in the exposure.
 
     rate_ps: (...) R, per second. directed: (...) rho. background_ps: B.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from agent.geometry import Array
 
-# t_c. While it is not known from which side the photons come, events of less than a photon's energy are down-weighted: cameras
+# t_c. While the direction of the photons is unknown, events of less than a photon's energy are down-weighted: cameras
 # see 14 % fewer from the edge, and many of them are of scattered photons.
 TRACK_TEMPER: Array = np.array([1.0, 1.0])
 SEARCH_TEMPER: Array = np.array([0.3, 1.0])
@@ -23,18 +23,18 @@ _LARGEST_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with 
 
 
 def background_log_likelihood(counts: Array, background: Array, temper: Array) -> Array:
-    """ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c), of shape (...); counts: (2,), background: (..., 2)."""
+    """Return ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c), of shape (...); counts: (2,), background: (..., 2)."""
     result: Array = (counts * np.log(background) - background) @ temper
     return result
 
 
 def innovation_squared(counts: Array, expected: Array, background: Array, variance: Array) -> Array:
-    """Normalised innovation squared (NIS) of the total count, (...); the gate's statistic [BSLK01, Sec. 5.4].
+    """Return the normalised innovation squared (NIS) of the total count, (...); the gate's statistic [BSLK01, Sec. 5.4].
 
         (k - S - B)^2 / (S + B + S^2 (exp(V) - 1)),   k, S, B summed over the channels:
 
-    variance of the Poisson distribution plus that of a log-normal factor (whose mean exp(V / 2) is taken as 1). The residual
-    after the fit would not serve: the better a track is known, the less it is moved by counts that do not fit.
+    variance of the Poisson distribution plus that of a log-normal factor (with its mean exp(V / 2) assumed
+    as 1). The residual after the fit would not serve: the better a track is known, the less contradicting counts move it.
     Shapes as for ``fit_rate``.
     """
     signal = expected.sum(axis=-1)

@@ -1,9 +1,10 @@
-"""Vehicles that are too doubtful of their own places for a track to use what they measure.
+"""Vehicles with positions too uncertain for a track to use their measurements.
 
-The updates of a track are linear about the mean of place and biases: the direction to the source is taken from there. Where a
-vehicle may be as far from its place as the source is, that direction may be any, and the update moves the source, and makes it
-certain, along a wrong one; the more so, the wider the vehicle's prior. So what such a vehicle measures is left out while others
-measure that know their places. Where none does, as where the clocks of a swarm split into halves, it counts.
+The updates of a track are linear about the mean of place and biases, which gives the direction to the source. If a vehicle's
+position uncertainty is as large as its distance from the source, this direction is arbitrary. The update then moves the source
+along a wrong direction with false certainty, the more so, the wider the vehicle's prior. So measurements of such a vehicle are
+left out while vehicles with known positions measure. Without any, for example after the clocks of a swarm have split into halves,
+they count.
 """
 
 from __future__ import annotations
@@ -17,24 +18,25 @@ from agent.geometry import Array
 MOST_SIGMA_M = 6.0  # of the horizontal distance: 4.2 m along each axis, half the distance of a camera on a small circle
 RECENT_NS = 5_000_000_000  # several exposures
 
-Sure = Mapping[int, int]  # by vehicle, the stamp of its newest observation at a place that it knows
+Sure = Mapping[int, int]  # by vehicle, the stamp of its newest observation at a known place
 
 
 def is_left_out(sure: Sure, vehicle: int, observation: Observation) -> bool:
-    """Whether an observation is not to count, after those of which ``sure`` tells."""
+    """Return whether an observation is to be left out, given the earlier observations in ``sure``."""
     return observation.position_sigma_m > MOST_SIGMA_M and bool(others(sure, vehicle, observation.stamp_ns))
 
 
 def noted(sure: Sure, vehicle: int, observation: Observation) -> Sure:
-    """``sure``, with that of one more observation."""
+    """Return ``sure`` with one more observation."""
     if observation.position_sigma_m > MOST_SIGMA_M:
         return sure
     return {**sure, vehicle: max(observation.stamp_ns, sure.get(vehicle, 0))}
 
 
 def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
-    """Stationary variances (BIAS V,) of the vehicles' biases, 0 of those whose measurements are left out at a stamp: a place that
-    is the mean of all vehicles' would be as doubtful as theirs.
+    """Return stationary variances (BIAS V,) of the vehicles' biases, with 0 for vehicles left out at a stamp.
+
+    Otherwise a place that is the mean over all vehicles would be as uncertain as theirs.
     """
     doubted = [
         vehicle
@@ -49,5 +51,5 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
 
 
 def others(sure: Sure, vehicle: int, stamp_ns: int) -> list[int]:
-    """The other vehicles that know their places and have measured recently."""
+    """Return the other vehicles with known positions and recent measurements."""
     return [other for other, newest_ns in sure.items() if other != vehicle and stamp_ns - newest_ns <= RECENT_NS]

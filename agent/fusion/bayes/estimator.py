@@ -1,4 +1,4 @@
-"""The estimator ``bayes``: when it searches on the grid, when it declares the source found, and when it gives a track up.
+"""The estimator ``bayes``: its decisions on the grid search, the declaration of a source, and the end of a track.
 
 Rules (parameters: ``agent.config.BayesEstimatorConfig``):
 
@@ -44,21 +44,22 @@ from agent.terrain.ground import Ground
 from protocol.entries import AnyEntry, Cone, Exposure
 
 _NS = 1e9
-_HOLD_S = 0.25  # in which the entries of all drones of one instant mostly arrive: a camera's readout at 5 Hz, and the radio
+_HOLD_S = 0.25  # usual time for one instant's entries of all drones: a camera's readout at 5 Hz, and the radio
 _TRACK_UNITS, _SEARCH_UNITS = 10, 60  # of work for an observation
-_SHIELDED_UNITS = 16  # more, in a track, where buildings are known
+_SHIELDED_UNITS = 16  # more, in a track, with known buildings
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _EVIDENCE_FLOOR = -5.0
-_RAISED_SIGMA = 0.015  # of the place, each axis, per metre of height: the table of scattered photons is that of a source on soil
+_RAISED_SIGMA = 0.015  # of the place, each axis, per metre of height: the table of scattered photons is for a source on soil
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
 
 
 class BayesEstimator:
     """The posterior of the source given all cones and counts. A pure function of the observations and their grid steps.
 
-    A grid step of a track: prediction to the step's beginning, measurement updates with the step's observations (each of which
-    knows its age, so that none is moved in time), reduction. A search is predicted from observation to observation.
+    A grid step of a track: prediction to the step's beginning, measurement updates with the step's observations, reduction. Each
+    update accounts for the observation's age, so that no observation is moved in time. A search is predicted from observation to
+    observation.
     """
 
     name = "bayes"
@@ -73,9 +74,9 @@ class BayesEstimator:
         response: Response | None = None,
         beside: Callable[[CountObservation], Array] | None = None,
     ) -> None:
-        """``area``: in which the source is searched for, mission frame. ``response``: None: that to the mission's nuclide.
+        """``area``: search area of the source, mission frame. ``response``: None: to the mission's nuclide.
 
-        ``beside``: (2,) counts that a track expects of an exposure besides source and background; None: nothing.
+        ``beside``: (2,) counts that a track expects of an exposure besides source and background; None: no such counts.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -94,7 +95,7 @@ class BayesEstimator:
         self._motion = _motion(config, response.over_soil is not None)
 
     def initial(self, start_ns: int | None) -> BayesState:
-        """The prior; it does not depend on the mission's start."""
+        """Return the prior; it does not depend on the mission's start."""
         return BayesState()
 
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
@@ -105,17 +106,19 @@ class BayesEstimator:
         return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """An observation costs 0.25 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
+        """Return the work: an observation costs 0.25 ms in a track, over 1 ms on the grid of a search (benchmarks/fusion.py)."""
         tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._scene.buildings else 0)
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Mean and covariance of the track, predicted to the middle of ``step``; that of the place is wider where the modes of
-        motion differ (``Mixture.hedge``). What is seen of it by each vehicle (``sights``), and what is decided by it, is not.
+        """Return mean and covariance of the track, predicted to the middle of ``step``.
+
+        The covariance of the place is wider where the modes of motion differ (``Mixture.hedge``). The vehicles' views
+        (``sights``) and all decisions use the covariance without this hedge.
 
         Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order. Over soil the
-        place has the source's height, and is wider by ``_RAISED_SIGMA`` times that; the activity is surface-equivalent: that of
-        a source without soil above it.
+        place has the source's height, and is wider by ``_RAISED_SIGMA`` times the height. The activity is then
+        surface-equivalent: of a source without soil above it.
         """
         if state.track is None:
             return None
@@ -148,18 +151,18 @@ class BayesEstimator:
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
-        """The grid posterior of a search, predicted to the beginning of ``step``; the prior before the first observation."""
+        """Return the grid posterior of a search, predicted to the beginning of ``step``; before any observation, the prior."""
         if state.track is not None:
             return None
         search = state.search or SearchState.prior(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
     def mixture(self, state: BayesState, stamp_ns: int) -> Mixture | None:
-        """The Gaussian sum at a later time, as ``hypothesis`` tells it but for the hedge. None without a track."""
+        """Return the Gaussian sum at a later time, as in ``hypothesis`` but without the hedge. None without a track."""
         return None if state.track is None else state.track.later(self._motion, stamp_ns / _NS)
 
     def _predicted(self, state: BayesState, step: GridStep) -> BayesState:
-        """A track at the step's beginning; a search as it is."""
+        """Predict a track to the step's beginning; leave a search unchanged."""
         if state.track is None:
             return state
         return replace(state, track=state.track.later(self._motion, step.start_ns / _NS))
@@ -174,7 +177,7 @@ class BayesEstimator:
         return self._tracking.updated(state, state.track, step, observation)
 
     def _decided(self, state: BayesState, step: GridStep) -> BayesState:
-        """Whether a step ends in a search or a track: the rules in this module's docstring."""
+        """Decide whether a step ends in a search or a track, by the rules in this module's docstring."""
         if state.track is None:
             return self._declared_or_searching(state, step)
         if not state.recent_evidence >= _EVIDENCE_FLOOR:  # true for NaN too
@@ -188,7 +191,7 @@ class BayesEstimator:
         return replace(state, track=reduced, moments=moments)
 
     def _reacquiring(self, state: BayesState, track: Mixture) -> BayesState:
-        """A search that begins with the density of a track that has become too wide."""
+        """Return a search that begins with the density of a track that has become too wide."""
         search = SearchState.of_track(self._grid, track, self._config.doubt)
         return BayesState(search, None, state.cones, state.x0_stamp_ns, bias_variance=track.bias_variance, sure=state.sure)
 
@@ -211,7 +214,7 @@ class BayesEstimator:
         return replace(state, search=search, cones=cones, bias_variance=bias_variance)
 
     def _declared_or_searching(self, state: BayesState, step: GridStep) -> BayesState:
-        """A track if the rule of the initial estimate is met, else the search as it is."""
+        """Return a track if the rule of the initial estimate is met, otherwise the unchanged search."""
         search = state.search
         if search is None or state.bias_variance is None or not search.none <= self._config.doubt:
             return state
@@ -228,8 +231,10 @@ class BayesEstimator:
         )
 
     def _sites(self, search: SearchState, bias_variance: Array) -> Mixture:
-        """The Gaussian sum in place of the grid: a site of sigma 0.45 cells at each cell that is not negligible, its log activity
-        by moment matching over the levels: mean sum_a p_a a, variance sum_a p_a (a - mean)^2 + ``activity_variance``.
+        """Return the Gaussian sum in place of the grid: a site of sigma 0.45 cells at each cell that is not negligible.
+
+        Its log activity by moment matching over the levels: mean sum_a p_a a, variance sum_a p_a (a - mean)^2 +
+        ``activity_variance``.
         """
         grid = self._grid
         cells = search.weight.sum(axis=1)  # (M, C)
@@ -252,10 +257,11 @@ class BayesEstimator:
         ).reduced()
 
 
-@cache  # one object for all estimators of a process: what follows from it is cached by it
+@cache  # one object for all estimators of a process: a key of caches
 def _motion(config: BayesEstimatorConfig, over_soil: bool) -> Motion:
-    """The three modes: at rest, slow (``velocity_mps``, long correlation) and fast. They switch at the rate ``hurry_ps`` between
-    slow and fast, else at ``switch_ps``.
+    """Return the three modes: at rest, slow (``velocity_mps``, long correlation) and fast.
+
+    The modes switch at the rate ``hurry_ps`` between slow and fast, otherwise at ``switch_ps``.
     """
     velocity = (0.0, config.velocity_mps, config.fast_velocity_mps)
     switching_ps = np.full((3, 3), config.switch_ps)

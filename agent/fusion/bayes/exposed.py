@@ -1,5 +1,5 @@
-"""What an exposure's counts say of the logarithm of the source's rate, at each Gaussian of a track and for each component of what
-may stand unknown in between (``hidden``).
+"""The information of an exposure's counts on the logarithm of the source's rate: at each Gaussian of a track, and for each
+component of unknown obstacles (``hidden``).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from agent.fusion.facing import Facing
 from agent.geometry import Array, Vector3
 
 _ITERATIONS = 6
-_LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, of which no share can be taken
+_LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, and a share of 0 is undefined
 _LONGEST_GAP_S = 2.0
-_ROOM_M = 1.5  # between camera and source, for anything unknown to stand there
-_KNOWN = 0.2  # 1 sigma of the logarithm of the rate, up to which an exposure is missed for what it lacks
+_ROOM_M = 1.5  # least distance between camera and source for an unknown obstacle
+_KNOWN = 0.2  # 1 sigma of the log rate up to which missing counts of an exposure are significant
 
 
 REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
-_WHOLE_S = 0.5  # live time of an exposure that costs as much; shorter ones cost a share of it
+_WHOLE_S = 0.5  # live time of an exposure of full cost; shorter ones cost a share of it
 
 
 class Exposed(Struct, frozen=True, eq=False):
@@ -47,7 +47,7 @@ class Exposed(Struct, frozen=True, eq=False):
         return min(self.live_time_s / _WHOLE_S, 1.0)
 
     def follows(self, earlier: Exposed) -> bool:
-        """Whether there is no long gap between the earlier exposure and this one."""
+        """Return whether there is no long gap between the earlier exposure and this one."""
         gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
         return gap_s < _LONGEST_GAP_S
 
@@ -58,15 +58,15 @@ class Fit(Struct, frozen=True, eq=False):
         S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
         h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
             over soil also along the height; plus g times the derivative of the contrast (``spectrum``)
-        z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
+        z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + uncertainty of the component's share of S,
 
-    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``. That photons scattered by air fall off less than
-    exp(-mu D) / D^2 is left out of h, not of S; so is all that buildings and the camera's facing change.)
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``. Photons scattered by air fall off less than
+    exp(-mu D) / D^2; this is left out of h, not of S. So are all effects of buildings and the camera's facing.)
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
-    ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
-    is least. deficit: (S, M) by how many sigmas the counts are below those of a clear view. contrast: over soil, what the
-    channels' shares say of the scatter factor.
+    ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component with the
+    least one. deficit: (S, M) sigmas by which the counts are below a clear view's. contrast: over soil, the information of
+    the channels' shares on the scatter factor.
     """
 
     exposed: Exposed
@@ -132,7 +132,7 @@ class Fit(Struct, frozen=True, eq=False):
 def _by_soil(
     soil: SoilTable, sight: LineOfSight, exposed: Exposed, distance: Array, spot: Array, fluence: Array
 ) -> tuple[Array, Array]:
-    """Expected counts (S, M, 2) of photons that soil scatters, and their ``SoilTable.slope`` (S, M, 3).
+    """Return expected counts (S, M, 2) of photons scattered by soil, and their ``SoilTable.slope`` (S, M, 3).
 
     distance: (S, M) D. spot: (S, M) of ``LineOfSight.spot``. fluence: (S, M) with the scatter factor.
     """

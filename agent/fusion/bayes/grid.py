@@ -1,8 +1,8 @@
 """The cells, activities and background levels of a search, and their priors: fine cells in the area, coarse ones around it.
 
-Without its surroundings, the search would take a source beyond the fence for one at the area's edge, with great certainty. The
-cells coarsen with the distance from the area. A track can begin in a cell up to the fence; beyond it, a bearing is all that is
-told, so large cells suffice.
+Without its surroundings, the search would mistake a source beyond the fence for one at the area's edge, with great certainty. The
+cells coarsen with the distance from the area. A track can begin in a cell up to the fence. Beyond it only a bearing is reported,
+so large cells suffice.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from agent.fusion.bayes.response import REFERENCE_BQ
 from agent.geometry import Array
 from agent.terrain.ground import Ground
 
-Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
+Weights = NDArray[np.float32]  # numerous, and every checkpoint has its own
 Real = TypeVar("Real", np.float32, np.float64)
 
-BEYOND_FENCE_M = 60.0  # distance up to which a source is searched for: from farther away hardly anything is counted
+BEYOND_FENCE_M = 60.0  # search distance: from farther away hardly any photon is counted
 OUTSIDE = 0.1  # P(outside the area | H1), of the prior
-FENCED_M = 10.0  # size of the cells up to the fence: of a track that begins there, the RMS is below ``given_up_rms_m``
+FENCED_M = 10.0  # size of the cells up to the fence: a track that begins there has an RMS below ``given_up_rms_m``
 BEYOND_M = 20.0  # size of the cells beyond: a bearing from the area's centre is right to some 10 degrees
-MAX_RING_CELLS = 1000  # larger ones where more would be needed
-_DISTANCES, _RING_DISTANCES = 64, 20  # at which the likelihood of counts is computed; between them it is interpolated
+MAX_RING_CELLS = 1000  # with more, the cells are larger
+_DISTANCES, _RING_DISTANCES = 64, 20  # tabulated distances of the likelihood of counts, with interpolation between them
 _NARROW = 0.5  # cells squared; a kernel of three cells has a variance of at most 1
 
 
@@ -51,16 +51,16 @@ class Block:
 
     @staticmethod
     def filled(west: float, south: float, cell_m: float, shape: tuple[int, int], samples: int) -> Block:
-        """All cells of the rectangle with this corner."""
+        """Return all cells of the rectangle with this corner."""
         rows, columns = shape
         x, y = np.meshgrid(west + cell_m * (np.arange(columns) + 0.5), south + cell_m * (np.arange(rows) + 0.5))
         centre = west + cell_m * columns / 2.0, south + cell_m * rows / 2.0
         return Block(cell_m, centre, shape, np.arange(x.size), x.ravel(), y.ravel(), samples)
 
     def ring(self, reach: Polygon, width_m: float, cell_m: float) -> Block:
-        """The cells around this block's rectangle, ``width_m`` wide, with centres in ``reach``.
+        """Return the cells around this block's rectangle, ``width_m`` wide, with centres in ``reach``.
 
-        cell_m: their size, or a little more than that of the result, whose cells line up with the rectangle's longer side.
+        cell_m: their size; the actual size may be a little smaller, as the cells line up with the rectangle's longer side.
         """
         height, length = (count * self.cell_m for count in self.shape)
         ring_m2 = 2.0 * width_m * (height + length + 2.0 * width_m)
@@ -75,13 +75,13 @@ class Block:
         return Block(cell_m, self.centre, full.shape, place, full.x[place], full.y[place], _RING_DISTANCES)
 
     def diffused(self, weight: Weights, variance_m2: float) -> Weights:
-        """(A, cells) convolved with a Gaussian of that variance per axis, reflected at the edges (same sum)."""
+        """Return (A, cells) convolved with a Gaussian of that variance per axis, reflected at the edges (same sum)."""
         full = np.zeros((len(weight), math.prod(self.shape)), np.float32)
         full[:, self.place] = weight
         blurred: Weights = _blurred(full.reshape(-1, *self.shape), variance_m2 / self.cell_m**2).reshape(full.shape)
         if len(self.place) == full.shape[1]:
             return blurred
-        kept = blurred[:, self.place]  # what left the cells stays with the others
+        kept = blurred[:, self.place]  # the lost part is distributed over the other cells
         total, left = (values.sum(axis=1, keepdims=True) for values in (weight, kept))
         result: Weights = kept * (total / np.maximum(left, np.float32(1e-30)))
         return result
@@ -98,7 +98,7 @@ class Grid:
     """
 
     def __init__(self, area: Polygon, fence_margin_m: float, config: BayesEstimatorConfig, ground: Ground) -> None:
-        """``area``: mission frame, metres. Cells of ``config.cell_m``, larger where more than ``config.most_cells`` would fit."""
+        """``area``: mission frame, metres. Cells of ``config.cell_m``, or larger to stay within ``config.most_cells``."""
         west, south, east, north = area.bounds
         cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
         rows, columns = (max(1, math.ceil((side - cell_m / 2.0) / cell_m)) for side in (north - south, east - west))
@@ -130,13 +130,13 @@ class Grid:
         return np.split(values, self._ends, axis=-1)
 
     def diffused(self, weight: Weights, variance_m2: float) -> Weights:
-        """(A, C) after a random walk of that variance per axis, within each block."""
+        """Return (A, C) after a random walk of that variance per axis, within each block."""
         parts = zip(self.blocks, self.by_block(weight), strict=True)
         return np.concatenate([block.diffused(part, variance_m2) for block, part in parts], axis=1)
 
 
 def _blurred(weight: Weights, variance: float) -> Weights:
-    """Convolved along the last two axes with a Gaussian of a variance in cells squared, reflected at the edges (same sum)."""
+    """Convolve along the last two axes with a Gaussian of a variance in cells squared, reflected at the edges (same sum)."""
     if variance > _NARROW:
         blur = variance**0.5
         return np.asarray(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))

@@ -1,9 +1,10 @@
-"""What stands unknown between the source and a camera: a hidden Markov chain [R89] over the attenuation along its flight.
+"""Unknown obstacles between the source and a camera: a hidden Markov chain [R89] over the attenuation along its flight.
 
-The optical depth t of whatever hides the source from a vehicle's camera is one of L levels ``DEPTHS``; the first is 0, a clear
-view. In an exposure of duration T the level is drawn anew with the probability 1 - exp(-r T), r = ``RATE_PS``, from ``PRIOR``:
-the chain's transition matrix is exp(-r T) I + (1 - exp(-r T)) 1 prior'. What passes in an exposure is one of C components: the
-level is the same throughout, or the view becomes hidden or clear at some instant, and any share of the direct photons may pass:
+The optical depth t of the obstacle between the source and a vehicle's camera is one of L levels ``DEPTHS``; the first is 0, a
+clear view. In an exposure of duration T the level is drawn anew with the probability 1 - exp(-r T), r = ``RATE_PS``, from
+``PRIOR``: the chain's transition matrix is exp(-r T) I + (1 - exp(-r T)) 1 prior'. The transmission of an exposure is one of C
+components. The level is the same throughout, or the view becomes hidden or clear at some instant, and any share of the direct
+photons may pass:
 
     l throughout         share exp(-t_l),           1 sigma exp(-t_l) sigma_l, of the depths that a level stands for
     clear, then l        share (1 + exp(-t_l)) / 2,  1 sigma (1 - exp(-t_l)) / sqrt(12)
@@ -19,8 +20,8 @@ import numpy as np
 from agent.fusion.bayes.shielding import Shielding
 from agent.geometry import Array
 
-# By level: t, its 1 sigma, prior probability, and the share of the scattered photons that pass: they come around walls, but not
-# through a hill, or into a camera that is dead.
+# By level: t, its 1 sigma, prior probability, and the share of the scattered photons that pass. Scattered photons come around
+# walls, but neither through a hill nor into a dead camera.
 _TABLE: Array = np.array(
     [
         (0.0, 0.00, 0.944, 1.0),
@@ -34,7 +35,7 @@ _TABLE: Array = np.array(
 )
 DEPTHS, _SPREAD, PRIOR, _AROUND = _TABLE.T
 RATE_PS = 0.1
-_SCATTER_SIGMA = 0.3  # relative, of the scattered photons behind something unknown
+_SCATTER_SIGMA = 0.3  # relative, of the scattered photons behind an unknown obstacle
 _TINY = 1e-12
 
 _LEVELS = len(DEPTHS)
@@ -42,58 +43,58 @@ _PASSING: Array = np.exp(-DEPTHS)
 _BLOCKED: Array = 1.0 - _PASSING[1:]
 SHARE: Array = np.concatenate((_PASSING, 1.0 - _BLOCKED / 2.0, 1.0 - _BLOCKED / 2.0))  # (C,), of the direct photons
 SHARE_SIGMA: Array = np.concatenate((_PASSING * _SPREAD, _BLOCKED / 12**0.5, _BLOCKED / 12**0.5))  # (C,)
-AROUND: Array = np.concatenate((_AROUND, (1.0 + _AROUND[1:]) / 2.0, (1.0 + _AROUND[1:]) / 2.0))  # (C,), of scattered ones
+AROUND: Array = np.concatenate((_AROUND, (1.0 + _AROUND[1:]) / 2.0, (1.0 + _AROUND[1:]) / 2.0))  # (C,), of scattered photons
 _FROM = np.concatenate((np.arange(_LEVELS), np.zeros(_LEVELS - 1, np.intp), np.arange(1, _LEVELS)))  # (C,)
 _TO = np.concatenate((np.arange(_LEVELS), np.arange(1, _LEVELS), np.zeros(_LEVELS - 1, np.intp)))
 _ENDS: Array = np.eye(_LEVELS)[_TO]  # (C, L)
-_SAME: Array = np.eye(_LEVELS, len(_TO))  # (L, C) probabilities of the components given the level before: none is drawn
-_DRAWN: Array = PRIOR[_TO] * (np.arange(_LEVELS)[:, None] == _FROM)  # one is, which may be the same
+_SAME: Array = np.eye(_LEVELS, len(_TO))  # (L, C) probabilities of the components given the level before, without a new draw
+_DRAWN: Array = PRIOR[_TO] * (np.arange(_LEVELS)[:, None] == _FROM)  # with a new draw, which may yield the same level
 _DRAWN[1:, 1:_LEVELS] = PRIOR[1:]
 
 
 def components(chance: Array, duration_s: float) -> Array:
-    """Probabilities (S, C) of an exposure's components, from those (S, L) of the levels before it."""
+    """Return probabilities (S, C) of an exposure's components, from the probabilities (S, L) of the levels before it."""
     result: Array = np.maximum(chance @ _moves(duration_s), _TINY)
     return result
 
 
 def levels(chance: Array) -> Array:
-    """Probabilities (S, L) of the levels after an exposure, from weights (S, C) of its components, which need not add up to 1."""
+    """Return probabilities (S, L) of the levels after an exposure, from weights (S, C) of its components, of any sum."""
     total = chance @ _ENDS
     result: Array = total / np.maximum(total.sum(axis=1, keepdims=True), _TINY)
     return result
 
 
 def given_level(likelihood: Array, duration_s: float) -> Array:
-    """Likelihood (S, L) of an exposure given the level before it, from that (S, C) given its component."""
+    """Return the likelihood (S, L) of an exposure given the level before it, from its likelihood (S, C) given its component."""
     result: Array = likelihood @ _moves(duration_s).T
     return result
 
 
 def at_end(given: Array) -> Array:
-    """What is given (S, L) of the level after an exposure, for the components (S, C) of that exposure."""
+    """Expand likelihoods (S, L) given the level after an exposure to the components (S, C) of that exposure."""
     result: Array = np.maximum(given[:, _TO], _TINY)
     return result
 
 
 def passing(chance: Array) -> Array:
-    """E[exp(-t)], (S,), from the probabilities (S, L) of the levels."""
+    """Return E[exp(-t)], (S,), from the probabilities (S, L) of the levels."""
     result: Array = chance @ _PASSING
     return result
 
 
 def _moves(duration_s: float) -> Array:
-    """(L, C): probability of each component given the level before."""
+    """Return (L, C): probability of each component given the level before."""
     kept = np.exp(-RATE_PS * duration_s)
     result: Array = kept * _SAME + (1.0 - kept) * _DRAWN
     return result
 
 
 def behind(direct: Array, scattered: Array, known: Shielding | None) -> tuple[Array, Array]:
-    """Expected counts (C, S, M, 2), and the variance (C, S, M) of the logarithm of their sum by what is not known of them.
+    """Return expected counts (C, S, M, 2), and the variance (C, S, M) of the logarithm of their sum by unknown obstacles.
 
-    What stands in between takes off direct photons. Of the scattered ones, which come around it, it may change as much as
-    ``_SCATTER_SIGMA``. direct, scattered: (S, M, 2) expected counts without anything in between; known: walls and buildings.
+    Obstacles attenuate direct photons. Scattered photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct,
+    scattered: (S, M, 2) expected counts without obstacles; known: walls and buildings.
     """
     share, sigma = SHARE[:, None, None], SHARE_SIGMA[:, None, None]
     scattered = scattered * AROUND[:, None, None, None]

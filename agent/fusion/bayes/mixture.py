@@ -3,12 +3,12 @@
 The posterior is p(s, mode j | observations) = sum_i w_ij N(s; m_ij, P_ij), i = 1 .. S sites (hypotheses of the place), j = 1 .. M
 motion modes. State s of dimension d = 5 + 4 V: x, y (mission frame, m), vx, vy (m/s), a = ln(activity / REFERENCE_BQ), and for
 each of the V vehicles the biases, measured minus true, of its position (bx, by, m) and heading (psi, rad), and of its camera
-(g, the logarithm of how much more it counts than the others). The biases are estimated with the source (augmented state).
+(g, the logarithm of its sensitivity relative to the others). The biases are estimated with the source (augmented state).
 
-Each vehicle has a hidden Markov chain of what stands between its camera and the source (``hidden``), for each site. Measurement
+Each vehicle has a hidden Markov chain of the obstacles between its camera and the source (``hidden``), for each site. Measurement
 model of vehicle i, at time t of a measurement of age T = time_s - t, with p_i its measured camera position (``sight``):
 
-    w = (x - T vx + bx, y - T vy + by, ground height) - p_i     line of sight from where the camera truly is
+    w = (x - T vx + bx, y - T vy + by, ground height) - p_i     line of sight from the camera's true position
     D = |w|,   u = w / D
 
 References: agent.fusion.bayes.
@@ -31,20 +31,20 @@ from agent.fusion.bayes.reduction import clusters, merged, moments_of
 from agent.fusion.bayes.sight import LineOfSight, Scene
 from agent.geometry import Array, Vector3
 
-_MIX_S = 1.0  # the modes are mixed at this interval at least; in the textbook at each step
+_MIX_S = 1.0  # greatest interval of mixing the modes; in the textbook at each step
 _LEAST_SINE = 1e-3
-_LOW_SIGMAS = 1.0  # an exposure that is lower by more waits for the next one
-_LEAST_CLEAR = 0.3  # probability of a clear view before, for it to wait
-_GATE_SIGMAS = 5.0  # an exposure whose normalised innovation is larger is rejected
-_HEDGE_SIGMAS, _POSSIBLE = 3.0, (0.002, 0.005)  # no mode of so much weight lies farther from the Gaussian that is told
+_LOW_SIGMAS = 1.0  # an exposure lower by more waits for the next one
+_LEAST_CLEAR = 0.3  # least probability of a clear view before, for an exposure to wait
+_GATE_SIGMAS = 5.0  # an exposure with a larger normalised innovation is rejected
+_HEDGE_SIGMAS, _POSSIBLE = 3.0, (0.002, 0.005)  # no mode of this weight lies farther from the published Gaussian
 _LEAST_DETERMINANT = 1e-12  # m4, of a covariance: against rounding
-_SOIL_SHARE = 0.5  # of the counts of a search, which takes the scatter factor as 1, so far as it weighs them
-_SHORT_S = 0.6  # up to this the moments are extrapolated at constant velocity
+_SOIL_SHARE = 0.5  # of soil in the weighted counts of a search, which assumes a scatter factor of 1
+_SHORT_S = 0.6  # up to this interval the moments are extrapolated at constant velocity
 
 
 class Mixture(Struct, frozen=True, eq=False):
     """weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the second index is the motion mode. time_s: of the state;
-    mixed_s: when the modes were mixed last.
+    mixed_s: time of the last mixing of the modes.
 
     bias_variance: (4 V,) stationary variances P0 of the vehicles' biases; 0 of vehicles without measurements so far. hidden:
     (S, V, L) probabilities of the levels of attenuation between source and each vehicle's camera.
@@ -63,7 +63,7 @@ class Mixture(Struct, frozen=True, eq=False):
         time_s: float, weight: Array, x: Array, y: Array, sigma_m: Array, log_activity: Array, log_sigma: Array,
         motion: Motion, bias_variance: Array,
     ) -> Mixture:  # fmt: skip
-        """The Gaussian sum that takes over from the search: a site for each place (S,).
+        """Return the Gaussian sum that takes over from the search: a site for each place (S,).
 
         The search ignores the biases, so its places and activities are the apparent ones: y = x + b with b the mean bias of the
         vehicles heard. With y ~ N(place, sigma_m^2) and b_i ~ N(0, P0) independent, the state (x, b) = T (y, b) where
@@ -92,7 +92,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance, levels)
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
-        """Prediction to a later time (IMM: mixing, then each mode's own prediction); a time before ``time_s`` changes nothing."""
+        """Predict to a later time (IMM: mixing, then each mode's own prediction); a time before ``time_s`` changes nothing."""
         dt_ms = round(1e3 * (time_s - self.time_s))
         if dt_ms <= 0:
             return self
@@ -106,7 +106,7 @@ class Mixture(Struct, frozen=True, eq=False):
     def with_vehicle(self, vehicle: int, variance: tuple[float, ...], moved: tuple[float, ...] | None = None) -> Mixture:
         """Set the prior of a vehicle's biases: their stationary variances (BIAS,), as its own localisation states them.
 
-        moved: (BIAS,) by which the estimate of the vehicle's frame has changed since its last measurement. The change may have
+        moved: (BIAS,) change of the vehicle's estimated frame since its last measurement. The change may have
         removed a bias that is in the state, or added one: P_bb <- P_bb + moved^2.
         """
         priors = with_variance(self.bias_variance, vehicle, variance)
@@ -123,39 +123,40 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """What the counts of an exposure say at each Gaussian; age_s: T, of the exposure's middle."""
+        """Fit the counts of an exposure at each Gaussian; age_s: T, of the exposure's middle."""
         return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
 
     def waits(self, fit: Fit) -> bool:
-        """Whether an exposure is to wait for its vehicle's next one: it may be the one in which the view became hidden.
+        """Return whether an exposure is to wait for its vehicle's next one: the view may have become hidden during the exposure.
 
-        There are fewer counts than a clear view gives, and the view was clear. What a wall's edge takes off of one exposure looks
-        like a source farther away; the next exposure tells the two apart.
+        Condition: fewer counts than in a clear view, and a clear view before. An exposure partly behind a wall's edge looks like
+        a source farther away; the next exposure distinguishes the two.
         """
         clear = float(self.weight.sum(axis=1) @ self.hidden[:, fit.exposed.vehicle, 0])
         return clear > _LEAST_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
 
     def rejects(self, fit: Fit) -> bool:
-        """The innovation gate: whether the mean over all Gaussians of an exposure's normalised innovation squared, for whichever
-        component of what may stand in between it is least, exceeds ``_GATE_SIGMAS``^2. A noisy pixel and a burst do not pass; a
-        dead camera does, and tells nothing, as behind a thick wall.
+        """Return whether the innovation gate rejects an exposure: a normalised innovation squared above ``_GATE_SIGMAS``^2.
+
+        The mean over all Gaussians, each with the obstacle component of the least innovation. A noisy pixel and a burst do not
+        pass; a dead camera passes without information, as behind a thick wall.
         """
         return not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2  # true for NaN too
 
     def ahead(self, fit: Fit) -> Array:
-        """Likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site."""
+        """Return the likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site."""
         most = fit.log_likelihood.max(axis=(0, 2))
         given = np.einsum("sm,csm->sc", self.weight, np.exp(fit.log_likelihood - most[:, None]))
         return hidden.given_level(given, fit.exposed.live_time_s)
 
     def after_counts(self, fit: Fit, ahead: Array | None = None) -> tuple[Mixture, float] | None:
-        """Measurement update with an exposure; None if the innovation gate rejects it.
+        """Update with an exposure; return None if the innovation gate rejects it.
 
-        For each component c of what may stand in between (``hidden``), of probability p_c, g_c ~ p_c P(k | c, s) b_c, sum 1:
-        conditioning of the Gaussian on the fitted logarithm of the rate for the clear view, c = 0, none for any other, and moment
-        matching over both. How much passes what hides the source is not known, stays so for as long as it is hidden, and may be
-        anything: counts behind it say nothing of place and activity. Taken as independent from one exposure to the next, the
-        spread of a level would be averaged away, and bend the place with great certainty.
+        For each obstacle component c (``hidden``), of probability p_c, g_c ~ p_c P(k | c, s) b_c, sum 1. The Gaussian is
+        conditioned on the fitted logarithm of the rate for the clear view, c = 0, and not for any other; moments are matched over
+        both. The transmission of an obstacle is unknown for as long as the source is hidden: counts behind it carry no
+        information on place and activity. With levels assumed independent from one exposure to the next, their spread would
+        average out and bias the place with great certainty.
 
             u = g_0 z^_0 / V_0
             m <- m + P h u
@@ -165,9 +166,9 @@ class Mixture(Struct, frozen=True, eq=False):
         Over soil the same follows for the channels' contrast (``spectrum``), by one step of Fisher scoring, with P h_d in place
         of P h, u / (1 + h_d' P h_d I) of z^ / V, and I / (1 + h_d' P h_d I) of (1 - v / V) / V.
 
-        ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
-        neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
-        log Bayes factor of the exposure, less the cost of a hidden view, which is that of a rejected exposure.
+        ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing. It changes
+        neither w nor the chain, which that exposure updates later. Also returns ln (sum of w P(k | s) / P(k | H0)), the
+        log Bayes factor of the exposure, less the cost of a hidden view, equal to that of a rejected exposure.
         """
         if self.rejects(fit):
             return None
@@ -194,13 +195,13 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(after, hidden=chain), gained - REJECTED_COST * fit.exposed.weight * (1.0 - clear)
 
     def wider(self, factor: float) -> Mixture:
-        """With so many times the variances of the place; correlations stay."""
+        """Return the track with the variances of the place times this factor; correlations stay."""
         scale = np.ones(self.mean.shape[-1])
         scale[:2] = math.sqrt(factor)
         return replace(self, covariance=self.covariance * scale[:, None] * scale)
 
     def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float, float]:
-        """Measurement update with a cone: probabilistic data association [BST75] over its readings and "no information".
+        """Update with a cone: probabilistic data association [BST75] over its readings and "no information".
 
         For each reading k, its axis n_k turned by -psi about up, c = n_k . u:
 
@@ -212,7 +213,7 @@ class Mixture(Struct, frozen=True, eq=False):
         the source's cones (at m, without g) and B of the background's:
 
             w <- w (R (rho + eps) + B) / (R + B), normalised       marginal likelihood
-            gamma_kj = L_kj R / (R (rho + eps) + B)                responsibilities; what is left: no information
+            gamma_kj = L_kj R / (R (rho + eps) + B)                responsibilities; the rest: no information
             m_kj = m - P h_k delta_k / V_kj,   P_kj = P - P h_k h_k' P / V_kj       an EKF update for each
 
         and the mixture over kj and "no information" (m, P) is replaced by the Gaussian of its moments:
@@ -255,7 +256,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return *self._reweighted(likelihood, self.mean + moved, self.covariance + widened), score
 
     def _reweighted(self, log_likelihood: Array, mean: Array, covariance: Array) -> tuple[Mixture, float]:
-        """Bayes' rule for the weights, given log likelihoods (S, M); also the log of the sum of weight times likelihood."""
+        """Apply Bayes' rule to the weights, given log likelihoods (S, M); also return the log of the sum of weight times
+        likelihood.
+        """
         most = float(log_likelihood.max())
         weight = self.weight * np.exp(log_likelihood - most)
         total = float(weight.sum())
@@ -263,7 +266,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
-        """Mixture reduction: light sites dropped, near ones merged (``reduction``), their chains with the mean probabilities."""
+        """Reduce the mixture: light sites dropped, near ones merged (``reduction``), their chains with the mean probabilities."""
         if len(self.weight) == 1:
             return self
         groups = clusters(self.weight, self.mean, self.covariance)
@@ -275,20 +278,21 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, weight=weight, mean=mean, covariance=covariance, hidden=levels)
 
     def moments(self) -> tuple[Array, Array]:
-        """Mean (d,) and covariance (d, d) over all sites and modes."""
+        """Return mean (d,) and covariance (d, d) over all sites and modes."""
         d = self.mean.shape[-1]
         return moments_of(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
 
     def hedge(self, mean: Array, covariance: Array) -> Array:
-        """(2, 2) m2 to be added to the covariance of the place where ``moments`` are told as one Gaussian N(m, P): so that this
-        does not exclude a mode of motion that the sum holds possible.
+        """Return (2, 2) m2, added to the covariance of the place when ``moments`` are published as one Gaussian N(m, P).
+
+        The published Gaussian then does not exclude a mode of motion that is possible by the sum:
 
             sum over the modes j with q_j > s^2 of  c_j (P_j + d_j d_j') / s^2,
             d_j = m_j - m,   q_j = d_j' P^-1 d_j,   s = ``_HEDGE_SIGMAS``
 
         with w_j, m_j, P_j of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one to the other ``_POSSIBLE``.
-        A lone camera that hovered took a source that walked to rest, almost surely. The walking mode was right, but its small
-        weight hardly showed in P, which excluded the truth by 8.8 sigma (``radron-sim faults --seed 1430115 --runs 1``).
+        A right mode of small weight hardly widens P, which can then exclude the truth (docs/faults-found.md: a hovering camera
+        and a walking source).
         """
         place, found = mean[:2], np.zeros((2, 2))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
@@ -304,7 +308,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return found
 
     def moments_at(self, moments: tuple[Array, Array], motion: Motion, time_s: float) -> tuple[Array, Array]:
-        """The ``moments`` at a later time: over less than ``_SHORT_S`` at constant velocity and without noise, else predicted."""
+        """Return the ``moments`` at a later time: below ``_SHORT_S`` at constant velocity without noise, else predicted."""
         if time_s - self.time_s > _SHORT_S:
             return self.later(motion, time_s).moments()
         mean, covariance = moments[0].copy(), moments[1].copy()
@@ -316,14 +320,14 @@ class Mixture(Struct, frozen=True, eq=False):
 
 
 def _conditioned(mean: Array, covariance: Array, gain: Array, pull: Array, shrink: Array, share: Array) -> tuple[Array, Array]:
-    """Moments of the Gaussian that is conditioned with the probability ``share`` (S, M), and else as it was."""
+    """Return moments of the Gaussian conditioned with the probability ``share`` (S, M), and otherwise unchanged."""
     moved = share * pull
     wider = share * (pull**2 - shrink) - moved * moved
     return mean + gain * moved[..., None], covariance + (wider[..., None] * gain)[..., :, None] * gain[..., None, :]
 
 
 def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...]) -> Array:
-    """The variances (BIAS V,) with those (BIAS,) of one vehicle; the same array if nothing changes."""
+    """Return the variances (BIAS V,) with new ones (BIAS,) of one vehicle; the same array if nothing changes."""
     own = slice(BIAS * vehicle, BIAS * (vehicle + 1))
     if tuple(bias_variance[own].tolist()) == variance:
         return bias_variance

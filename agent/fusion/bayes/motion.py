@@ -28,12 +28,13 @@ class Motion:
     """M modes of motion: at rest, and with Ornstein-Uhlenbeck velocities [UO30].
 
     In a moving mode each axis of the velocity obeys dv = -(v / tau) dt + sqrt(2 sigma_v^2 / tau) dW: Singer's model [S70] with
-    the velocity in place of the acceleration. It is stationary with N(0, sigma_v^2) and the autocorrelation exp(-|t| / tau).
+    the velocity in place of the acceleration. The velocity is stationary with N(0, sigma_v^2) and the autocorrelation
+    exp(-|t| / tau).
 
     velocity_variance: (M,) sigma_v^2 of each axis, m2/s2; 0 at rest. velocity_s: (M,) tau. switching_ps: (M, M) rates of the
-    Markov chain of the modes, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second with which the biases of
-    a vehicle wander for times that are short against 2 P0 / q. ground_variance: (2,) prior variances of SCATTER and HEIGHT, which
-    stay as they are, or (0,) over nothing.
+    Markov chain of the modes, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second of
+    a vehicle's biases, for times short against 2 P0 / q. ground_variance: (2,) prior variances of SCATTER and HEIGHT, both
+    constant, or (0,) over nothing.
     """
 
     velocity_variance: Array
@@ -44,7 +45,7 @@ class Motion:
 
     @property
     def modes(self) -> int:
-        """M."""
+        """M, the number of modes."""
         return len(self.velocity_variance)
 
     def predict(self, mean: Array, covariance: Array, bias_variance: Array, dt_ms: int) -> tuple[Array, Array]:
@@ -67,8 +68,8 @@ class Motion:
             m0_j = sum_i mu_i|j m_ij                       mixed mean
             P0_j = sum_i mu_i|j (P_ij + (m_ij - m0_j) (m_ij - m0_j)')
 
-        m_ij and P_ij are m_i and P_i but for the velocity of a source that stops or starts: it does not carry over. For i -> rest
-        it is 0 without variance, for rest -> j it is N(0, sigma_v,j^2), both uncorrelated with the rest of the state.
+        m_ij and P_ij are m_i and P_i, except for the velocity of a source that stops or starts. For i -> rest the velocity is 0
+        without variance, for rest -> j it is N(0, sigma_v,j^2), both uncorrelated with the rest of the state.
 
         weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d). Returns c, m0 and P0 of the same shapes.
         """
@@ -91,7 +92,7 @@ class Motion:
 
 @lru_cache(maxsize=256)
 def _mode_transition(motion: Motion, dt_ms: int) -> Array:
-    """(M, M): pi(dt) = expm(Q dt), from row to column; Q = switching_ps - diag(its row sums), the generator of the chain."""
+    """Return (M, M): pi(dt) = expm(Q dt), from row to column; Q = switching_ps - diag(its row sums), the chain's generator."""
     rates = motion.switching_ps - np.diag(motion.switching_ps.sum(axis=1))
     result: Array = expm(1e-3 * dt_ms * rates)
     return result

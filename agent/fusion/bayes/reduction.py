@@ -27,11 +27,11 @@ def moments_of(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Ar
 
 
 def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.intp]]:
-    """Indices of the sites that are to be merged, a group each; sites of less than ``LEAST_WEIGHT`` are in none.
+    """Return groups of indices of the sites to be merged; sites of less than ``LEAST_WEIGHT`` are in none.
 
-    Salmond's clustering [S90] with a Euclidean distance: the heaviest site left takes all those whose place is within
-    ``NEAR`` sigma of its own, unless they are more than twice as wide; sigma: RMS of the horizontal axes in its widest mode.
-    Cheaper than merging pairs by Kullback-Leibler distance [R07]: at the hand-over from the grid there are hundreds of sites.
+    Salmond's clustering [S90] with a Euclidean distance: the heaviest site left takes all sites within ``NEAR`` sigma of its own
+    place, unless they are more than twice as wide; sigma: RMS of the horizontal axes in its widest mode. Cheaper than merging
+    pairs by Kullback-Leibler distance [R07]: at the hand-over from the grid there are hundreds of sites.
 
     weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d).
     """
@@ -52,7 +52,7 @@ def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.i
 
 
 def merged(groups: list[NDArray[np.intp]], weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Weights, means and covariances of the groups' sites, mode by mode merged into one Gaussian of the same moments.
+    """Merge the groups' sites, mode by mode, into one Gaussian of the same moments; return weights, means and covariances.
 
     weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the result has len(groups) sites, of weights that add up to 1.
     """

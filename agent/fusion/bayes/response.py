@@ -8,13 +8,15 @@ and a channel of effective area F = ``area_mm2`` counts, per second, with build-
 
     S + B,    S = phi(D) F (direct + scattered mu D + edge (``_MEAN_EDGE`` - exp(-f / 0.2))),    B = ``background_ps``.
 
-F is the mean over the heading. f is the cosine of the angle between the source and the normal of the sensor's face: with its edge
-towards the source it counts 20 % fewer direct photons of Cs-137 than with its face. The figures come from this project's own
-photon transport (sim/radiation) and detector chain, not from measurements.
+F is the mean over the heading. f is the cosine of the angle between the source and the normal of the sensor's face. A camera
+with its edge towards the source counts 20 % fewer direct photons of Cs-137 than with its face. The figures come from this
+project's own photon transport (sim/radiation) and detector chain, not from measurements.
 
-Left out: two photons of one decay in the sensor at once (Co-60, Na-22 and others; a second one meets it with a probability of
-about 1e-6 at a metre); that air attenuates a nuclide's softer lines more (one mu for all; the channels' rates fit
-within 1 % up to 35 m); that cones of scattered photons grow with the distance (up to 35 m by 3 % of Cs-137's, 11 % of I-131's).
+Left out:
+
+- two photons of one decay in the sensor at once (Co-60, Na-22 and others; probability of a second one about 1e-6 at a metre);
+- the stronger attenuation of a nuclide's softer lines by air (one mu for all; the channels' rates fit within 1 % up to 35 m);
+- the growth of cones of scattered photons with the distance (up to 35 m by 3 % of Cs-137's, 11 % of I-131's).
 """
 
 from __future__ import annotations
@@ -33,12 +35,12 @@ REFERENCE_BQ = 1e9  # unit of the activities
 NEAREST_M = 0.3  # least distance of a camera from a source in the model
 
 _HITS_PER_EVENT = 1.05  # of the background: one of twenty of its photons is absorbed in two steps
-_EDGE_FACING = 0.2  # f up to which the edge tells
+_EDGE_FACING = 0.2  # f up to which the edge matters
 _MEAN_EDGE = 0.154  # mean of exp(-f / 0.2) over all headings, the source 5 to 45 degrees below the horizon
 
 
 def edge_factor(facing: Array) -> Array:
-    """What ``edge`` is multiplied by: how far a camera is turned to the source, more than in the mean over the heading.
+    """Return the factor of ``edge``: a camera's orientation to the source, relative to the mean over the heading.
 
     facing: f of any shape.
     """
@@ -48,7 +50,7 @@ def edge_factor(facing: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One kind of event. area_mm2: F, effective area. direct, scattered, edge: the coefficients of S. background_ps: B."""
+    """A kind of event. area_mm2: F, effective area. direct, scattered, edge: the coefficients of S. background_ps: B."""
 
     area_mm2: float
     direct: float
@@ -57,7 +59,7 @@ class Channel:
     edge: float
 
     def less(self, other: Channel) -> Channel:
-        """The channel of the events that are counted here and not in ``other``: its S and B are the differences."""
+        """Return the channel of the events counted here but not in ``other``: its S and B are the differences."""
         area_mm2 = self.area_mm2 - other.area_mm2
         direct = self.area_mm2 * self.direct - other.area_mm2 * other.direct
         scattered = self.area_mm2 * self.scattered - other.area_mm2 * other.scattered
@@ -72,7 +74,7 @@ class Response:
 
     photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
     events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events
-    that became a cone. soil: of scattered photons in the channels where the source is on soil; None: over nothing. strength: of
+    that became a cone. soil: of scattered photons in the channels with the source on soil; None: over nothing. strength: of
     the background, relative to the tables.
     """
 
@@ -85,18 +87,17 @@ class Response:
     strength: float = 1.0
 
     def with_background(self, per_s: float) -> Response:
-        """The response with a measured background, in events a second: the channels' and the cones' are in proportion to it."""
+        """Return the response with a measured background, in events a second; the channels' and the cones' scale with it."""
         return replace(self, strength=self.strength * per_s / (_HITS_PER_EVENT * float(self.background_ps.sum())))
 
     @staticmethod
     def apart(counts: Array) -> Array:
-        """Counts (2,) by channel, partial- and full-energy events, from the counts (3,) of an exposure: hits h, full-energy
-        events f, coincidences c.
+        """Return counts (2,) by channel, partial- and full-energy events, from the counts (3,) of an exposure.
 
-        A full-energy event is one hit or one coincidence, and a coincidence is two hits; so the partial-energy events are
-        h - f - c, and every event is in exactly one channel. Only then are the channels independent Poisson variables: the
-        variance of h alone is a quarter larger than its mean, and h, f and c taken as independent would hold twice the
-        information that there is.
+        The counts of an exposure: hits h, full-energy events f, coincidences c. A full-energy event is one hit or one
+        coincidence, and a coincidence is two hits. So the partial-energy events are h - f - c, and every event is in exactly one
+        channel. Only then are the channels independent Poisson variables. The variance of h alone is a quarter larger than its
+        mean, and h, f and c assumed independent would hold twice the actual information.
         """
         hits, photopeak, coincidences = counts.tolist()
         return np.array([max(hits - photopeak - coincidences, 0.0), photopeak])
@@ -112,10 +113,10 @@ class Response:
 
     @cached_property
     def over_soil(self) -> SoilTable | None:
-        """Scattered photons and background where the source is on soil; None over nothing."""
+        """Scattered photons and background with the source on soil; None over nothing."""
         if self.soil is None:
             return None
-        area_mm2, direct, _, _ = self._terms  # in place of vehicle, mount and ground ``direct`` has a fixed share
+        area_mm2, direct, _, _ = self._terms  # a fixed share of ``direct`` stands for vehicle and mount alone
         return SoilTable(self.soil, BODY_SHARE * area_mm2 * (direct - 1.0), self._alone_ps)
 
     @cached_property
@@ -135,13 +136,13 @@ class Response:
         return self.strength * self.cones.background_ps
 
     def flux(self, distance_m: Array) -> Array:
-        """phi(D) for an activity of REFERENCE_BQ, per mm2 and second; distance_m: D > 0 of any shape."""
+        """Return phi(D) for an activity of REFERENCE_BQ, per mm2 and second; distance_m: D > 0 of any shape."""
         per_mm2 = REFERENCE_BQ * self.photons_per_decay / (4e6 * np.pi)
         result: Array = per_mm2 * np.exp(-self.air_per_m * distance_m) / distance_m**2
         return result
 
     def signal(self, fluence: Array, distance_m: Array, steepness: Array | float = 0.0) -> Array:
-        """Expected counts (..., 2) of the channels in the mean over the heading, S times the exposure.
+        """Return expected counts (..., 2) of the channels in the mean over the heading, S times the exposure.
 
         fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D. steepness: (...) sine of the
         source's depression below the horizon.
@@ -155,9 +156,9 @@ class Response:
         return result
 
     def parts(self, fluence: Array, distance_m: Array, facing: Array, by_soil: Array | None = None) -> tuple[Array, Array]:
-        """Expected counts (..., 2) by photons straight from the source, and by scattered ones: their sum is S times the exposure.
+        """Return expected counts (..., 2) by direct photons, and by scattered photons; their sum is S times the exposure.
 
-        facing: (...) f. by_soil: (..., 2) those of ``SoilTable.by_soil``, over soil. The others as in ``signal``.
+        facing: (...) f. by_soil: (..., 2) result of ``SoilTable.by_soil``, over soil. The others as in ``signal``.
         """
         area_mm2, direct, scattered, edge = self._terms
         depth, unscattered = self.air_per_m * distance_m, area_mm2 * fluence[..., None]
@@ -174,7 +175,7 @@ def _response(nuclide: str, photons_per_decay: float, air_per_m: float, *rows: t
 
 
 # From ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 I-131 Ir-192 Na-22``: hits, photopeak, coincidences
-# and cones (those with --events 200000), each with area (mm2), direct, scattered, background (1/s), and edge.
+# and cones (cones with --events 200000), each with area (mm2), direct, scattered, background (1/s), and edge.
 RESPONSES: dict[str, Response] = {
     response.nuclide: response
     for response in (
@@ -228,10 +229,10 @@ RESPONSES: dict[str, Response] = {
 
 
 def response_of(nuclide: str, ground: str = "none") -> Response:
-    """The response to the nuclide of that name, over soil or nothing: ``fusion.ground``.
+    """Return the response to the nuclide of that name, over soil or nothing: ``fusion.ground``.
 
     Raises:
-        ConfigError: the table has none.
+        ConfigError: the table lacks the nuclide.
     """
     try:
         response = RESPONSES[nuclide]

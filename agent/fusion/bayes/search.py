@@ -2,12 +2,12 @@
 
 Hypotheses: H0, no source; or H1 with the cell (x, y), in the area or around it (``grid``), the log activity a and the motion
 mode j. For each of them the strength f of the background relative to the configured one is open too, as a level of its own
-distribution: otherwise a background that is stronger than configured would in the end look like a source. In SearchState
+distribution. Otherwise a background stronger than configured would in the end look like a source. In SearchState
 
     none = P(H0),   weight[j, a, cell] = P(H1, j, a, cell),
     background[f, a, cell] = P(f | H1, a, cell),   background_alone[f] = P(f | H0).
 
-Poses are taken as exact: the search yields the apparent place of the source (``mixture.Mixture.of_sites`` accounts for biases).
+Poses are assumed exact: the search yields the apparent place of the source (``mixture.Mixture.of_sites`` accounts for biases).
 References: agent.fusion.bayes.
 """
 
@@ -32,7 +32,7 @@ _OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or
 _TINY = 1e-30
 _ITERATIONS = 3
 _FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
-_LIKELIER = 3.0  # odds of a source between area and fence, relative to prior odds: twice as much come of an excluded area alone
+_LIKELIER = 3.0  # odds of a source between area and fence, relative to prior odds: an excluded area alone doubles them
 _EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activity counts as excluded
 
 
@@ -40,7 +40,8 @@ _EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activ
 class SearchState:
     """The posterior on the grid. weight: (M, A, C) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
 
-    background: (B, A, C) and background_alone: (B,), of the background's levels given those; sums over B are 1.
+    background: (B, A, C) and background_alone: (B,), probabilities of the background's levels given these hypotheses; sums over B
+    are 1.
     """
 
     time_s: float
@@ -51,8 +52,8 @@ class SearchState:
 
     @staticmethod
     def prior(grid: Grid, time_s: float) -> SearchState:
-        """P(H0) = 1/2; given H1 ``grid.prior`` over the cells, uniform over the levels of ln activity, ``motion_prior`` over the
-        modes.
+        """Return the prior: P(H0) = 1/2; given H1 ``grid.prior`` over the cells, uniform over the levels of ln activity,
+        ``motion_prior`` over the modes.
         """
         shape = (len(grid.log_activity), len(grid.x))
         share = np.broadcast_to((0.5 / shape[0] * grid.prior).astype(np.float32), shape)
@@ -62,11 +63,12 @@ class SearchState:
 
     @staticmethod
     def of_track(grid: Grid, track: Mixture, none: float) -> SearchState:
-        """The grid posterior of a track that has become too wide for a Gaussian sum: its density over (x, y, a) at the cells
+        """Return the grid posterior of a track that has become too wide for a Gaussian sum: its density over (x, y, a) at the
+        cells
 
             (1 - eps) sum_i w_ij N(cell; m_ij, P_ij + cell^2 / 12 I) N(a; ..) + eps prior,   eps = ``_FORGOTTEN``,
 
-        scaled to 1 - none; place and activity are taken as independent within each Gaussian, and biases as 0.
+        scaled to 1 - none. Within each Gaussian place and activity are assumed independent, and biases 0.
         """
         first = SearchState.prior(grid, track.time_s)
         density = np.zeros(first.weight.shape)
@@ -83,7 +85,7 @@ class SearchState:
         density *= grid.prior > 0.0
         total = density.sum()
         kept = (1.0 - _FORGOTTEN) * density / total if total > 0.0 else 0.0
-        weight = kept + _FORGOTTEN * 2.0 * first.weight  # half of a search's weight is that of no source
+        weight = kept + _FORGOTTEN * 2.0 * first.weight  # half of a search's weight is on no source
         weight *= (1.0 - none) / weight.sum()
         return replace(first, weight=weight.astype(np.float32), none=none)
 
@@ -93,9 +95,9 @@ class SearchState:
         return float(np.log((1.0 - self.none + _TINY) / self.none))
 
     def later(self, grid: Grid, time_s: float) -> SearchState:
-        """Prediction: each moving mode diffuses by ``diffusion_m2ps`` t per axis (a random walk); modes do not switch.
+        """Predict: each moving mode diffuses by ``diffusion_m2ps`` t per axis (a random walk); modes do not switch.
 
-        t is cut off at ``_LONGEST_MOVE_S``; below ``_MOVE_S`` nothing changes, and the time is made up for later.
+        The time t is limited to ``_LONGEST_MOVE_S``. A step below ``_MOVE_S`` changes nothing, and is part of a later one.
         """
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
@@ -106,15 +108,15 @@ class SearchState:
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
-        """Measurement update with an exposure. position: of the camera, mission frame; counts: (2,) k, by channel.
+        """Update with an exposure. position: of the camera, mission frame; counts: (2,) k, by channel.
 
             P(k | f, a, cell) by ``counts.fit_rate`` with S = signal(phi(D) exp(a) T), B = f B_0 T and
-                V = activity_variance + (2 cell / max(D, cell))^2 / 12      what a cell leaves open of ln S
+                V = activity_variance + (2 cell / max(D, cell))^2 / 12      spread of ln S within a cell
             P(k | f, H0) by ``counts.background_log_likelihood``
             L = P(k | ..) / max P(k | ..) + ``_OUTLIERS``
             P(f | ..) <- P(f | ..) L / l,   weight <- weight l,   l = sum_f P(f | ..) L,   likewise for H0; normalised.
 
-        L depends on the cell by its distance D and its size only: for each size it is tabulated over D and interpolated.
+        L depends only on the distance D and the size of a cell: for each size it is tabulated over D and interpolated.
         """
         far, _, _, below = _seen_from(grid, position)
         blocks = grid.by_block(far)
@@ -149,11 +151,11 @@ class SearchState:
         )
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
-        """Measurement update with a cone; apex: mission frame.
+        """Update with a cone; apex: mission frame.
 
-        weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, delta at the cell's centre, and the angle
-        that a cell spans, cell^2 / (12 D^2), added to the variance of delta; H0's likelihood is 1. The background's level
-        does not enter.
+        weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, delta at the cell's centre. The angle
+        spanned by a cell, cell^2 / (12 D^2), is added to the variance of delta. H0's likelihood is 1. The background's level does
+        not enter.
         """
         distance, x, y, z = _seen_from(grid, apex)
         u, v, w = orders.axis.T
@@ -166,26 +168,26 @@ class SearchState:
         return self._reweighted(likelihood.astype(np.float32), 1.0)
 
     def _reweighted(self, given_source: Weights, given_none: float) -> SearchState:
-        """Bayes' rule. given_source: (A, C) likelihoods under H1, up to a factor common with given_none, that of H0."""
+        """Apply Bayes' rule. given_source: (A, C) likelihoods under H1, up to a factor common with given_none, that of H0."""
         weight = self.weight * given_source + np.float32(_TINY)
         none = self.none * given_none + _TINY
         total = float(weight.sum(dtype=np.float64)) + none
         return replace(self, weight=weight / np.float32(total), none=none / total)
 
     def background_factor(self, grid: Grid) -> float:
-        """E[f | H1]."""
+        """Return E[f | H1]."""
         level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2), dtype=np.float64)
         return float(level @ grid.background / level.sum())
 
     def place(self, grid: Grid) -> tuple[float, float, float]:
-        """Mean x and y given H1, and the RMS distance from there, metres."""
+        """Return mean x and y given H1, and the RMS distance from there, metres."""
         cells = self.weight.sum(axis=(0, 1), dtype=np.float64)
         cells = cells / cells.sum()
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
 
     def beyond(self, grid: Grid) -> Point2 | None:
-        """Mean place (m) of a source beyond the fence, where that is more probable than all else."""
+        """Return the mean place (m) of a source beyond the fence, if that is more probable than all else."""
         cells = self.weight[..., grid.beyond].sum(axis=(0, 1), dtype=np.float64)
         if not cells.sum() > 0.5:
             return None
@@ -193,7 +195,7 @@ class SearchState:
         return x, y
 
     def outlook(self, grid: Grid) -> Outlook:
-        """The posterior over places, for the search's guidance and for the report of a search that found nothing."""
+        """Return the posterior over places, for the search's guidance and for the report of a search without a source."""
         cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, C)
         place = cells.sum(axis=0)
         activity = np.exp((cells * grid.log_activity[:, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ
@@ -209,9 +211,10 @@ class SearchState:
         )
 
     def _excluded_bq(self, grid: Grid, cells: Array) -> float | None:
-        """The least level from which on all levels in the area have posterior odds against no source there, relative to the
-        prior's, of at most ``_EXCLUDED``; None without one, or while a source between
-        area and fence has become likelier, by more than ``_LIKELIER``.
+        """Return the exclusion limit: the least level from which on all levels in the area are excluded.
+
+        Excluded: posterior odds against no source there, relative to the prior's, of at most ``_EXCLUDED``. None without such a
+        level, or while a source between area and fence has become likelier, by more than ``_LIKELIER``.
 
         cells: (A, C) P(a, cell).
         """
@@ -227,12 +230,12 @@ class SearchState:
 
 
 def _around(far: Array, count: int) -> Array:
-    """So many distances, evenly in their logarithm, with ``far`` between the first and the last."""
+    """Return ``count`` distances, evenly spaced in their logarithm, with ``far`` between the first and the last."""
     return np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, count)
 
 
 def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
-    """Linear interpolation of a table (..., D) over a geometric grid of distances, at the distances far (C,): (..., C)."""
+    """Interpolate a table (..., D) linearly over a geometric grid of distances, at the distances far (C,): (..., C)."""
     place = np.log(far / distance[0]) * ((len(distance) - 1) / np.log(distance[-1] / distance[0]))
     before = place.astype(np.intp)
     part = (place - before).astype(np.float32)
@@ -244,6 +247,6 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, Array]:
-    """Distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (C,) each."""
+    """Return distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (C,) each."""
     x, y, z = grid.x - position[0], grid.y - position[1], grid.z - position[2]
     return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z

@@ -1,4 +1,4 @@
-"""What known walls and buildings leave of a source's direct photons, as far as the source's place is known."""
+"""Transmission of known walls and buildings for a source's direct photons, given the uncertainty of the source's place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agent.geometry import Array
 from agent.terrain.buildings import Buildings
 
 _MAP_SIGMA = 0.03  # relative, of the optical depth: a map's thicknesses and densities
-_WIDEST_M = 5.0  # of the sigmas, beyond which nothing is known of what lies between
+_WIDEST_M = 5.0  # of the sigmas; beyond it, the obstacles in between are unknown
 
 
 class Shielding(NamedTuple):
@@ -21,7 +21,7 @@ class Shielding(NamedTuple):
 
     @staticmethod
     def of(buildings: Buildings, start: Array, way: Array, sigma_m: Array) -> Shielding:
-        """Mean and spread of T over the source's place and four more, one sigma to each side along both axes:
+        """Return mean and spread of T over the source's place and four more, one sigma to each side along both axes:
 
             T = mean_i T_i,  sigma^2 = sum over the axes of ((T_+ - T_-) / 2)^2 + (0.03 depth T)^2,  T_i = exp(-depth_i).
 
@@ -38,10 +38,9 @@ class Shielding(NamedTuple):
         return Shielding(passing.mean(axis=0), np.sqrt(across + (_MAP_SIGMA * depth[0] * passing[0]) ** 2))
 
     def counts(self, direct: Array, scattered: Array) -> tuple[Array, Array]:
-        """Expected counts (S, M, 2) behind the buildings, and the variance (S, M) of the logarithm of their sum by sigma.
+        """Return expected counts (S, M, 2) behind the buildings, and the variance (S, M) of the logarithm of their sum by sigma.
 
-        Buildings take off direct photons; what is scattered comes from all sides. direct, scattered: (S, M, 2) of these without
-        buildings.
+        Buildings attenuate direct photons; scattered photons come from all sides. direct, scattered: (S, M, 2) without buildings.
         """
         behind = direct * self.share[..., None] + scattered
         return behind, (direct.sum(axis=-1) * self.sigma / behind.sum(axis=-1)) ** 2

@@ -1,8 +1,8 @@
-"""The line of sight from a camera to where each Gaussian of a track has the source, and gradients of what is measured along it.
+"""The line of sight from a camera to the source's place in each Gaussian of a track, and gradients of measurements along it.
 
 With p the measured camera position and T the age of the measurement, w = (x - T vx + bx, y - T vy + by, ground height + z) - p,
-D = |w|; the ground's height is that below (x - T vx, y - T vy), its slope (``rise``) enters the gradients. z, the source's height
-above the ground, is part of the state over soil, else 0.
+D = |w|. The ground's height is that below (x - T vx, y - T vy), and its slope (``rise``) enters the gradients. z, the source's
+height above the ground, is part of the state over soil, else 0.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class LineOfSight(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(mean: Array, scene: Scene, vehicle: int, position: Vector3, age_s: float) -> LineOfSight:
-        """To where each mean was age_s ago. position: p, mission frame."""
+        """Return the lines to the place of each mean age_s ago. position: p, mission frame."""
         b, ground = BIASES + BIAS * vehicle, scene.ground
         place = mean[..., :2] - age_s * mean[..., 2:4]
         way = np.empty((*mean.shape[:2], 3))
@@ -62,7 +62,7 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise, raised)
 
     def image(self) -> Array:
-        """The way (S, M, 3) to the image of the source in the soil (``soil``), which is below the camera in any case."""
+        """Return the vector (S, M, 3) to the image of the source in the soil (``soil``), always below the camera."""
         way = self.way.copy()
         if self.raised is not None:
             way[..., 2] -= (1.0 + IMAGE_DEPTH) * self.raised
@@ -70,13 +70,13 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return way
 
     def spot(self, covariance: Array) -> Array:
-        """(S, M) m2, trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""
+        """Return (S, M) m2, the trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""
         b = BIASES + BIAS * self.vehicle
         east, north = (covariance[..., k, k] + 2.0 * covariance[..., k, b + k] + covariance[..., b + k, b + k] for k in (0, 1))
         return np.maximum(east + north, 0.0)
 
     def gradient(self, slope: Array, dimensions: int) -> Array:
-        """Gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
+        """Return gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
 
         h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy,
         h_z = slope_z. dimensions: d.
@@ -92,14 +92,14 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return gradient
 
     def shielding(self, buildings: Buildings, position: Vector3, mean: Array, covariance: Array) -> Shielding:
-        """What the known walls and buildings let pass. position, mean: as in ``of``; covariance: (S, M, d, d)."""
+        """Return the transmission of known walls and buildings. position, mean: as in ``of``; covariance: (S, M, d, d)."""
         b = BIASES + BIAS * self.vehicle
         start = np.broadcast_to(np.array(position), self.way.shape).copy()
         start[..., :2] -= mean[..., b : b + 2]
         return Shielding.of(buildings, start, self.way, np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)[..., :2]))
 
     def turned(self, axes: Array, mean: Array) -> Array:
-        """R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""
+        """Return R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""
         heading = mean[..., BIASES + BIAS * self.vehicle + HEADING]
         cos, sin = np.cos(heading), np.sin(heading)
         turned = np.empty((*heading.shape, *axes.shape))

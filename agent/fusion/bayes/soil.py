@@ -1,15 +1,15 @@
-"""What a camera counts of photons that soil and air scatter beside a source on or above the ground, and of the soil's own.
+"""Counts of a camera of photons scattered by soil and air beside a source on or above the ground, and of the soil's own photons.
 
 Soil scatters as if the photons came from an image of the source, ``IMAGE_DEPTH`` h below the ground for a source h above it.
 With the image at the distance D', the sine s of its depression below the horizon and the facing f to it, a channel counts
 
-    phi(D) (D / D')^2 (near + steep s) (1 + turn (f - ``MEAN_FACING``))     of photons that soil scatters,
-    phi(D) air mu D     of those that air does, and of those by vehicle and mount ``BODY_SHARE``; phi as of ``response``.
+    phi(D) (D / D')^2 (near + steep s) (1 + turn (f - ``MEAN_FACING``))     of photons scattered by soil,
+    phi(D) air mu D     of photons scattered by air, and ``BODY_SHARE`` of those by vehicle and mount; phi as of ``response``.
 
-The table is that of ``python -m benchmarks.ground_response --events 250 --photons 60000``: a transport code of its own, which is
-not the simulation's, folded with the simulated sensor's response; the formula fits it within 5 % (root mean square) up to a
-metre above the ground. Unknown on board are kind, moisture and roughness of the ground, and how deep the source lies: a factor
-of 0.5 to 1.5 on near and steep, which a track fits (``spectrum``).
+The table is from ``python -m benchmarks.ground_response --events 250 --photons 60000``: a separate transport code, independent of
+the simulation's, folded with the simulated sensor's response. The formula fits it within 5 % (root mean square) up to a metre
+above the ground. Unknown on board are kind, moisture and roughness of the ground, and the depth of the source: a factor of 0.5 to
+1.5 on near and steep, fitted by a track (``spectrum``).
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ import numpy as np
 from agent.fusion.facing import MEAN_FACING
 from agent.geometry import Array
 
-BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of what the surroundings are taken to do over nothing
+BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of the scatter assumed for the surroundings over nothing
 SCATTER_SIGMA = 0.3  # of the logarithm of the scatter factor
 HEIGHT_SIGMA_M = 0.5  # of the source above the ground
 IMAGE_DEPTH = 1.2  # per height of the source: 1.1 to 1.3 by nuclide
-OTHER_SHARE = 0.2  # background of another origin than soil, as a share of that over nothing
+OTHER_SHARE = 0.2  # background of another origin than soil, as a share of the background over nothing
 
 
 @dataclass(frozen=True, slots=True)
 class SoilChannel:
-    """One kind of event. near_mm2, steep_mm2, air_mm2: effective areas. turn: see above. background_ps: per second."""
+    """A kind of event. near_mm2, steep_mm2, air_mm2: effective areas. turn: see above. background_ps: per second."""
 
     near_mm2: float
     steep_mm2: float
@@ -43,14 +43,14 @@ class SoilTable:
     """The channels' table as arrays (C,), and the background per second over soil."""
 
     def __init__(self, channels: tuple[SoilChannel, ...], body_mm2: Array, alone_ps: Array) -> None:
-        """body_mm2, alone_ps: (C,) areas for photons that vehicle and mount scatter, background without soil."""
+        """body_mm2, alone_ps: (C,) areas for photons scattered by vehicle and mount, background without soil."""
         table = np.array([(c.near_mm2, c.steep_mm2, c.air_mm2, c.turn, c.background_ps) for c in channels]).T
         self._near, self._steep, self._air, self._turn, own_ps = table
         self._body_mm2 = body_mm2
         self.background_ps: Array = own_ps + OTHER_SHARE * alone_ps
 
     def by_soil(self, fluence: Array, steepness: Array, facing: Array | float) -> Array:
-        """Expected counts (..., C) of photons scattered by soil.
+        """Return expected counts (..., C) of photons scattered by soil.
 
         fluence: (...) as of ``Response.parts``, but at the image's distance. steepness, facing: (...) s and f of the image.
         """
@@ -60,7 +60,8 @@ class SoilTable:
         return result
 
     def slope(self, image: Array, distance: Array, steepness: Array) -> Array:
-        """Derivatives (..., 3) of the logarithm of what soil scatters, but for the facing, along the way ``image`` (..., 3).
+        """Return derivatives (..., 3) of the logarithm of soil's scatter, without the facing, along the vector ``image`` (...,
+        3).
 
             -(2 + g) image / D'^2,   and along z also g / image_z,   g = steep s / (near + steep s).
 
@@ -73,7 +74,7 @@ class SoilTable:
         return result
 
     def beside_soil(self, fluence: Array, depth: Array) -> Array:
-        """Expected counts (..., C) of photons scattered by air, vehicle and mount. depth: (...) mu D."""
+        """Return expected counts (..., C) of photons scattered by air, vehicle and mount. depth: (...) mu D."""
         result: Array = (self._air * depth[..., None] + self._body_mm2) * fluence[..., None]
         return result
 

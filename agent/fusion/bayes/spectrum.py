@@ -1,7 +1,7 @@
-"""The scatter factor of the ground, from how an exposure's counts divide into the two channels.
+"""The scatter factor of the ground, from the division of an exposure's counts into the two channels.
 
-Nearly all photons that soil scatters are counted in the partial-energy channel; the full-energy channel hardly depends on kind,
-moisture and roughness of the ground. Of the counts S_c expected of the source let N_c be of photons that soil scatters, and B_c
+Nearly all photons scattered by soil are counted in the partial-energy channel; the full-energy channel hardly depends on kind,
+moisture and roughness of the ground. Of the counts S_c expected of the source let N_c be of photons scattered by soil, and B_c
 of the background. The contrast is the logarithm of N_c over S_c - N_c; it grows with the scatter factor, and falls with the
 source's height. The Poisson likelihood has along the logarithm z of the source's rate and along the contrast d the scores
 
@@ -31,7 +31,8 @@ class Contrast(Struct, frozen=True, eq=False):
     def of(
         counts: Array, expected: Array, background: Array, by_soil: Array, gradient: Array, covariance: Array
     ) -> tuple[Contrast, Array]:
-        """The contrast, and what it adds to the logarithm (C, S, M) of each component's likelihood, with V = h_d' P h_d:
+        """Return the contrast, and its contribution to the logarithm (C, S, M) of each component's likelihood, with V = h_d' P
+        h_d:
 
             u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2.
 
@@ -48,7 +49,7 @@ class Contrast(Struct, frozen=True, eq=False):
 
 
 def soil_share(by_soil: Array, expected: Array, background: Array) -> Array:
-    """g (...), the derivative of the logarithm of the rate along the contrast. by_soil, expected: (..., 2). background: (2,)."""
+    """Return g (...), the derivative of the log rate along the contrast. by_soil, expected: (..., 2). background: (2,)."""
     return _mean(expected * expected / (expected + background), by_soil / expected)
 
 

@@ -1,4 +1,4 @@
-"""What is believed of the source after a step of the estimator ``bayes``."""
+"""The state after a step of the estimator ``bayes``."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class BayesState(Struct, frozen=True, eq=False):
     """The posterior: a search (grid), or a track (Gaussian sum) once the source is found.
 
     evidence: log Bayes factor H1 : H0 of the observations since the last search from the prior (a reacquisition starts at the
-    odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
-    relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
-    observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
+    odds 1 - doubt : doubt). recent_evidence: of the last seconds. background: E[f | H1] at the end of the search, the relative
+    strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles observed in the search; a track has
+    its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
     waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``;
     rejections, contrary: of exposures and by cones, see ``contradicted``. turns: of cameras, see ``turned``. moments: mean and
     covariance of the track after the step, for the hypotheses until the next one.
@@ -45,5 +45,5 @@ class BayesState(Struct, frozen=True, eq=False):
     moments: tuple[Array, Array] | None = None
 
     def leaves_out(self, vehicle: int, stamp_ns: int) -> bool:
-        """Whether what a vehicle measures is not to count, as the others contradict it."""
+        """Return whether a vehicle's measurements are left out, as the others contradict it."""
         return any(is_contradicted(found, self.sure, vehicle, stamp_ns) for found in (self.rejections, self.contrary))

@@ -1,4 +1,4 @@
-"""What a track makes of an observation: a cone, an exposure or one that waited for it, a change of the vehicle's frame."""
+"""Updates of a track with an observation: a cone, an exposure, a waiting exposure, or a change of the vehicle's frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from agent.geometry import Array
 EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
 _NS = 1e9
 _EVIDENCE_FADE_S = 10.0
-_WIDER = 1.2  # variance of the place, after an exposure that the gate rejects where one other vehicle alone measures
+_WIDER = 1.2  # variance of the place, after a rejected exposure while only one other vehicle measures
 
 
 class Tracking:
@@ -41,12 +41,12 @@ class Tracking:
         self._gain_variance, self._beside = gain_sigma**2, beside
 
     def updated(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
-        """The state after an observation of the step; ``track``: at the step's beginning."""
+        """Return the state after an observation of the step; ``track``: at the step's beginning."""
         vehicle, variance = self.errors_of(observation)
         change, frames = _frame_change(state.frames, vehicle, variance, observation)
         track = track.with_vehicle(vehicle, variance, change)
         is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
-        waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
+        waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # its biases are the former epoch's
         state = replace(state, frames=frames, waiting=waiting)
         contradicted = state.leaves_out(vehicle, observation.stamp_ns)
         if isinstance(observation, CountObservation):
@@ -73,9 +73,9 @@ class Tracking:
         return Exposed(vehicle, place, live_s, counts, background, observation.middle_ns, facing)
 
     def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
-        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself.
+        """Update with the vehicle's waiting exposure, if any, and with this one, unless it is to wait itself.
 
-        One that waited for too long is left out.
+        An exposure that waited too long is left out.
         """
         earlier, waiting = state.waiting.get(exposed.vehicle), _without(state.waiting, exposed.vehicle)
         fit = self._fit(track, step, exposed)
@@ -95,9 +95,9 @@ class Tracking:
         return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
 
     def errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
-        """Index of the vehicle, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
+        """Return the vehicle's index, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
 
-        An autopilot's position sigma is that of the horizontal distance, so each axis has sigma^2 / 2.
+        An autopilot's position sigma is horizontal (2D), so each axis has sigma^2 / 2.
         """
         axis = observation.position_sigma_m**2 / 2.0
         variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
@@ -109,7 +109,7 @@ def _without(waiting: Mapping[int, Exposed], vehicle: int) -> Mapping[int, Expos
 
 
 def _fused(state: BayesState, track: Mixture, fit: Fit, ahead: Array | None = None) -> tuple[BayesState, Mixture]:
-    """Update with an exposure, unless the gate rejects it: the state, and its track. ``ahead``: as in ``after_counts``."""
+    """Update with an exposure, unless the gate rejects it; return state and track. ``ahead``: as in ``after_counts``."""
     after = track.after_counts(fit, ahead)
     if after is None:
         exposed, state = fit.exposed, _noted(state, fit.exposed)
@@ -120,12 +120,12 @@ def _fused(state: BayesState, track: Mixture, fit: Fit, ahead: Array | None = No
 
 
 def _noted(state: BayesState, exposed: Exposed) -> BayesState:
-    """The state after the gate has rejected an exposure."""
+    """Return the state after the gate has rejected an exposure."""
     return replace(state, rejections=rejected(state.rejections, exposed.vehicle, exposed.middle_ns))
 
 
 def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:
-    """The state with a track that has been updated; gained: log Bayes factor of what it was updated with."""
+    """Return the state with an updated track; gained: log Bayes factor of the update's observation."""
     recent = min(state.recent_evidence + gained, EVIDENCE_CAP)
     return replace(state, track=track, evidence=state.evidence + gained, recent_evidence=recent)
 
@@ -133,8 +133,9 @@ def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:
 def _frame_change(
     frames: Mapping[int, tuple[int, Transform]], vehicle: int, variance: tuple[float, ...], observation: Observation
 ) -> tuple[tuple[float, ...] | None, Mapping[int, tuple[int, Transform]]]:
-    """By how much (BIAS,) the estimate of a vehicle's frame has changed since its last observation (None: not), and the frames
-    with the new one. The change of a place is that at the observation. A new epoch has errors of its own: 1 sigma of each bias.
+    """Return the change (BIAS,) of a vehicle's estimated frame since its last observation (None: none), and the new frames.
+
+    The change of a place is evaluated at the observation. A new epoch has errors of its own: 1 sigma of each bias.
     """
     epoch, transform = observation.epoch, observation.mission_from_local
     before = frames.get(vehicle)

@@ -1,9 +1,9 @@
-"""Cameras that are turned against their drone's heading: a wrong ``camera_rpy_deg``, a bent mount, a wrong compass.
+"""Cameras turned against their drone's heading: a wrong ``camera_rpy_deg``, a bent mount, a wrong compass.
 
-The heading's bias of a track follows the cones of the last ten seconds or so, within the error that the localisation states. A
-turn of the mount stays, and is larger. With g the derivative of a cone's log likelihood by the heading's bias, at the track, the
-sums U of g and J of g^2 over a vehicle's cones give the score test [Rao 1948]: without a turn U / sqrt(J) ~ N(0, 1). U / J
-estimates the turn, to first order.
+The heading's bias of a track follows the cones of the last ten seconds or so, within the localisation's stated error. A turn of
+the mount stays, and is larger. Let g be the derivative of a cone's log likelihood by the heading's bias, at the track. The sums U
+of g and J of g^2 over a vehicle's cones give the score test [Rao 1948]: without a turn U / sqrt(J) ~ N(0, 1). U / J estimates the
+turn, to first order.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ import math
 from collections.abc import Mapping
 
 _MIN_SIGMAS = 5.0
-_MIN_TURN_DEG = 4.0  # above what compasses and SLAM are off by
+_MIN_TURN_DEG = 4.0  # above the errors of compasses and SLAM
 _MEMORY_CONES = 500.0
 
 Turns = Mapping[int, tuple[float, float]]  # by vehicle: U and J, faded
 
 
 def with_score(turns: Turns, vehicle: int, score: float) -> Turns:
-    """``turns`` with one more cone of a vehicle; score: g, per radian."""
+    """Return ``turns`` with one more cone of a vehicle; score: g, per radian."""
     total, information = turns.get(vehicle, (0.0, 0.0))
     keep = 1.0 - 1.0 / _MEMORY_CONES
     return {**turns, vehicle: (keep * total + score, keep * information + score * score)}
 
 
 def turned_deg(turns: Turns, vehicle: int) -> float | None:
-    """By how much the vehicle's cones are turned to the left of its heading, degrees; None where that is not certain."""
+    """Return the turn of the vehicle's cones to the left of its heading, degrees; None if it is not certain."""
     total, information = turns.get(vehicle, (0.0, 0.0))
     if total * total < _MIN_SIGMAS**2 * information or information == 0.0:
         return None
