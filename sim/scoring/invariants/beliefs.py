@@ -67,10 +67,10 @@ class TruthPossible(Invariant[Scene]):
 
 
 class SourceCalibrated(Invariant[Scene]):
-    """Over a flight, the error of a hypothesis matches its covariance: the mean squared Mahalanobis distance of the truth, 2
+    """Over a flight, the error of a hypothesis matches its covariance. The mean squared Mahalanobis distance of the truth, 2
     by expectation, is 12 at most, 20 for a source at rest. Exempt as in ``six-sigma``.
 
-    The error of a source at rest hardly changes in a flight: it is one draw of a chi-squared distribution with two degrees of
+    The error of a source at rest hardly changes in a flight. It is one draw of a chi-squared distribution with two degrees of
     freedom, regardless of the number of samples. An exact estimator exceeds 12 with exp(-6), in one flight of 400, and 20 in
     one of 22,000. The error of a moving source is drawn anew every few seconds.
 
@@ -110,11 +110,13 @@ class SourceCalibrated(Invariant[Scene]):
 class FollowsSource(Invariant[Scene]):
     """No hypothesis is behind, or ahead of, a source on a steady circle by more than 0.3 s over a flight, and 3 sigma.
 
-    The lag is fitted by least squares to the errors, weighted by the stated covariances, which also give its sigma: for a
+    The lag is fitted by least squares to the errors, weighted by the stated covariances, which also give its sigma. For a
     slow or weak source, or in a short flight, hardly any lag is too long. A wandering source turns at any time, and any
-    tracker can only be behind then. Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a
-    faulted process: the hypothesis of a slow agent is as old as its last step. Samples are left out as in ``six-sigma-mean``:
-    a slow source estimated at rest for a moment gives a lag of seconds.
+    tracker can only be behind then.
+
+    Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a faulted process, whose hypothesis may
+    be old. Samples are left out as in ``six-sigma-mean``: a slow source estimated at rest for a moment gives a lag of
+    seconds.
 
     A longer spell without excluding the truth is unavoidable, and its errors are one event, fewer than the sigma assumes. A
     lag of the estimator itself remains without any such spell, and only such a lag is a violation.

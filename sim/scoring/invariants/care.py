@@ -37,10 +37,12 @@ _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # faults with two published p
 
 
 class Reserve(Invariant[Moment]):
-    """No vehicle is in the air with less than 3 % left in its battery. Exempt: a vehicle with a false battery report; a hover
-    without an agent by the mission's choice (``safety.agent_lost``), until its autopilot acts; and a vehicle under manual
-    override, until its agent flies it by setpoints again: after release it hovers until an operator's command, which nobody
-    plays.
+    """No vehicle is in the air with less than 3 % left in its battery. Exempt are:
+
+    - a vehicle with a false battery report;
+    - a hover without an agent by the mission's choice (``safety.agent_lost``), until its autopilot acts;
+    - a vehicle under manual override, until its agent flies it by setpoints again: after release it hovers until an operator's
+      command, which nobody plays.
     """
 
     name = "reserve"
@@ -66,15 +68,17 @@ class Reserve(Invariant[Moment]):
 class Named(Invariant[Moment]):
     """With sightings, a drone whose own position is more than 5 m wrong is suspected by another drone within 10 s.
 
-    The error comes from an unannounced jump or drag. The 10 s count while at least two other drones are within 30 m, with
-    correct own positions, linked to it, and without any earlier lie about poses or sightings or equivocation. With all
-    satellites spoofed nobody can tell which position is wrong, and a sighting informs only drones that know both tracks, by
-    clocks that agree. They therefore do not count while its agent is down or its clock is wrong, nor after its revocation.
+    The error comes from an unannounced jump or drag. The 10 s count with at least two witnesses: other drones within 30 m,
+    linked to it, with correct own positions, and without any earlier equivocation or lie about poses or sightings. With all
+    satellites spoofed no drone can tell which position is wrong. A sighting informs only drones that know both tracks, by
+    clocks that agree: the 10 s do not count while its agent is down or its clock is wrong, nor after its revocation.
 
-    Nor do they count for a drone with SLAM, whose frame drifts anyway, while the others' sightings correct that frame: its
-    position in the mission frame is right, and none of its measurements contradicts that. A drone with satellites must be
-    suspected then, too: its fixes contradict the sightings. An unknown frame, as of a restarted agent, is no suspicion; the
-    10 s begin again for a new agent, and suspicions of a revoked drone do not count.
+    Nor do they count for a drone with SLAM while the others' sightings correct its frame, which drifts anyway: its position
+    in the mission frame is right, and none of its measurements contradicts that. A drone with satellites must be suspected
+    then, too: its fixes contradict the sightings.
+
+    An unknown frame, as of a restarted agent, is no suspicion; the 10 s begin again for a new agent. Suspicions of a revoked
+    drone do not count.
     """
 
     name = "named"

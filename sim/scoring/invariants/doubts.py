@@ -20,19 +20,19 @@ EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
 FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
 BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long a drone evading a third one may come nearer
-# Others that are no farther than this from being too near are in the way of going away from one; the latter of those that give
-# no way, from which plans keep two metres more, and of lines and circles beyond which others may be.
+# Margins within which an obstacle blocks the way out, beside the least distance. The second one: obstacles that do not give
+# way, from which plans keep two metres more, and lines and circles that others may be behind.
 _AWAY_M, _BLIND_AWAY_M = 1.0, 3.0
 _LOOK_TICKS = 10
 _LOW_M = 1.5  # a drone in takeoff or landing does not choose its way
 
 
 class Mistimed(Invariant[Moment]):
-    """Measurements under a reported wrong clock: at most half are fused, at the end, at a place that excludes the drone's
-    true place at the stamped time, by 6 sigma and 0.5 m.
+    """At most half of a drone's measurements under a reported wrong clock are fused, at the end, at a wrong place. A place is
+    wrong if it excludes the drone's true place at the stamped time, by 6 sigma and 0.5 m.
 
-    Exempt are measurements after the first liar, the first unannounced fault of an own position, or the first time at which
-    half of the clocks or more jump at once: the others' clocks are the only time reference.
+    Exempt are measurements after the first liar, the first unannounced fault of an own position, or the first simultaneous
+    jump of half of the clocks or more. The others' clocks are the only time reference.
     """
 
     name = "mistimed"
@@ -81,10 +81,10 @@ def _outvoted_s(setting: Setting) -> float:
 
 
 class PlaceBound(Invariant[Moment]):
-    """With estimated frames, no drone states its place for 5 s more surely than its sources allow: satellite receivers and
-    the launch layout; its own, or, with sightings, those of the whole swarm.
+    """With estimated frames, no drone states its place for 5 s more surely than its sources allow. The sources are satellite
+    receivers and the launch layout: its own, or, with sightings, those of the whole swarm.
 
-    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes: for a flight of length T
+    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes. For a flight of length T
     and a correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
     """
 
@@ -120,12 +120,16 @@ class PlaceBound(Invariant[Moment]):
 
 
 class WideBerth(Invariant[Moment]):
-    """No drone plans for 3 s to come nearer to another than the separation and 2 sigma of the other's position, at the plan's
-    end.
+    """No drone plans for 3 s to come too near to another at the plan's end: nearer than the separation and 2 sigma of the
+    other's position.
 
-    The judgement uses the drone's own knowledge: the truth shows an ignored uncertainty only by chance, and too late. Exempt
-    are pairs with a drone on the ground or nearly so; unknown others, which may be anywhere; and a drone surrounded by
-    others, or by lines and circles that it keeps behind: each way out would lead too near to the next.
+    The judgement uses the drone's own knowledge: the truth shows an ignored uncertainty only by chance, and too late.
+
+    Exempt are:
+
+    - pairs with a drone on the ground or nearly so;
+    - other drones that do not know of it, which may appear anywhere;
+    - a drone surrounded by others, or by lines and circles that it keeps behind: each way out leads too near to the next.
     """
 
     name = "berth"

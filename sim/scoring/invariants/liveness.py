@@ -24,11 +24,10 @@ _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn i
 
 class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home. Every other drone has landed or returns; or its safety pilot flies
-    it; or it holds without its agent, or with an agent that may have lost its state, by the mission's choice
-    (``safety.agent_lost``).
+    it; or it holds by the mission's choice (``safety.agent_lost``), without its agent or with a possibly lost state.
 
-    Exempt from home are drones that may land elsewhere, or were set down by their autopilot (``Setting``), and drones with a
-    battery report so low that agent or autopilot may have landed them where they were.
+    Exempt from home are drones that may land elsewhere, or were set down by their autopilot (``Setting``). Also exempt are
+    drones with a battery report so low that agent or autopilot may have landed them where they were.
     """
 
     name = "landing"
@@ -69,8 +68,8 @@ class Landed(Invariant[Scene]):
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
-        """Return whether the flight is over: every drone has ended it correctly, and is down, or stays up for good, or has
-        had ``lands_within_s`` to land, as from the highest return, in which it is judged on its way.
+        """Return whether the flight is over: every drone has ended it correctly, and is down or stays up for good. After
+        ``lands_within_s``, the time to land from the highest return, no landing is awaited: the return is judged on its way.
         """
         able, drones = self.able.see(moment), range(len(self.setting.names))
         if self.able.drones is None or not all(self.is_home(moment, drone, drone in able) for drone in drones):
