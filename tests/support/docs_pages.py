@@ -22,8 +22,8 @@ class Block(NamedTuple):
 
 
 def written() -> list[Path]:
-    """README and all pages that are written by hand."""
-    return [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+    """README, CONTRIBUTING and all pages that are written by hand."""
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 
 
 def blocks(page: Path) -> list[Block]:
