@@ -151,7 +151,7 @@ class Collection:
         return TICK_NS * (time[chosen + 1] - time[chosen])
 
     def _walks_ns(self, hits: PixelHits) -> FloatArray:
-        """By how much the weak pixels beside a strong one are later than it, ns (N,)."""
+        """Return the delays of the weak pixels beside a strong one, ns (N,)."""
         hits = hits.take(np.argsort(hits.tick, kind="stable"))
         energy = self._calibration.energy_kev(hits.index, hits.tot)
         strong = np.flatnonzero(energy >= STRONG_KEV)

@@ -49,7 +49,7 @@ class BackgroundCount:
 
 
 def file_readouts(path: Path) -> Iterator[Readout]:
-    """The readouts of a file. Raises DetectorError where it cannot be read to its end, or holds none."""
+    """The readouts of a file. Raises DetectorError if it cannot be read to its end, or holds none."""
     empty = True
     for readout in readouts(T3paReader(path)):
         empty = False

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from agent.detector.readout import PIXEL_PITCH_MM, SATURATED_TOT, SENSOR_PIXELS, PixelHits
 
-FEW = 500  # up to so many hits the event-by-event algorithm is faster
+FEW = 500  # up to this number of hits the event-by-event algorithm is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge
 _AROUND = tuple(row * _STRIDE + column for row in (-1, 0, 1) for column in (-1, 0, 1) if (row, column) != (0, 0))
 _CELLS = _STRIDE * (SENSOR_PIXELS + 2)

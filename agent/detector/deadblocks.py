@@ -1,4 +1,4 @@
-"""Blocks of dead pixels, told by that nothing is seen there: a camera that counts less than its calibration says."""
+"""Blocks of dead pixels, recognised by missing hits: such a camera counts less than its calibration says."""
 
 from __future__ import annotations
 

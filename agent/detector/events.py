@@ -101,7 +101,7 @@ class EventReader:
         return energy
 
     def _cone(self, first: Cluster, second: Cluster, line: Line, clock_ns: int) -> ConeEvent | None:
-        """The cone of a coincidence; None where it is too small or no order has energies within the limits (paper)."""
+        """The cone of a coincidence; None if too small, or without an order with energies within the limits (paper)."""
         if first.pixels + second.pixels < self._minimum_pixels:
             return None
         energies = (first.energy_kev, second.energy_kev)

@@ -170,7 +170,7 @@ class _Reader:
         return text, payload
 
     def _message(self, data: bytes) -> tuple[Key | None, bytes]:
-        """Key and payload of a message; no key where it is none of ours."""
+        """Key and payload of a message; no key for a foreign one."""
         text, payload = self._content(data)
         try:
             return parse_key(text), payload
@@ -221,7 +221,7 @@ def _result(verdict: Verdict, command: AnyOrder | Revocation, signer: Peer | str
 
 
 def in_words(refused: str, signer: Member | str, is_start: bool = False) -> str:
-    """Why a command was refused; ``refused``: as a ``Verdict`` or a ``Verifier`` tells."""
+    """Return the reason of a refusal in words; ``refused``: as of a ``Verdict`` or a ``Verifier``."""
     if refused == "without_valid_certificate":
         if not isinstance(signer, str):
             return f"its certificate is that of {signer.name}"

@@ -192,7 +192,7 @@ class RecordedPilot:
             raise
 
     def _is_told(self, now_ns: int) -> bool:
-        """Whether the record tells of one more refused command."""
+        """Whether the record takes one more refused command."""
         second = now_ns // 1_000_000_000
         self._second, self._refusals = second, self._refusals + 1 if second == self._second else 1
         return self._refusals <= MOST_REFUSED

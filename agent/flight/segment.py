@@ -1,4 +1,4 @@
-"""One MCAP file of a flight. A flight is divided into segments, so that old ones can be removed while it goes on."""
+"""One MCAP file of a flight. A flight is divided into segments, so that old segments can be removed during the flight."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Segment:
         os.fdatasync(self._file.fileno())
 
     def close(self) -> None:
-        """Write the index and close; the file is closed even where that fails."""
+        """Write the index and close; the file is closed even if that fails."""
         try:
             self._writer.finish()  # type: ignore[no-untyped-call]
         finally:

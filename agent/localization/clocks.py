@@ -1,6 +1,6 @@
 """Clock offsets between the drones, from the delays of their status messages. Stamps of log entries are never corrected by them.
 
-Two drones that hear each other know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
+Two drones with a two-way link know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
 difference is the clock offset, as in NTP (RFC 5905, section 8). Its error is half the asymmetry of the two ways. The smallest
 delay of the last seconds is used, because queueing only ever makes a message later.
 
@@ -43,13 +43,13 @@ WINDOW_NS = 10_000_000_000
 HEARD_NS = 3_000_000_000  # three periods of the statuses; after a longer silence the link is lost
 LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the uncertainty of its position
 MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays with a larger mean are not used
-MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
-_LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
+MOST_SIGMA_M = 1_000.0  # limit for any clock error
+_LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status reports delays of a second ago
 # How long a still possible offset holds against a new value. Statuses come once a second, so the smallest delays of the two ways
 # are at most a second apart. One status may be lost, and the next one late.
 _HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
-_AGAIN_NS = 2_000_000_000  # statuses come once a second, and tell until when a clock was right at least
+_AGAIN_NS = 2_000_000_000  # statuses come once a second, and show a clock right until then
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
@@ -68,11 +68,11 @@ class Clocks:
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
         self._held: dict[str, _Held] = {}
-        self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
-        self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
+        self._ahead_ns: dict[str, int] = {}  # their lead over the own clock, as last known and beyond the limit
+        self._known: dict[str, float] = {}  # lead of the own clock over theirs (s), by their last statuses
         self._set_ns = 0
         self._since_ns: dict[str, int] = {}  # step of the own clock, by drone that may report a delay by the former clock
-        self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
+        self._outvoted_s = 0.0  # of the own clock from the common time; 0 unless known to be wrong
         self._agreed_ns: dict[str, int] = {}  # the common time at which each clock was last right by it
         self._back_s = 0.0  # backward step of that, while a clock that was right by it stamps measurements made elsewhere
         self._followed_ns = 0
@@ -153,7 +153,7 @@ class Clocks:
         common_ns = self.common_ns(now_ns)
         offsets_s = {self._drone: 0.0, **self._known}
         right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
-        if len(right) > 1:  # alone, as in the first second after it was set, the own clock tells nothing of the common time
+        if len(right) > 1:  # alone, as in the first second after a step, the own clock is no evidence of the common time
             self._agreed_ns |= dict.fromkeys(right, common_ns)
         back_ns = max((at_ns - common_ns for name, at_ns in self._agreed_ns.items() if name not in right), default=-_AGAIN_NS)
         if back_ns <= -_AGAIN_NS:
@@ -162,12 +162,12 @@ class Clocks:
             self._back_s = max(self._back_s, 1e-9 * back_ns)
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
-        """The smallest delay of each drone that is heard, as this drone publishes it."""
+        """The smallest delay of each drone with a link, as published by this drone."""
         delays = self._delays_ns(now_ns)
         return {name: delay_ns for name, delay_ns in delays.items() if now_ns - self._heard[name][-1][0] < HEARD_NS}
 
     def offsets_s(self, now_ns: int) -> dict[str, float]:
-        """How far the own clock is ahead of each drone's for which both delays are known, and can belong together."""
+        """The lead of the own clock over each drone's, if both delays are known, and can belong together."""
         both = self._both_ns(now_ns)
         return {name: 1e-9 * self._held[name].ahead_ns for name in both if name in self._held}
 
@@ -183,7 +183,7 @@ class Clocks:
         return {name: delays for name, delays in both.items() if _LEAST_TRIP_NS <= sum(delays) <= 2 * MOST_LATENCY_NS}
 
     def _delays_ns(self, now_ns: int) -> dict[str, int]:
-        """The smallest delay of each drone heard in the last seconds."""
+        """The smallest delay of each drone with messages in the last seconds."""
         found = {}
         for name, heard in self._heard.items():
             while heard and abs(now_ns - heard[0][0]) > WINDOW_NS:

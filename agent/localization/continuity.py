@@ -17,8 +17,8 @@ STAMPS_S = 0.02  # their stamps, which matter by the speed
 VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of the vehicles' limits
 TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
 ANY_TURNING_RPS = 0.5  # an unknown turn rate
-# A vehicle that is not heard is not taken to fly straight on for longer than this. Without its agent it stops, so many seconds of
-# its velocity ahead; if only the radio is interrupted it may have turned anywhere.
+# Longest straight flight assumed of a vehicle without a link. After the loss of its agent it stops, this time ahead at its
+# velocity. After the loss of the radio link alone it may have turned anywhere.
 ONWARD_S = 1.5
 
 

@@ -14,7 +14,7 @@ HISTORY_NS = 5_000_000_000
 # Telemetry further apart than this gives no rate; nor does telemetry that is nearer together: its clock may have been set back.
 SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000
 AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
-GAP_NS = 1_000_000_000  # between telemetry further apart than this nothing tells where the vehicle was
+GAP_NS = 1_000_000_000  # between telemetry further apart than this the position is not known
 
 
 class PastPose(NamedTuple):
@@ -60,7 +60,7 @@ class PoseHistory:
 
     @property
     def turning_rps(self) -> float | None:
-        """Rate of the heading by the last two states; None where they are of two epochs, or too near or far apart."""
+        """Rate of the heading by the last two states; None if of two epochs, or too near or far apart."""
         if len(self._states) < 2:
             return None
         before, last = self._states[-2], self._states[-1]
@@ -100,7 +100,7 @@ class PoseHistory:
         return position, blended(before.quaternion, after.quaternion, part)
 
     def extrapolated(self, stamp_ns: int) -> PastPose | None:
-        """The pose at ``stamp_ns``, just after the newest telemetry at constant velocity; None where it is not known."""
+        """The pose at ``stamp_ns``, just after the newest telemetry at constant velocity; None if not known."""
         span_ns = self.span_ns
         if span_ns is None or not span_ns[0] <= stamp_ns <= span_ns[1] + AHEAD_NS:
             return None

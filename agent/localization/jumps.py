@@ -12,7 +12,7 @@ from agent.vehicle.interface import VehicleState
 
 JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
 HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly
-_LONGEST_S = 0.5  # telemetry further apart than this tells nothing of how a vehicle turns
+_LONGEST_S = 0.5  # telemetry further apart than this shows no turn rate
 _SHORT = 0.5  # of the step before: where a step is shorter, the clock may have been set back
 _SIGMAS = 3.0
 _TOLD_NS = 60_000_000_000  # a jump is reported for this long
@@ -22,7 +22,7 @@ CONFIRM_NS = 3_000_000_000
 
 
 class JumpDetector:
-    """Tells jumps from flown steps, and counts epochs of its own on top of the vehicle's.
+    """Distinguishes jumps from flown steps, and counts epochs of its own on top of the vehicle's.
 
     ``offset``: the number of epochs added; a restarted agent continues from it.
     """

@@ -10,7 +10,7 @@ from agent.frames.transform import Transform
 from agent.localization.continuity import carried_on, spread
 from agent.vehicle.interface import VehicleState
 
-# Two places, and two headings, nearer to each other than this are one: so much the continuity is off after a few jumps.
+# Two places, and two headings, nearer to each other than this are one: the error of continuity after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
 LARGEST_DOUBT_M = 7.0  # of its place, above which a drone leaves the mission
 NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
@@ -36,7 +36,7 @@ class KnownFrame:
 
     def __init__(self) -> None:
         self.otherwise: Transform | None = None
-        self.elsewhere: tuple[int, int] | None = None  # as ``OwnPose.elsewhere`` tells
+        self.elsewhere: tuple[int, int] | None = None  # see ``OwnPose.elsewhere``
 
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool

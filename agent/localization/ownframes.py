@@ -29,7 +29,7 @@ class OwnFrames:
     """The local frames of one drone, by epoch; transforms are mission from local.
 
     ``is_estimated``: they are estimated from the log, and may jump. ``known``: what becomes of a frame that the mission knows
-    exactly. ``is_left_out``: what this drone measures counts no more, so that the log will not tell its frame.
+    exactly. ``is_left_out``: this drone's measurements count no more, so the log yields no frame.
     """
 
     def __init__(self, member: DroneInMission, frames: FrameGraph, drift: Drift) -> None:
@@ -103,7 +103,7 @@ class OwnFrames:
         return self.at(epoch)
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
-        """The frame by the log alone in which a place is known best, and its 1 sigma (m); None while that does not tell it."""
+        """Return the frame by the log alone in which a place is known best, and its 1 sigma (m); None until the log yields it."""
         return self._frames.surest(self._drone, epoch, stamp_ns, position_m)
 
     def carried(self, epoch: int) -> CarriedFrame | None:
@@ -124,7 +124,7 @@ class OwnFrames:
         return self._kept.drifted(self._drone, vehicle, self._drift)
 
     def _tell_carried(self, vehicle: VehicleState) -> None:
-        """Note how a frame that the mission does not tell is told from now on, with the doubt in its covariance."""
+        """Note the frame to publish from now on, if it is not the launch frame, with the doubt in its covariance."""
         continued = self._continued
         if self.is_estimated or continued is None or continued.epoch != vehicle.epoch or vehicle.epoch in self._carried:
             return

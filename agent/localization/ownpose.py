@@ -153,7 +153,7 @@ class OwnPose:
 
     @property
     def is_displaced(self) -> bool:
-        """Whether its localisation has jumped out of the frame that the mission tells exactly while it was not watched."""
+        """Whether the localisation has jumped out of the frame given exactly by the mission while it was not watched."""
         return not self._frames.is_estimated and self.vehicle is not None and self.frame is None
 
     @property
@@ -167,8 +167,8 @@ class OwnPose:
         return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, self._frames.undoubted(vehicle.epoch), self.otherwise)
 
     def remember(self, kept: KeptFrame) -> None:
-        """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log tells that frame,
-        and drifts. A frame that the mission knew is told on, and doubted, as before.
+        """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log yields that frame,
+        and drifts. A frame continued from an exact one is published, and doubted, as before.
         """
         self.is_unplaced = False
         self._frames.remember(kept, self.vehicle)
@@ -196,7 +196,7 @@ class OwnPose:
 
     @property
     def sigma_m(self) -> float:
-        """1 sigma of the horizontal position in the mission frame: by the frame's covariance where it is estimated.
+        """1 sigma of the horizontal position in the mission frame: by the frame's covariance if estimated.
 
         While the present frame is not known, the last one known counts. 0 before any telemetry.
         """
@@ -214,7 +214,7 @@ class OwnPose:
 
     @property
     def whereabouts(self) -> Whereabouts | None:
-        """Place and heading in the mission frame, with their errors; None where they are not known."""
+        """Place and heading in the mission frame, with their errors; None if not known."""
         vehicle, frame = self.vehicle, self.frame
         if vehicle is None or frame is None:
             return None
@@ -230,7 +230,7 @@ class OwnPose:
 
     @property
     def doubt_m(self) -> float:
-        """Distance between the two places where this drone may be after a jump that was not announced; 0 without that doubt."""
+        """Distance between the two possible positions of this drone after an unannounced jump; 0 without that doubt."""
         vehicle = self.vehicle
         return 0.0 if vehicle is None else self._frames.known.doubt_m(self._frames.at(vehicle.epoch), vehicle)
 

@@ -18,7 +18,8 @@ _SIGMAS = 3.0
 class Resting:
     """Takes the telemetry of one vehicle; on the ground after a flight its position is trusted as long as it stays the same.
 
-    The camera goes on measuring there, and in flight nothing on board could tell a slow slide of the position from the motion.
+    The camera continues measuring there, and in flight nothing on board could distinguish a slow slide of the position from
+    motion.
     """
 
     def __init__(self) -> None:

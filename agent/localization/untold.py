@@ -1,4 +1,4 @@
-"""The own local frame while the log does not tell it."""
+"""The own local frame until the log yields it."""
 
 from __future__ import annotations
 

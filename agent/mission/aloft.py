@@ -11,7 +11,7 @@ from agent.lasting import since
 from agent.mission.positionloss import NEAR_GROUND_M
 from agent.vehicle.interface import VehicleState
 
-SHOWN_NS = 500_000_000  # telemetry of so long must say the same
+SHOWN_NS = 500_000_000  # telemetry over this time must agree
 _GAP_NS = 500_000_000  # after a longer gap it begins anew
 
 

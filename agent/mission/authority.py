@@ -24,14 +24,14 @@ from protocol.stages import DESCENDING, STEERED
 
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
-# The same for a hold in a landing: after touchdown the autopilot shows one until it is believed that the vehicle is down.
+# The same for a hold in a landing: after touchdown the autopilot shows a hold until the landing is confirmed.
 TOUCHDOWN_NS = STILL_NS + TAKEOVER_NS
-REGAIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold
+REGAIN_NS = 5_000_000_000  # limit for getting the vehicle out of a failsafe, or of a hold
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown within this time
-UNFOLLOWED_NS = 3_000_000_000  # a vehicle that does not follow its agent for so long is reported
+UNFOLLOWED_NS = 3_000_000_000  # a vehicle that does not follow its agent for longer is reported
 # An autopilot ends its takeoff by itself this far below its height at most: 0.5 to 1.0 m in 20 recorded takeoffs (NAV_MC_ALT_RAD
-# is 0.8 m). Nothing else tells its hold from a pilot's: mode, intended mode, landed state and events are the same.
+# is 0.8 m). Nothing else distinguishes its hold from a pilot's: mode, intended mode, landed state and events are the same.
 CUT_SHORT_M = 1.5
 
 

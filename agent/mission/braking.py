@@ -15,7 +15,7 @@ from agent.lasting import since
 from agent.vehicle.interface import FlightMode, VehicleState
 
 _STILL_MPS = 0.5
-# A vehicle that has just become slow still leans against its way. An autopilot commanded to hold then goes on with that
+# A vehicle that has just become slow still leans against its way. An autopilot commanded to hold then continues with that
 # acceleration, and so backwards, by up to 2.6 m.
 _SETTLED_NS = 800_000_000
 _LONGEST_NS = 5_000_000_000

@@ -64,7 +64,7 @@ class Commanding:
             return None if refused == "to_others" else Verdict(refused)
         because = self._take(order, now_ns) if isinstance(order, Upload) else self._obey(order, now_ns)
         if because is not None:
-            if isinstance(order, Command) and order.action is Action.RESUME:  # a copy may come when a human pilot has it hold
+            if isinstance(order, Command) and order.action is Action.RESUME:  # a copy may arrive during a pilot's hold
                 self._orders.use_up(order)
             return Verdict("refused", because)
         self._orders.note(order)

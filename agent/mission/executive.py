@@ -96,7 +96,7 @@ class Executive:
 
     @property
     def reckoning(self) -> Reckoning | None:
-        """The reckoning of the last plan; None while another flies the vehicle."""
+        """The context of the last plan; None while the vehicle is released."""
         return self._navigator.reckoning
 
     @property
@@ -199,7 +199,7 @@ class Executive:
 
     @property
     def _way_home_s(self) -> float:
-        """How long the straight way home takes; 0 where it is not known."""
+        """Duration of the straight way home, s; 0 if not known."""
         vehicle, home = self._own.vehicle, self._navigator.home.in_local
         return dist(vehicle.position_m[:2], home[:2]) / self._config.survey.speed_mps if vehicle and home else 0.0
 
@@ -264,10 +264,10 @@ class Executive:
         return self._own.is_lost or self._own.is_displaced
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
-        """Whether to search for further sources. The search goes on until all of the area is covered. It resumes once each source
-        has had its turn, while the exclusion leaves room for a source, or at once where a search cue leads to one. It ends with
-        its time, and pauses during a verification pass, and while drones without a link may circle: a drone leaving the circle
-        could meet them.
+        """Whether to search for further sources. The search continues until all of the area is covered. It resumes once each
+        source has had its turn, while the exclusion leaves room for a source, or at once where a search cue leads to one. It ends
+        with its time, and pauses during a verification pass, and while drones without a link may circle: a drone leaving the
+        circle could meet them.
         """
         absence = self._navigator.absence
         if absence is not None and absence.may_circle:

@@ -66,11 +66,11 @@ class Memory(Struct, frozen=True, kw_only=True):
         return self.stage not in ON_GROUND
 
     def is_recent(self, mission: str, now_ns: int) -> bool:
-        """Whether this flight of that mission may go on."""
+        """Whether this flight of that mission may still continue."""
         return self.mission == mission and abs(now_ns - self.stamp_ns) <= OLDEST_NS
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
-        """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
+        """Whether the telemetry shows that this flight continues; None: undecided yet (armed, but not in the air)."""
         if not vehicle.armed or not self.is_recent(mission, vehicle.stamp_ns):
             return False
         return True if vehicle.in_air or self.stage in _FROM_THE_GROUND else None

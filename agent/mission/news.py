@@ -16,7 +16,7 @@ _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
 
 
 class News:
-    """``pressing``: a status tells something that this drone's own status should answer at once."""
+    """``pressing``: a status needs an immediate answer by this drone's own status."""
 
     def __init__(
         self,

@@ -42,7 +42,7 @@ class PositionLoss(Struct, frozen=True):
 
     @classmethod
     def held(cls, vehicle: VehicleState, now_ns: int) -> PositionLoss:
-        """The agent before a restart had this vehicle hold, and nothing has told yet that its position can be trusted again."""
+        """The agent before a restart had this vehicle hold, and its position is not confirmed yet."""
         return cls(stays=True, lost_ns=HOLD_NS, last_ns=now_ns, flew=True, least_m=vehicle.height_m)
 
     def observed(self, vehicle: VehicleState, now_ns: int, *, battery_low: bool = False) -> PositionLoss:

@@ -27,7 +27,7 @@ class Problems:
         self._drone = drone
         self._mission_id = mission_id
         self._battery_reserve = battery_reserve
-        self._twin_ns: int | None = None  # when another agent with this id was last heard
+        self._twin_ns: int | None = None  # time of the last message of another agent with this id
         self.revoked: tuple[str, ...] = ()
         self.blocked: tuple[str, ...] = ()
         self.warned: tuple[str, ...] = ()

@@ -10,7 +10,7 @@ from protocol.stages import FLYING, ON_GROUND
 
 
 def refusal(action: Action, flight: Flight, situation: Situation, *, released: bool) -> str | None:
-    """Return why a command is refused; None where it is obeyed. ``released``: to a pilot, a ground station or a failsafe."""
+    """Return why a command is refused; None if obeyed. ``released``: to a pilot, a ground station or a failsafe."""
     stage, lands = flight.stage, flight.position_loss.lands
     if action is Action.START:
         if stage not in ON_GROUND:

@@ -52,9 +52,9 @@ class Remembering:
         return self._mission.stage
 
     def rejoin(self, vehicle: VehicleState) -> int:
-        """Continue the stored flight if telemetry shows that it goes on; it is void where the vehicle is on the ground.
+        """Continue the stored flight if telemetry shows that the vehicle still flies; on the ground the flight is void.
 
-        Returns the stamp with which the swarm's mission began; 0 where it is not known, or nothing is continued.
+        Returns the stamp with which the swarm's mission began; 0 if not known, or nothing is continued.
         """
         memory = self._former
         fits = memory.fits(self._mission_id, vehicle) if memory is not None else None

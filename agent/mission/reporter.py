@@ -61,7 +61,7 @@ class Outbox:
         return found[1] if found is not None else None
 
     def put(self, message: Message) -> bytes | None:
-        """Encode and queue a message; its payload, or None where it cannot be sent."""
+        """Encode and queue a message. Returns its payload, or None if it cannot be sent."""
         found = self._written(message)
         if found is None:
             return None

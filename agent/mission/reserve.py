@@ -13,9 +13,9 @@ from protocol.stages import ON_GROUND, RETURNING
 _URGENT = 0.5  # of the reserve: with less at landing a drone does not wait for others
 _SPENT = 0.2  # of the reserve: with less at landing a drone lands on the spot
 _LANDING_S = 10.0
-_SPAN_NS = 5_000_000_000  # over a shorter time no rate is told
-_STEP = 0.01  # in which an autopilot may tell the level: so much less may have been drained
-_SURE_NS = 2_000_000_000  # a level that is low for a moment only is not believed
+_SPAN_NS = 5_000_000_000  # over a shorter time the rate is not known
+_STEP = 0.01  # of the level by some autopilots: the drain may be less by this
+_SURE_NS = 2_000_000_000  # a level that is low for a moment only does not count
 
 
 class Reserve(Struct, frozen=True):

@@ -41,7 +41,7 @@ class Revoking:
         problems: Problems,
         counters: Counter[str],
     ) -> None:
-        """``publisher``: of the own entries. ``trust``, ``verifier``: None without certificates, where nothing can be revoked."""
+        """``publisher``: of the own entries. ``trust``, ``verifier``: None without certificates; then without revocation."""
         self._publisher, self._drone = publisher, publisher[0]
         self._trust, self._revocations = trust, Revocations(verifier, counters)
         self._world, self._executive, self._peers, self._problems = world, executive, peers, problems
@@ -140,7 +140,7 @@ class Revoking:
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):
             del self._obeying[name]  # another revocation counts now: to others its word would be a forged one
         if self._peers.are_two(name, now_ns):
-            self._executive.remembering.copied.add(name)  # the word may be the other one's
+            self._executive.remembering.copied.add(name)  # the statement may be by the copy
         self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))
         self._recount(name)

@@ -15,7 +15,7 @@ _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 
 
 class Searching(Struct, frozen=True):
-    """The rules of one mission. ``gives_up``: the drone returns where nothing is found; ``can_lose``: the hypothesis rests on
+    """The rules of one mission. ``gives_up``: the drone returns if nothing is found; ``can_lose``: the hypothesis rests on
     measurements, and counts as lost when they stay away.
     """
 
@@ -24,7 +24,7 @@ class Searching(Struct, frozen=True):
     can_lose: bool
 
     def event(self, flight: Flight, situation: Situation, *, has_risen: bool) -> Event | None:
-        """Return what calls for another stage; None where nothing does. ``has_risen``: its takeoff is over."""
+        """Return the event that calls for another stage, or None. ``has_risen``: the takeoff is over."""
         if flight.stage is Stage.RETURN:
             return Event.ARRIVED if situation.at_home else Event.STUCK if situation.no_nearer else None
         if flight.stage in SEARCHING:

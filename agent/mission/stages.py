@@ -26,7 +26,7 @@ STRANDED_S = 5.0  # return delay after lost links, or with an uncertain position
 # Return delay without a feasible circle. The others keep the stopping place clear for as long as the vehicle would stop there
 # after the loss of its agent. The agent notices that a second later than its autopilot (``navigation.unheard.agentless``).
 ROOMLESS_S = 2.0
-_STOPS_S = 0.5  # a vehicle told to stop sinking still sinks as far as it would in this time: its lag, and braking at 2 m/s^2
+_STOPS_S = 0.5  # stopping distance of a sinking vehicle, as the time at its speed: its lag, and braking at 2 m/s^2
 _ABOVE_FLOOR_M = 0.25  # margin above the floor: heights err by 0.05 m (1 sigma), and references are 0.5 m above it
 _FLOWN = {  # by a pilot, a ground station or a failsafe
     FlightMode.RETURN: Event.FLOWN_HOME,
@@ -159,7 +159,7 @@ class Mission:
 
     def _leave_failsafe(self, vehicle: VehicleState, now_ns: int) -> None:
         """Without setpoints a vehicle returns or lands, and the next setpoint has it fly on from any height. After a time without
-        telemetry its mode tells nothing: a heartbeat may be a second old.
+        telemetry its mode means nothing: a heartbeat may be a second old.
         """
         was_blind = self._authority.is_heard_again(vehicle)
         if was_blind:
@@ -170,7 +170,7 @@ class Mission:
             self._get_clear(vehicle, now_ns)
 
     def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Go on after a failsafe: near the ground, or at home, it lands; below the floor it first rises where it is."""
+        """Continue after a failsafe: near the ground, or at home, the drone lands; below the floor it first rises on the spot."""
         low = self._is_low(vehicle)
         if vehicle.height_m < NEAR_GROUND_M or (low and self.stage is Stage.RETURN):
             self._apply(Event.SUNK, now_ns)
@@ -233,7 +233,7 @@ class Mission:
             self.flight = replace(self.flight, searching_since_ns=None, tracking_since_ns=tracking_ns)
 
     def _watch_position(self, vehicle: VehicleState, now_ns: int, *, stayed: bool) -> None:
-        """Hold while the position cannot be trusted, and land where that has brought it near the ground, or lasts too long."""
+        """Hold while the position cannot be trusted, and land if that has brought it near the ground, or lasts too long."""
         loss = self.flight.position_loss
         if loss.lands is not None and (self.stage, Event.BLIND) in TABLE:
             self._apply(Event.BLIND, now_ns)

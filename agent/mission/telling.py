@@ -25,7 +25,7 @@ from agent.sensing.camera import Camera
 from protocol.messages import Failsafe, Reaction, Stage, Status
 from protocol.stages import FLYING
 
-MISEXPOSED_NS = 30_000_000_000  # exposures that do not count are told for so long
+MISEXPOSED_NS = 30_000_000_000  # duration of the report of exposures that do not count
 TURNED = (
     "{}: its cones are turned by about {:.0f} deg to the {}: check compass, mount and camera_rpy_deg (radron-agent calibrate)"
 )

@@ -64,5 +64,5 @@ REQUESTS: dict[Stage, Request] = {  # to the autopilot, by stage
     **dict.fromkeys(DESCENDING, Request.LAND),
 }
 TABLE = {(stage, event): after for stages, event, after in ROWS for stage in stages}
-TO_REST = (Action.HOLD, Action.LAND, Event.SPENT)  # the drone comes to rest by setpoints first, where it flies by these
+TO_REST = (Action.HOLD, Action.LAND, Event.SPENT)  # the drone first brakes by setpoints, if it flies by these
 REASONS = (Event.STUCK, Event.SPENT, Event.SUNK)  # of a landing

@@ -78,12 +78,12 @@ class WorldModel:
             fusion.start(started_ns)
 
     def end_estimates(self) -> None:
-        """Have no hypothesis from now on. Log and frames go on: the way home needs them."""
+        """Have no hypothesis from now on. Log and frames continue: the way home needs them."""
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.end()
 
     def take(self, entry: Entry, payload: bytes, now_ns: int) -> bool:
-        """Take an entry and its encoded bytes; False where it is a duplicate or not accepted."""
+        """Take an entry and its encoded bytes; False for a duplicate, or if not accepted."""
         log, publisher = self.fusion.log, (entry.drone, entry.boot)
         last = log.last_counted(*publisher)
         if not self.fusion.receive(entry, payload):

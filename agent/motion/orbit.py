@@ -45,7 +45,7 @@ def ring_lift_m(mission: MissionConfig, ring: int) -> float:
 
 
 def highest_circle_m(mission: MissionConfig) -> float:
-    """Height (m) above the ground that no circle exceeds: every second ring is lifted."""
+    """Height (m) above the ground that no circle exceeds: every second ring is higher."""
     return mission.encirclement.height_m + ring_lift_m(mission, 1)
 
 

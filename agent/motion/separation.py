@@ -68,7 +68,7 @@ class PeerPlan(Struct, frozen=True):
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m, blind)
 
     def ended(self, after_ns: int) -> PeerPlan:
-        """The same, but it has stopped for good so long after its stamp."""
+        """Return the plan with a final stop at this time after its stamp."""
         return replace(self, positions=[self.state(self.stamp_ns + after_ns).position])
 
     def goes_before(self, me: str) -> bool:

@@ -37,7 +37,7 @@ class Numbering(Iterator[int]):
         self._noted: deque[tuple[int, int]] = deque(maxlen=_MOST_NOTED)  # a time of each second, and the next number then
         self._ahead: deque[tuple[int, int]] = deque(maxlen=_MOST_STEPS)  # the next number at a step ahead, and the step
         self._doubted: _Doubted | None = None
-        self._told = 1, 1  # the first number that ``since`` told, and the next one after that and its retraction
+        self._told = 1, 1  # the first number returned by ``since``, and the next number after that and its retraction
 
     def __next__(self) -> int:
         """The next number."""

@@ -36,7 +36,7 @@ MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB 
 # Live time without any hit. The background makes 1.5 hits a second. A healthy camera is then mute once in 600 hours, and silent
 # once in 1200 even at half that background. (Gaps of length T at rate r begin r exp(-r T) times a second.)
 MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
-SILENT_S = 20.0  # the operator is told
+SILENT_S = 20.0  # reported to the operator
 # Cones published of a stretch, for each second of it. A landed drone half a metre from 10 GBq measures 10,000; more directions
 # from one place carry no new information. In flight there are about 30 a second. The exposure counts them all.
 MOST_CONES_PS = 100
@@ -44,7 +44,7 @@ MOST_CONES_PS = 100
 HELD_NS = 100_000_000
 MOST_WAITING = 8  # stretches, 1.6 s: telemetry may come this late
 LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
-GONE_NS = 10_000_000_000  # a camera that has delivered nothing for so long is not waited for
+GONE_NS = 10_000_000_000  # after this time without data the camera is not waited for
 
 
 class Observer:
@@ -190,7 +190,7 @@ class Observer:
         return entries
 
     def _is_placed(self, state: VehicleState, start_ns: int, end_ns: int) -> bool:
-        """Whether this drone knows where it was between two stamps; ``state``: the telemetry at the first."""
+        """Whether the position of this drone between two stamps is known; ``state``: the telemetry at the first."""
         span_ns = self._history.span_ns
         if span_ns is None or not state.position_trusted or start_ns < self._elsewhere_ns:
             return False

@@ -12,7 +12,7 @@ from agent.vehicle.interface import GnssFix, SeenDrone
 from protocol.entries import Fix, Sighting
 
 NOT_LOGGED = 0  # sequence number of a sighting that is for this drone alone; no entry of a sensor has it
-_OVERLAP_NS = 1_000_000_000  # sensors may tell late; further back than that goes only a clock that is set
+_OVERLAP_NS = 1_000_000_000  # sensors may report late; a larger step back is a clock step
 MOST_PER_S = 20  # observations of one drone, or fixes: a faulty sensor must not fill the logs of the whole swarm
 _FINEST_M, _WIDEST_M = 1e-3, 1e3  # plausible sigmas
 _FINEST_RAD, _WIDEST_RAD = 1e-4, 3.2
@@ -42,7 +42,7 @@ class PositionSensors:
         self._taken: dict[str, tuple[int, int]] = {}  # by target: a second, and the number taken in it
 
     def fix(self, fix: GnssFix) -> Fix | None:
-        """The log entry of a fix; None where it cannot be used."""
+        """The log entry of a fix; None if unusable."""
         pose = self._history.extrapolated(fix.stamp_ns)
         if pose is None or self._refuses("fixes", "fix", fix.stamp_ns, _is_plausible_fix(fix)):
             self._counters["fixes_without_pose"] += pose is None

@@ -1,8 +1,8 @@
-"""The level of the vehicle's batteries, as the autopilot tells it."""
+"""The level of the vehicle's batteries, as the autopilot reports it."""
 
 from __future__ import annotations
 
-STALE_S = 10.0  # PX4 tells it once a second or twice; a smart battery's bus may fail in flight
+STALE_S = 10.0  # PX4 reports once a second or twice; a smart battery's bus may fail in flight
 ALL = -1  # number of the level in SYS_STATUS: of all batteries together
 
 
@@ -10,7 +10,7 @@ class Batteries:
     """The newest level of each battery."""
 
     def __init__(self) -> None:
-        self._told: dict[int, tuple[float | None, float]] = {}  # level, and when it was told (s), by number, once it was known
+        self._told: dict[int, tuple[float | None, float]] = {}  # level, and time of the report (s), by number, once known
 
     def take(self, number: int, percent: int, now_s: float) -> None:
         """Take the reported level of one battery, or of ``ALL``; negative: not known."""

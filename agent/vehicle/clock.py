@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 WINDOW_NS = 2_000_000_000
-SET_NS = 50_000_000  # by so much from one message to the next no clock is slewed
+SET_NS = 50_000_000  # more than any slew of a clock from one message to the next
 REBOOTED = 10  # stamps that show a reboot
 REBOOT_NS = 1_000_000_000  # a stamp this much older than the last one is not a reordered packet
 
@@ -24,7 +24,7 @@ class BootClock:
         self._boot_ns = self._arrival_ns = 0
         self._ahead_ns: int | None = None  # of UTC, over the clock that is never set
         self._before_ns, self._lower = 0, 0  # boot time before it went back, and how many have come since that are lower
-        self.has_rebooted = False  # the autopilot, since the agent heard it first
+        self.has_rebooted = False  # the autopilot, since its first message
 
     def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
         """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival.

@@ -1,7 +1,7 @@
 """PX4's events: the link carries a number, levels and the bytes of the arguments; the texts are here.
 
 The number of an event is a hash of its name. Names, texts and layouts are of PX4 1.17, as far as useful to an operator. Nearly
-all have been seen on a real PX4. Events are sent on every link, STATUSTEXT only on links on which a ground station was heard.
+all have been seen on a real PX4. Events are sent on every link, STATUSTEXT only on links with messages of a ground station.
 
 PX4 reports whether it can be armed whenever that changes: a summary, an event for each failed check with the modes that it bars,
 and another summary.
@@ -129,7 +129,7 @@ def failed_check(event: Event) -> FailedCheck | None:
 
 
 def text_of(event: Event) -> str | None:
-    """The text of any other event; None where it is not known here."""
+    """The text of any other event; None if not known here."""
     known = _BY_NUMBER.get(event.id)
     if known is None:
         return _CHECK_BY_NUMBER.get(event.id)

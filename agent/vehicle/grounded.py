@@ -13,7 +13,7 @@ from agent.lasting import since
 from agent.vehicle.interface import VehicleState
 
 CONFIRM_NS = 2_200_000_000  # two more heartbeats, at 1 Hz, must say the same
-STILL_NS = 5_000_000_000  # if it seems to stand high: on a roof, or where no rangefinder tells the height above ground
+STILL_NS = 5_000_000_000  # if it seems to stand high: on a roof, or without a rangefinder for the height above ground
 LOW_M = 2.0
 MOVING_MPS = 1.0  # more than the estimate of a vehicle at rest wanders
 _TOLD_NS = 10_000_000_000

@@ -100,7 +100,7 @@ class LaunchSurvey:
         if self._unplaced_s is None or now_s - self._unplaced_s < UNPLACED_S:
             return
         if self._stored is not None and self._origin is None and _same_boot(self._stored, booted_ns):
-            self._place = self._stored  # without satellites no origin is told
+            self._place = self._stored  # without satellites there is no origin
         if self._place is not None or now_s - self._unplaced_s < waits_s:
             return
         latitude_deg, longitude_deg, altitude_m = self._origin or (None, None, None)

@@ -110,7 +110,7 @@ class Parameters:
         return names
 
     def height_to_set(self, now_s: float) -> float | None:
-        """The return altitude to set now; None where it is right, not known yet, or has been refused."""
+        """The return altitude to set now; None if right, not known yet, or refused."""
         value, wanted = self._values.get(RETURN_ALTITUDE), self._return_m
         if (
             not self.demands.sets

@@ -115,7 +115,7 @@ class Px4Vehicle:
 
     @property
     def has_rebooted(self) -> bool:
-        """Whether the autopilot was booted again since the agent heard it first: its local frame is then new."""
+        """Whether the autopilot was booted again since its first message: its local frame is then new."""
         return self._telemetry.has_rebooted
 
     @property
@@ -167,7 +167,7 @@ class Px4Vehicle:
         now_s = self._clock_s()
         streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
         seen = self._telemetry.seen
-        if seen is None or self._telemetry.awaits_mode(now_s):  # a human pilot may have taken over meanwhile
+        if seen is None or self._telemetry.awaits_mode(now_s):  # a pilot may have taken over meanwhile
             return
         altitude_set = self.parameters.value(TAKEOFF_ALTITUDE) == float32(command.takeoff_height_m)
         act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)

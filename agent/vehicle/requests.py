@@ -30,13 +30,14 @@ from agent.vehicle.interface import FlightMode, Request
 
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
-DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says otherwise: one forged packet is not believed
+DISARMED_S = 1.5  # heartbeats this far apart, and no contrary one in between: one forged packet does not count
 # Period and duration of repeating a command that ends offboard, until acknowledged. The setpoints have ended, and after a second
 # without them PX4 returns.
 UNACKED_S, _LOST_S = 0.2, 1.0
-# With neither a heartbeat nor a new request for so long, nothing is commanded: PX4 notices after a second that no setpoints come.
+# After this time with neither a heartbeat nor a new request, nothing is commanded: PX4 notices after a second that no setpoints
+# come.
 BLIND_S = 3.0
-OVERRULE_S = 1.5  # after an operator's command offboard is asked for in a failsafe for so long, until it is acknowledged
+OVERRULE_S = 1.5  # limit of asking for offboard in a failsafe after an operator's command, until acknowledged
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
@@ -121,11 +122,11 @@ class Requests:
         return self._asked(now_s, act, UNACKED_S if is_lost else URGENT_S if seen.failsafe else REPEAT_S)
 
     def acked(self) -> None:
-        """The autopilot has heard the last command, whatever it makes of it."""
+        """Note that the autopilot has received the last command, whatever its result."""
         self._is_acked = True
 
     def _asked(self, now_s: float, act: Act | None, repeat_s: float) -> Act | None:
-        """The command, where it is time to send it."""
+        """Return the command if it is time to send it."""
         if act is None or (act is self._last and now_s - self._asked_s < repeat_s):
             return None
         if act is not self._last or now_s - self._asked_s >= REPEAT_S:
@@ -138,13 +139,13 @@ class Requests:
         self._request, self._begun_s = request, now_s
         self._last, self._is_acked = None, False
         self._mode_before: FlightMode | None = None
-        self._by_hand = by_hand  # a human pilot flew when the request came, and has ever since
+        self._by_hand = by_hand  # manual mode since before the request
         self._was_armed = self._reached = False
         self._disarmed_s = float("inf")  # arrival of the first of the heartbeats in a row that show it
         self._yielded = taken_over and request in TARGETS  # not once it is released
 
     def _is_taken_over(self, seen: Seen) -> bool:
-        """Whether a human pilot has taken the vehicle from the present request."""
+        """Whether a pilot has taken over the vehicle from the present request."""
         had_it = self._reached or self._yielded or not self._by_hand
         return self._request in TARGETS and seen.armed and seen.mode is FlightMode.MANUAL and had_it
 

@@ -21,7 +21,7 @@ JUMP_RAD = 0.05
 SETTLE_S = 0.05  # after this time the attitude also belongs to the new frame: two messages at 30 Hz
 SWITCH_S = 10.0  # largest delay of the reset after a loss of satellites: PX4 waits for them for 5 s
 LATE_S = 0.2  # largest delay between count and position: the count comes at 10 Hz
-COUNTED_S = 1.0  # an autopilot that has not told its count for so long tells none any more
+COUNTED_S = 1.0  # after this time without a count the autopilot reports none any more
 HARDEST_MPS2 = 8.0  # largest acceleration, linear and angular, that may explain a difference after a gap
 HARDEST_RPS2 = 6.0
 _NEVER_S = float("-inf")
@@ -102,7 +102,7 @@ class Resets:
         return True
 
     def _awaits_count(self, stamp_s: float) -> bool:
-        """Whether the first count has to tell first if the frame is still that of before a restart of the agent."""
+        """Whether the first count is needed to know if the frame has survived a restart of the agent."""
         if self.count is not None or self._before is None:
             return False
         self._waited_from_s = stamp_s if self._waited_from_s is None else self._waited_from_s

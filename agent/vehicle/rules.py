@@ -90,7 +90,7 @@ def _homeless(why: str, named: str = "") -> Callable[[Demands], str]:
 
 
 def _first(choices: Callable[[Demands], dict[int, str]], word: str) -> Correct:
-    """The value of a reaction, or of landing where that is not allowed."""
+    """Return the correction to a reaction, or to landing if that is not allowed."""
 
     def correct(_: float, demands: Demands) -> float:
         numbers = {name.split(",")[0]: number for number, name in choices(demands).items()}

@@ -127,7 +127,7 @@ class Telemetry:
         return None
 
     def fix(self, message: GpsRaw) -> GnssFix | None:
-        """The fix of the satellite receiver; None without a position or its accuracy, or where it is a repetition."""
+        """The fix of the satellite receiver; None without a position or its accuracy, or for a repetition."""
         stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
         if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
             return None
@@ -150,7 +150,7 @@ class Telemetry:
 
     @property
     def has_rebooted(self) -> bool:
-        """Whether the autopilot was booted again since it was heard first."""
+        """Whether the autopilot was booted again since its first message."""
         return self._clock.has_rebooted
 
     @property
@@ -175,7 +175,7 @@ class Telemetry:
         return now_s - self._heartbeat_s > LOST_S
 
     def awaits_mode(self, now_s: float) -> bool:
-        """Whether the mode is one from before a gap in all messages, and a heartbeat is about to tell the present one."""
+        """Whether the mode is from before a gap in all messages, and a heartbeat with the present mode is due."""
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:

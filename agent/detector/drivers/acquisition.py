@@ -14,7 +14,7 @@ from agent.detector.delivery import LOST_END, Delivery, Gathering
 from agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
 from agent.detector.readout import PixelHits, Readout
 
-STEP_NS = 20_000_000  # no clock is slewed by so much from one readout to the next
+STEP_NS = 20_000_000  # more than any slew of a clock from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
 
 

@@ -127,7 +127,7 @@ class PixetDetector:
                 self._measure()
             except DetectorError as error:
                 self._problem = str(error)
-            except Exception as error:  # a vendor module may raise anything; the flight goes on
+            except Exception as error:  # a vendor module may raise anything; the flight continues
                 self._problem = f"pypixet: {type(error).__name__}: {error}"
             self._device = None
             self._stop.wait(RETRY_S)

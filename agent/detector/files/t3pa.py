@@ -149,7 +149,7 @@ class T3paReader:
         return table, numbers
 
     def _sorted(self, pieces: Iterator[tuple[Table, Table]]) -> Iterator[tuple[Table, Table]]:
-        """All rows in order of time. Without Index nothing tells in which order they were measured."""
+        """All rows in order of time. Without Index the order of measurement is not known."""
         parts: list[tuple[Table, Table]] = []
         count = 0
         for part in pieces:
@@ -165,7 +165,7 @@ class T3paReader:
             yield table[order], numbers[order]
 
     def _measurements(self, table: Table) -> Iterator[tuple[int, int]]:
-        """First and last row (excluded) of each measurement in a table; ``measurements`` and the clock go on with them."""
+        """First and last row (excluded) of each measurement in a table; ``measurements`` and the clock continue with them."""
         if not len(table):
             return
         index = table[:, INDEX]

@@ -17,7 +17,7 @@ from agent.errors import DetectorError
 PERIOD_BITS = 14
 PERIOD = 1 << PERIOD_BITS  # 25 ns steps
 MAX_APART = 16  # 400 ns: hits of one event, with drift and time walk, are nearer to each other
-MAX_DISORDER_NS = 1_000_000  # a hit may follow a later one by so much: its time over threshold and the readout queue
+MAX_DISORDER_NS = 1_000_000  # largest disorder of a hit behind a later one: its time over threshold and the readout queue
 _LARGE_STEP = PERIOD // 2  # a ToA further back than this is a wrap, or a hit that the readout has delayed
 _MIN_WRAPS = 3  # large steps back among the first rows that show a counter of 14 bits; a late hit is only one
 _EXTENDED_BITS = 30  # of the readout's extension: wraps every 26.8 s

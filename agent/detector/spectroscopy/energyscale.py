@@ -30,7 +30,7 @@ _NEAR = 0.06  # relative: further off, another nuclide may be taken for that of 
 _STEP = 0.01  # between two readings; a peak's resolution is 2 to 3 times as wide
 NEAR = tuple(Reading(math.exp(_STEP * step)) for step in range(-round(_NEAR / _STEP) - 1, round(_NEAR / _STEP) + 2))
 FAR = tuple(Reading(math.exp(_STEP * step)) for step in range(-54, 56))
-MIN_TOLD, MAX_UNTOLD = 0.035, 0.025  # relative: operators are told of a gain that is off by more, until it is off by less
+MIN_TOLD, MAX_UNTOLD = 0.035, 0.025  # relative error of the gain: a report to operators begins above, and ends below
 # Between two looks: enough for a reading, and mostly from before or after the scale has jumped.
 _LOOK_NS, _LOOK_EVENTS = 2_000_000_000, 400
 _ROUNDS = 80
@@ -118,7 +118,7 @@ class EnergyScale:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """By how much the gain is off, where that is more than cameras of a good calibration are."""
+        """The error of the gain, if above that of cameras with a good calibration."""
         if not self._is_told:
             return ()
         off = 1.0 / self.factor - 1.0

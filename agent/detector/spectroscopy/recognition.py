@@ -115,7 +115,7 @@ class Recogniser:
         return fitted(self._counts, parts, before, _ROUNDS[0 if before is None else 1])
 
     def unknown_lines_kev(self, found: Recognition | None) -> tuple[int, ...]:
-        """Energies (keV) of the peaks in the spectrum where it contradicts ``found``, the result of the last look; else none."""
+        """Energies (keV) of the peaks in the spectrum if it contradicts ``found``, the result of the last look; else none."""
         if found is None or found.against is None:
             return ()
         return line_energies(self._counts, surroundings(), fitted)

@@ -18,7 +18,7 @@ _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place
 MORE_SIGMAS = 7.0  # of a peak that is not explained; spectra of known nuclides reach 6
 LESS_SIGMAS = 4.5  # of a missing peak; lines of known nuclides reach 3.5
 _MOST_LINES = 6
-_APART = 0.07  # relative distance of two lines that are told apart
+_APART = 0.07  # relative distance of two distinguishable lines
 _ROUNDS = 150
 
 Fitted = Callable[[Array, Array, Array | None, int], tuple[Array, Array]]
