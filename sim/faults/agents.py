@@ -173,7 +173,7 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
     ``impossible``: contradictory numbers, such as a live time longer than its exposure. ``impersonated``: messages in the
     name of another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the
     source elsewhere. ``two-versions``: each log entry a second time under the same number with another content; neither
-    version counts then, nor its consequences.
+    version counts then, nor any later entry of the sender.
     """
 
     family: ClassVar[Family] = "network"

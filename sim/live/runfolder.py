@@ -125,7 +125,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
         drone: its id.
         calibrated: its camera has calibration files.
         ports: of its links.
-        mesh: its endpoints of the others.
+        mesh: the endpoints at which it reaches the others.
     """
     error = scenario.localization
     guidance = Guidance.of(error.vehicles.get(drone))

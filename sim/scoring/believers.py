@@ -49,7 +49,7 @@ class Believer(Protocol):
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its source estimate; None before the first one."""
+        """Its source estimate; None without one."""
 
     @property
     def outlook(self) -> Excluding | None:
