@@ -1,8 +1,8 @@
 """Quotas of log entries for each drone: entries beyond the quota are deferred, and arrive again by the log query.
 
 A quota decides only the time of an entry's admission, never whether it counts: all agents come to hold the same. An honest drone
-publishes about 30 a second in flight. It is deferred above the rate of three cameras, or if more than a minute of its entries
-comes at once after an agent's first minutes.
+publishes about 30 a second in flight. It is deferred above the rate of three cameras. After an agent's first minutes it is also
+deferred if more than a minute of its entries comes at once.
 """
 
 from __future__ import annotations

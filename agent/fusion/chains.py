@@ -20,10 +20,10 @@ class Chains:
     """The present chain of states, and the replay that is to take its place.
 
     The present chain has priority, and the replay gets part of the rest of each slice of work. The flight must not wait for the
-    replay, nor for other agents on the same computer. A replay that hardly gains on the present, as on a computer that can barely
-    keep up, takes the place of the present chain before its end. Then every step is computed only once. A chain that ``lags``, as
-    after an in-flight start of an agent, has no parallel replay. Its end is too old for a hypothesis, so the chain itself goes
-    back.
+    replay, nor for other agents on the same computer. On a computer that can barely keep up, a replay hardly gains on the
+    present. It then takes the place of the present chain before its end, and every step is computed only once. A chain that
+    ``lags``, as after an in-flight start of an agent, has no parallel replay. Its end is too old for a hypothesis, so the chain
+    itself goes back.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:

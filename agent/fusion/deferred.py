@@ -1,7 +1,7 @@
 """An estimator computed elsewhere: its states are links of a chain, and its hypotheses arrive once they have been computed.
 
 An estimator's step is a pure function, so place and time of its computation do not matter. For the engine ``Deferred`` is an
-ordinary estimator whose steps cost nothing: a state only refers to its predecessor and the observations since. The hypothesis of
+ordinary estimator whose steps cost nothing. A state only refers to its predecessor and the observations since. The hypothesis of
 a state is a question. Its process requests the next task, has a ``Folder`` compute it, and returns the answer; until then the
 previous answer serves. The time of each answer is an input from outside; its content is not.
 """

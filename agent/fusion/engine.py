@@ -49,14 +49,14 @@ class Fusion:
     hypothesis of the newest state so far replaces it, if this state is later and not older than ``LATE_NS``. So even a slow
     computer that never catches up publishes new hypotheses.
 
-    Entries that arrive after their step has been computed are folded in batches (``lateness``), so that an entry late by a second
-    is in the hypothesis a second later at most. Entries late by more than ``LATE_NS`` cause a replay in parallel to the present
-    chain of states, which continues without them until the replay is complete. The next replay takes all late entries received
-    meanwhile (``Batches``). So a drone that publishes old entries again and again delays nothing, and each is in the hypothesis
-    some seconds later (``pending`` and ``complete_ns``).
+    Entries that arrive after their step has been computed are folded in batches (``lateness``). An entry late by a second is in
+    the hypothesis a second later at most. Entries late by more than ``LATE_NS`` cause a replay in parallel to the present chain
+    of states. This continues without them until the replay is complete. The next replay takes all late entries received meanwhile
+    (``Batches``). So repeated old entries of a drone delay nothing, and each is in the hypothesis some seconds later (``pending``
+    and ``complete_ns``).
 
-    Entries of a frame that is not known yet are in the log and its digest, and enter the hypothesis once the frame is known.
-    Entries measured long before the mission's start are in the log only.
+    Entries of an unknown frame are in the log and its digest, and enter the hypothesis once the frame is known. Entries measured
+    long before the mission's start are in the log only.
     """
 
     def __init__(
@@ -196,9 +196,8 @@ class Fusion:
                 self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
-        """Remove entries that do not count any more; return the held ones among them.
-
-        Results derived from them are recomputed, in parallel to the present states if there are many.
+        """Remove entries that do not count any more; return the held ones. States derived from them are recomputed, many in
+        parallel to the present ones.
         """
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:

@@ -161,7 +161,7 @@ class Estimator(Protocol, Generic[S]):
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
         """Return the state after a grid step with observations (in the order of their entries' identities).
 
-        Called in ascending order, for such steps only: the estimator itself accounts for the empty steps between (process noise,
+        Called in ascending order, for such steps only. The estimator itself accounts for the empty steps between (process noise,
         motion), and may not depend on now.
         """
 

@@ -1,8 +1,8 @@
 """Orientation of a camera's sensor face to a source: f, the cosine of the angle to the face's normal.
 
-Assumption: the camera looks along the drone's x axis, either way, as entries do not state its mounting. Of its heading psi in an
-exposure only the means C of cos 2 psi and S of sin 2 psi are known (``CountObservation.facing``). f is the root mean square of a
-level camera.
+Assumption: the camera looks along the drone's x axis, either way, as entries do not state its mounting. With psi its heading,
+only the means C of cos 2 psi and S of sin 2 psi in an exposure are known (``CountObservation.facing``). f is the root mean square
+of a level camera.
 """
 
 from __future__ import annotations

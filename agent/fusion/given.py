@@ -19,7 +19,7 @@ _NS = 1_000_000_000
 
 
 class GivenEstimator:
-    """Holds each place of the schedule until the next time of the schedule; jumps take effect at the first grid step that begins
+    """Holds each place of the schedule until the next time of the schedule. Jumps take effect at the first grid step that begins
     at or after that time. There is no hypothesis before the schedule's first time, nor before the mission's start.
 
     Raises:

@@ -30,8 +30,8 @@ class InitialSearch:
         dr/dx = (dr/dv)_x + (dr/dv)_z dz/dx      (likewise y): the ground takes p up and down.
 
     r is the distance to the cone's surface while |alpha - theta| < 90 deg, beyond that to the surface's continuation behind the
-    apex. The search starts from the best point of a grid over the area, because the sum of squares has local minima (at the
-    apexes, for example: paper, Sec. V-B), and stays in the area's bounding box, because nearly parallel cones leave the distance
+    apex. The search starts from the best point of a grid over the area, because the sum of squares has local minima, for example
+    at the apexes (paper, Sec. V-B). The search stays in the area's bounding box, because nearly parallel cones leave the distance
     along them undetermined. The result is never worse than the best grid point.
     """
 

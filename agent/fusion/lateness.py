@@ -12,7 +12,7 @@ _CALLS_A_STEP = 4  # without new due steps, as after the flight: calls that a ba
 class Latecomers:
     """Entries whose steps have been computed already, until their batch is due.
 
-    An entry late by n steps has n steps recomputed. Of such entries at most one batch is folded in every m steps, m being the
+    An entry late by n steps has n steps recomputed. Of such entries at most one batch is folded in every m steps. m is the
     largest power of two up to n of the latest entry. So in total at most about three times as many steps are computed as there
     are. Batches are folded at the multiples of m: at the same due steps by all agents, whose hypotheses stay comparable
     meanwhile.

@@ -46,19 +46,19 @@ class ObservationLog:
     addition per entry, and unlike XOR does not cancel equal terms. The digest detects accidental differences, not
     forgeries; the publishers' signatures detect those.
 
-    A publisher that contradicts itself counts up to the first contradiction: neither of the two entries counts, nor any greater
+    A publisher that contradicts itself counts up to the first contradiction. Neither of the two entries counts, nor any greater
     number in that boot. The first proven contradiction decides, so that all agents with the same entries leave out the same, in
     any order of arrival. The log's owner removes the held entries beyond it (``beyond``, ``last_counted``).
 
-    Entries retracted by their own drone (``Retraction``) stay in the log, so that all logs have one content, and do not count
-    (``counts``); nor do overlapping exposures of one drone (``overlaps``).
+    Entries retracted by their own drone (``Retraction``) stay in the log, so that all logs have one content. They do not count
+    (``counts``). Nor do overlapping exposures of one drone (``overlaps``).
 
     The log only grows, but for entries left out after a contradiction or a revocation. It is never compacted: a restarted agent
-    begins with an empty log and must be able to get all of it. After a late entry all later grid steps are recomputed.
-    Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30 MB per
-    hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry; an estimator computed elsewhere
-    (``sources``) holds a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory``
-    warns the operator before memory runs out.
+    begins with an empty log and must be able to get all of it. After a late entry all later grid steps are recomputed. Memory:
+    three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking). The payloads are 8 kB/s or 30
+    MB per hour, with all indices about 65 MB per hour: 1.1 kB for each entry. An estimator computed elsewhere (``sources``) holds
+    a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory`` warns the operator
+    before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:
@@ -288,7 +288,7 @@ class ObservationLog:
     def missing_from(self, summary: Summary, most: int) -> list[tuple[EntryId, Record]]:
         """Return up to ``most`` records held here that are missing from a log with this summary.
 
-        First come records that prove or show a contradiction, then some of every drone in turn: no drone's entries wait behind a
+        First come records that prove or show a contradiction, then some of every drone in turn. No drone's entries wait behind a
         drone with many. In the order of the sequence numbers, so that the cost follows from the result and the summary alone.
         """
         missing = list(islice(self._contradicting(summary), most))

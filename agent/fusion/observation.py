@@ -148,8 +148,8 @@ def _alike(one: SpectrumBin) -> SpectrumBin:
 def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:
     """Return 1-sigma errors of position and heading at a place of the local frame.
 
-    The covariance of an estimated frame includes the error of the drone's own localisation, whatever the drone states, but not
-    the error that a wrong clock adds.
+    The covariance of an estimated frame includes the error of the drone's own localisation, independent of the drone's statement.
+    The additional error of a wrong clock is not included.
     """
     if mission_from_local.covariance is None:
         return told_m, entry.yaw_sigma_rad

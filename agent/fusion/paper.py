@@ -55,15 +55,15 @@ class PaperEstimator:
     noise; q dt is its predecessor's (Baca et al. 2021). The first ``initial_cones`` (M) cones of pairwise baseline
     ``initial_baseline_m`` give x0 (Sec. V-A, ``initial.InitialSearch``) with the variance ``initial_variance_m2``.
 
-    The filter needs one reading of a cone. The paper does not say how it distinguishes the electron from the photon; the default
+    The filter needs one reading of a cone. The paper does not say how it distinguishes the electron from the photon. The default
     is the reading with the smaller scattering angle (``PaperEstimatorConfig.order``).
 
-    The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model): z follows from x and
-    y, so a correction moves the hypothesis along the ground only.
+    The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model). As z follows from x
+    and y, a correction moves the hypothesis along the ground only.
 
     The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``. A cone is ignored if its apex lies outside of that
-    box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a single cone of a drone with a wrong
-    position (messages allow up to 100 km) could take the hypothesis away.
+    box, where no drone can be. A cone that would move the hypothesis out of the box is also ignored. Otherwise a single cone of a
+    drone with a wrong position (messages allow up to 100 km) could take the hypothesis away.
     """
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)

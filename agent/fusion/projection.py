@@ -33,9 +33,9 @@ def project(point: Vector3, apex: Vector3, axis: Vector3, theta_rad: float, rule
 
     ``rule`` decides between the two cases. ``paper``: the surface if alpha < pi / 2, as printed in eq. (6). ``geometric``: the
     surface if |beta| < pi / 2. This is the nearest point, as (A3) demands. Of all rays of the surface the ray along w makes the
-    smallest angle with v, |beta|, and the foot of the perpendicular lies on that ray only while |beta| < pi / 2. The rules
-    differ. For alpha >= pi / 2 the paper's rule pulls a point near the surface all the way to the camera. For alpha < pi / 2 with
-    theta > alpha + pi / 2 its formula yields a point behind the apex, where the cone has no surface.
+    smallest angle with v, |beta|. The foot of the perpendicular lies on that ray only while |beta| < pi / 2. The rules differ.
+    For alpha >= pi / 2 the paper's rule pulls a point near the surface all the way to the camera. For alpha < pi / 2 with theta >
+    alpha + pi / 2 its formula yields a point behind the apex, where the cone has no surface.
 
     On the surface itself the innovation is zero but the normal is still that of the surface: the cone confirms the point.
     None where u and v span no plane: the point at the apex, or on the axis (the nearest points then form a circle).

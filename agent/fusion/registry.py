@@ -1,6 +1,6 @@
 """Estimators by name, as in commands and the mission file: this package's, and installed packages'.
 
-Another package adds an estimator by an entry point of the group ``radron.estimators``: its name is the estimator's, its object a
+Another package adds an estimator by an entry point of the group ``radron.estimators``. Its name is the estimator's, its object a
 callable that takes a ``MissionConfig`` and returns an ``Estimator``. Only installed estimators can be named: neither a mission
 file nor a recorded flight can make an agent import anything else.
 """

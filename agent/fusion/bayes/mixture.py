@@ -153,8 +153,8 @@ class Mixture(Struct, frozen=True, eq=False):
         """Update with an exposure; return None if the innovation gate rejects it.
 
         For each obstacle component c (``hidden``), of probability p_c, g_c ~ p_c P(k | c, s) b_c, sum 1. The Gaussian is
-        conditioned on the fitted logarithm of the rate for the clear view, c = 0, and not for any other; moments are matched over
-        both. The transmission of an obstacle is unknown for as long as the source is hidden: counts behind it carry no
+        conditioned on the fitted logarithm of the rate for the clear view, c = 0, and not for any other. Moments are matched over
+        both. The transmission of an obstacle is unknown for as long as the source is hidden. So counts behind it carry no
         information on place and activity. With levels assumed independent from one exposure to the next, their spread would
         average out and bias the place with great certainty.
 

@@ -8,8 +8,8 @@ With the image at the distance D', the sine s of its depression below the horizo
 
 The table is from ``python -m benchmarks.ground_response --events 250 --photons 60000``: a separate transport code, independent of
 the simulation's, folded with the simulated sensor's response. The formula fits it within 5 % (root mean square) up to a metre
-above the ground. Unknown on board are kind, moisture and roughness of the ground, and the depth of the source: a factor of 0.5 to
-1.5 on near and steep, fitted by a track (``spectrum``).
+above the ground. Unknown on board are kind, moisture and roughness of the ground, and the depth of the source. A track fits a
+factor of 0.5 to 1.5 on near and steep for them (``spectrum``).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The scatter factor of the ground, from the division of an exposure's counts into the two channels.
 
-Nearly all photons scattered by soil are counted in the partial-energy channel; the full-energy channel hardly depends on kind,
-moisture and roughness of the ground. Of the counts S_c expected of the source let N_c be of photons scattered by soil, and B_c
-of the background. The contrast is the logarithm of N_c over S_c - N_c; it grows with the scatter factor, and falls with the
-source's height. The Poisson likelihood has along the logarithm z of the source's rate and along the contrast d the scores
+Nearly all photons scattered by soil are counted in the partial-energy channel. The full-energy channel hardly depends on kind,
+moisture and roughness of the ground. Of the counts S_c expected of the source let N_c be of photons scattered by soil, and B_c of
+the background. The contrast is the logarithm of N_c over S_c - N_c; it grows with the scatter factor, and falls with the source's
+height. The Poisson likelihood has along the logarithm z of the source's rate and along the contrast d the scores
 
     dl/dz = sum_c r_c,   dl/dd = sum_c r_c (g_c - g),   r_c = (k_c - S_c - B_c) S_c / (S_c + B_c),
     g_c = N_c / S_c,   g = sum_c w_c g_c / sum_c w_c,   w_c = S_c^2 / (S_c + B_c),

@@ -4,7 +4,7 @@
 
 T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
 drone's position bias and the logarithm of its camera's sensitivity, v the logarithm of the background's strength. A row's log
-likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: with a model error of the share eps, no row measures its rate
+likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events. With a model error of the share eps, no row measures its rate
 better than to this share. Near a source the counts change on the way of an exposure: there eps grows by about s^2 / d^2, s^2 the
 mean squared distance from p_r. Known walls let a share of the photons from the source's side pass (``shades``); the share's
 derivatives are left out. At the edges of their shadows eps grows, too. All this holds for an otherwise clear view; unknown walls
@@ -100,8 +100,8 @@ class CountModel:
         return self._mixture(solution, [k]).counts
 
     def camera_height_m(self, place: Array) -> float:
-        """Return the cameras' mean height above the ground at a place (2,), as most photons of a source there are counted: the
-        mean of the rows' heights, weighted by live time over squared horizontal distance.
+        """Return the camera height above the ground at a place (2,) from which most photons of a source there are counted. It is
+        the mean of the rows' heights, weighted by live time over squared horizontal distance.
         """
         x, y = place.tolist()
         off = self.place[:, :2] - place

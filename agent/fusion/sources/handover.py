@@ -1,9 +1,9 @@
 """The estimator ``sources`` with a moving source: handover to a track of ``bayes``, and return to a fit at rest.
 
-A fit of sources at rest represents a moving source by several along its way, each as strong as it was there on average. So a
-track (``tracker``) runs beside the fit, for the nuclide with the most counts. The track assumes one source of this nuclide, at
-rest or moving; sources of other nuclides count as known. For the measurements since the last moves, compare the log Bayes
-factors, against background alone,
+A fit of sources at rest represents a moving source by several along its way. Each is as strong as the source was there on
+average. So a track (``tracker``) runs beside the fit, for the nuclide with the most counts. The track assumes one source of this
+nuclide, at rest or moving; sources of other nuclides count as known. For the measurements since the last moves, compare the log
+Bayes factors, against background alone,
 
     M  given the track, each measurement predicted from the earlier ones,
     R  given the sources at rest of the last moves, as fitted then, and refined by these measurements; the larger of both.
@@ -14,20 +14,20 @@ The track is ahead if all of these hold:
 - its cameras' views are clear of unknown walls, with which the track could explain a lot away;
 - M - R is at least ``_GAIN``.
 
-In this case, or if the track is the first to find a source, moves are made at once, at the next time of a refinement, with these
-measurements. A track ahead also causes moves that begin without sources: a fit that has gone astray must not look like motion.
-After ``_AHEAD`` times ahead without a lag behind the fit (M < R) at moves in between, the source is handed over. For sources at
-rest, a wrong fit is right after its next moves; a moving source has gone on. R must not be of sources fitted to the very
-measurements that they have to explain: for a fast source, several sources at rest explain each part of its way well, afterwards.
-For the swarm's search until then, see ``looking``.
+Then, or if the track is the first to find a source, moves with these measurements follow at the next time of a refinement. A
+track ahead also causes moves that begin without sources: a fit that has gone astray must not look like motion. After ``_AHEAD``
+times ahead without a lag behind the fit (M < R) at moves in between, the source is handed over. For sources at rest, a wrong fit
+is right after its next moves; a moving source has gone on. R must not be of sources fitted to the very measurements that they
+have to explain. Afterwards several sources at rest explain each part of a fast source's way well. For the swarm's search until
+then, see ``looking``.
 
 After the handover the track is reported first, without other sources of its nuclide: their fitted places were places along its
 way. Sources of other nuclides keep their report and count as known. Measurements during the motion tell nothing of sources at
 rest.
 
-A track at rest for ``_KEPT_NS`` is replaced by a new fit of the measurements since then, if that fit finds the same source and
-reports no other; otherwise the track continues. A lost track searches as ``bayes`` does; after ``_KEPT_NS``, sources at rest are
-fitted anew. A track is on the ground: with sources above the ground, there is no track.
+A track at rest for ``_KEPT_NS`` is replaced by a new fit of the measurements since then. Condition: the fit finds the same source
+and reports no other; otherwise the track continues. A lost track searches as ``bayes`` does; after ``_KEPT_NS``, sources at rest
+are fitted anew. A track is on the ground: with sources above the ground, there is no track.
 """
 
 from __future__ import annotations

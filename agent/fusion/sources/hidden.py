@@ -1,10 +1,10 @@
 """Unknown obstacles between sources and cameras: a view from a place may be hidden by a wall that is not on the map.
 
-With M the expected counts in a clear view and D the direct photons among them, a cell is either clear, or hidden with the
-probability ``HIDDEN``. A cell is a row with at least ``_ALONE`` events; rows with fewer, all within 6 m, form one cell, for only
-their sum is significant. The total counts K of a hidden cell may be anything up to a clear cell's: log-uniform, so that K carries
-no information on the counts without the wall. Its spectrum is that of M_h = M - (1 - s) D, with s = ``_SHARE``. In groups g of
-energy bins, w the mean of the rows' weights, the log likelihoods of the two are
+M are the expected counts in a clear view, and D the direct photons among them. A cell is either clear, or hidden with the
+probability ``HIDDEN``. A cell is a row with at least ``_ALONE`` events. Rows with fewer, all within 6 m, form one cell, for only
+their sum is significant. The total counts K of a hidden cell may be anything up to a clear cell's. K is log-uniform, and so
+carries no information on the counts without the wall. Its spectrum is that of M_h = M - (1 - s) D, with s = ``_SHARE``. In groups
+g of energy bins, w the mean of the rows' weights, the log likelihoods of the two are
 
     clear     w sum_g k_g log (M_g / M)    + w [K log (M / K) - M + K]
     hidden    w sum_g k_g log (M_hg / M_h) + log [sqrt(2 pi K / w) / (L (K + 1))] + log Phi((M - K) sqrt(w / M)),
@@ -12,8 +12,8 @@ energy bins, w the mean of the rows' weights, the log likelihoods of the two are
 each count of a row times its own weight where these differ, Phi the normal distribution, exp(L) the ratio of the greatest to the
 least counts. (With a mean weight instead, hidden views would inform on the strength of a source after all, and without a limit.)
 Within the groups, and from row to row, counts are those of a clear view. So a cell far below its expectation neither pulls
-sources away nor makes them weaker. Its information is that of a clear cell times the probability of a clear view, less the
-variance of the gradient (Louis's formula), by the rate of the direct photons.
+sources away nor makes them weaker. Its information is that of a clear cell times the probability of a clear view. The variance of
+the gradient with respect to the rate of the direct photons is subtracted (Louis's formula).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Effect on a fit of model errors that neighbouring measurements have in common.
 
 Each row's weight accounts for an error of its own (``counts``). But a camera's counts of a source depend on its direction of
-view, through the vehicle around it and effects that are not in the tables. On a circle around one source, the directions of all
-others turn with the way around. So the relative model error of a drone's counts of source k is common to a patch, rows within
-``_SIDE`` voxels: independent from patch to patch and source to source, with the standard deviation ``_COMMON_ERROR``. The same
-holds for the relative error of the spectrum of source k in each of the energy bins, at all places; beside a strong source, a weak
-one of another nuclide can compensate for that. To first order, a relative error 1 of patch c or bin e moves the solution by P
-g_ck or P g_ek,
+view: by the vehicle around it and by effects outside the tables. On a circle around one source, the directions of all others turn
+with the way around. So the relative model error of a drone's counts of source k is common to a patch, rows within ``_SIDE``
+voxels. It is independent from patch to patch and source to source, with the standard deviation ``_COMMON_ERROR``. The same holds
+for the relative error of the spectrum of source k in each of the energy bins, at all places. Beside a strong source, a weak one
+of another nuclide can compensate for that. To first order, a relative error 1 of patch c or bin e moves the solution by P g_ck or
+P g_ek,
 
     g_ck = sum_(r in c) sum_e w_r S_kre / M_re dM_re / d theta,    g_ek = sum_r w_r S_kre / M_re dM_re / d theta,
 

@@ -1,7 +1,7 @@
 """Transmission of known walls and buildings for a source's direct photons, on the lines of sight from many places.
 
-A place stands for a voxel and for a drone's position error, so a line of sight stands for its surroundings: itself, and four
-lines from places ``_ASIDE_M`` to each side. Their mean is the expected transmission. Buildings attenuate direct photons;
+A place stands for a voxel and for a drone's position error, so a line of sight stands for its surroundings. These are itself, and
+four lines from places ``_ASIDE_M`` to each side. Their mean is the expected transmission. Buildings attenuate direct photons;
 scattered photons come around them.
 """
 

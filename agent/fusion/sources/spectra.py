@@ -15,7 +15,7 @@ scatter beyond the assumed one. mu_n is the attenuation of the most penetrating 
 other lines, to first order. f is the cosine of the angle between the source and the normal of the sensor, which is flat. A camera
 that faces the source counts 6 % more photons of 662 keV than in the mean over all headings, but 45 % more of 80 keV; edge on it
 counts 60 % less of these. Front and back are assumed alike; from the front a tenth of the softest photons is in the bin below. H,
-I and J are photons scattered by soil once or more, mostly near the source, and R photons scattered by the air above soil. For an
+I and J are photons scattered by soil once or more, mostly near the source. R are photons scattered by the air above soil. For an
 unknown nuclide, N (over soil N + H + ``MEAN_STEEPNESS`` I) is the measured spectrum; Q, G, H, I, J and R are the same shares of
 it as in the mean over the known nuclides, and L is 0. All are effective areas times photons per decay, mm2, of this project's own
 photon transport and detector chain (benchmarks/spectral_response.py). For H, I, J and R another transport code's fluxes meet the

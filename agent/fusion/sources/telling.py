@@ -78,8 +78,8 @@ class Telling:
     def watched_s(self, rows: Rows, place: Array) -> float:
         """Return the live time of all cameras near a source, s.
 
-        On the circle and inside it counts in full; farther out by the inverse square of the distance, up to the outermost ring of
-        drones without links to each other.
+        On the circle and inside, the live time counts in full. Farther out it counts by the inverse square of the distance, up to
+        the outermost ring of drones without links to each other.
         """
         away_m = np.hypot(*(rows.place[:, :2] - place).T)
         share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)

@@ -1,8 +1,8 @@
 """The tracker of a possibly moving source: ``bayes`` for one of the candidates, with its tables of ``spectra``.
 
-The tracker reads the exposures' spectra in two channels, the energy bins of the nuclide's lines and the others. So it covers
-every candidate of the fit, whatever lines the detector looks for. Its directional response is the mean over all headings, and the
-source is on the ground.
+The tracker reads the exposures' spectra in two channels, the energy bins of the nuclide's lines and the others. The tracker thus
+covers every candidate of the fit, independent of the lines in the detector's windows. Its directional response is the mean over
+all headings, and the source is on the ground.
 """
 
 from __future__ import annotations

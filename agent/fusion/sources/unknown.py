@@ -1,19 +1,18 @@
 """Sources of nuclides that are not among the candidates: their spectrum is not explained by any candidate.
 
-The spectrum beside a source is measured bin by bin, without a model of it: the areas S (BINS,) of a point source at its place
+The spectrum beside a source is measured bin by bin, without a model of it. S (BINS,) are the areas of a point source at its place
 that explain the counts, less the other sources and the background,
 
     M_re = others_re + w_r S_e.
 
-S is compared with the best of the spectra of one candidate, or of two at one place, at any energy scale and excess of scatter
-within reason. The misfit is chi squared. Its errors are the chance errors of S and the errors of the others, the share
-``_MODEL_ERROR`` of possible errors of the tables, and the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is
-explained neither by errors of the model nor by chance. Then a source with the spectrum S replaces the source, and with it the
-sources beside it that only compensated for its spectrum. This source has a place and lines, but no activity: its photons per
-decay are unknown.
+S is compared with the best spectrum of one candidate, or of two at one place. Energy scale and excess of scatter are free within
+reason. The misfit is chi squared. Its errors are the chance errors of S, the errors of the other sources, the share
+``_MODEL_ERROR`` for the tables, and the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is explained neither
+by errors of the model nor by chance. Then a source with the spectrum S replaces the source, and with it the sources beside it
+that only compensated for its spectrum. This source has a place and lines, but no activity: its photons per decay are unknown.
 
 Other sources, too, may have compensated for the wrong spectrum. So the next moves begin with the sources of unknown nuclides
-alone, and their result is compared with the former fit: one search a step, not two.
+alone. Their result is compared with the former fit: one search a step, not two.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ def judged(fitted: Fitted, spectra: Spectra, problem_of: Callable[[Spectra], Pro
     """Return the fit with one source exchanged between known and unknown nuclides, and the spectra with the fit's unknown
     nuclides.
 
-    The source with the greatest misfit is replaced by a source of an unknown nuclide, if candidates do not explain it; or a
+    The source with the greatest misfit is replaced by a source of an unknown nuclide, if candidates do not explain it. Or a
     source of an unknown nuclide is replaced by the candidates that explain it by now. ``problem_of``: the problem of the same
     measurements with given spectra; ``spectra`` are the fit's. Without a change, the same objects are returned.
     """
