@@ -1,4 +1,4 @@
-"""Maximum of a likelihood, and the covariance that its curvature says."""
+"""Maximum of a likelihood, and the covariance by its curvature."""
 
 from __future__ import annotations
 

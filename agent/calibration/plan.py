@@ -1,4 +1,4 @@
-"""How long the known source must be measured, from its activity and distance."""
+"""Duration of the measurement of a known source, from its activity and distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gamma lines that the agent looks for, by nuclide."""
+"""The gamma lines that the agent searches for, by nuclide."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The log of an older flight folded by today's estimator: the remainder of a replay without the pilot of the record.
+"""The log of an older flight folded by today's estimator: a partial replay for a record whose pilot is gone.
 
 A record of another version of the protocol cannot be replayed call by call: this pilot neither reads nor writes its messages. But
 its log entries are still read, and the hypothesis is a function of them. So each recorded hypothesis is compared with that of

@@ -1,4 +1,4 @@
-"""Jumps of the localisation that the vehicle does not announce, found by holding each position against the motion before it."""
+"""Jumps of the localisation that the vehicle does not announce, found by comparing each position with the motion before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Watch a landed vehicle for motion: it is carried away, or its localisation is wrong."""
+"""Motion of a landed vehicle: either it is carried away, or its localisation is wrong."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ MODES: dict[Stage, tuple[FlightMode, ...]] = {  # of the autopilot, by stage; th
 
 
 def is_failsafe(vehicle: VehicleState) -> bool:
-    """Whether the autopilot brings the vehicle home or down, unasked."""
+    """Whether the autopilot brings the vehicle home or down without a request."""
     return vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and not vehicle.healthy
 
 

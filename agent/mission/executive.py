@@ -292,7 +292,9 @@ class Executive:
 
     @property
     def _stranded_s(self) -> float:
-        """The return delay, s; infinite without a reason (no feasible circle with links lost, isolation, uncertain position)."""
+        """The return delay, s; infinite without a reason (no feasible circle while links are lost, isolation, uncertain
+        position).
+        """
         absence = self._navigator.absence
         if absence is not None and not self._navigator.has_room:
             return ROOMLESS_S

@@ -1,4 +1,4 @@
-"""Which commands reach this drone's mission: signed by an operator, for this mission, and not sent before.
+"""The commands that reach this drone's mission: signed by an operator, for this mission, and not sent before.
 
 A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given. The
 ticket is a nonce, and a number above that of the last command carried out. The drone changes the nonce twice a second by its own

@@ -1,4 +1,4 @@
-"""The problems of a drone as texts: what prevents a start, and what else the operator has to know."""
+"""The problems of a drone as texts: obstacles to a start, and other notices for the operator."""
 
 from __future__ import annotations
 

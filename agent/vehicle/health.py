@@ -1,4 +1,4 @@
-"""Whether the autopilot is ready to arm, and its own messages on why not."""
+"""Readiness of the autopilot to arm, and its own messages on the obstacles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between the pilot and whatever flies: PX4 through MAVSDK, or the simulation. Local frame ENU, body FLU."""
+"""The interface between the pilot and a vehicle: PX4 through MAVSDK, or the simulation. Local frame ENU, body FLU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The autopilot's parameters that a flight relies on, once: what each must be, why, and the value that corrects it.
+"""The autopilot's parameters that a flight relies on, once: required values, reasons, and corrections.
 
 Preflight and status judge by this table (``agent.vehicle.parameters``), and the doctor corrects by it
 (``agent.preflight.corrections``). The tables of the documentation list the same names. Values and their meanings are PX4's

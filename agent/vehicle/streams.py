@@ -1,4 +1,4 @@
-"""The messages that the autopilot is asked to send, and at which rates; asked again while they come too seldom."""
+"""The message streams requested from the autopilot, and their rates; requested again while too slow."""
 
 from __future__ import annotations
 

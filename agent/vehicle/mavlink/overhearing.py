@@ -1,4 +1,4 @@
-"""Bytes that arrive on an autopilot's link, looked at without sending any, before MAVSDK has the link."""
+"""Bytes that arrive on an autopilot's link, read without sending any, before MAVSDK has the link."""
 
 from __future__ import annotations
 
