@@ -52,8 +52,8 @@ class Gathering:
             self._hits.append(hits)
 
     def readout(self, start_ns: int, end_ns: int, clock_ns: int, *, later_hits: bool = True) -> Readout:
-        """Return all that was gathered as the readout of an interval; without ``later_hits``, hits from its end on wait for
-        the next one.
+        """Return all data gathered as the readout of an interval. Without ``later_hits``, hits from its end on wait for the next
+        one.
         """
         hits = self._hits[0] if len(self._hits) == 1 else PixelHits.joined(self._hits)
         self._hits = []

@@ -4,7 +4,7 @@ Two drones with a two-way link know both apparent delays: own clock at the arriv
 difference is the clock offset, as in NTP (RFC 5905, section 8). Its error is half the asymmetry of the two ways. The smallest
 delay of the last seconds is used, because queueing only ever makes a message later.
 
-No round trip takes less than no time. If the two delays add up to less, one of the clocks has been set in these seconds, and the
+No round trip takes less than no time. If the two delays add up to less, one of the clocks has been set in these seconds. The
 larger delay is from before that. The drone with the larger delay finds that its newest delay fits, and forgets the others. So
 after a clock step its offset is known again by one exchange of statuses, however long delays are kept. A forged delay alone moves
 nothing.
@@ -14,8 +14,8 @@ different times, and half their difference is wrong by half of the change. But t
 one of the clocks has been set. While possible, it holds for some seconds, until the delays of both ways belong to the same time
 again.
 
-A step of the own clock does not move the others' clocks: all known offsets move along, with or without a link then. Until the
-others have received a status with a new stamp, they still report a delay by the former clock, which moves along too.
+A step of the own clock does not move the others' clocks. So all known offsets move along, with or without a link then. Until the
+others have received a status with a new stamp, they still report a delay by the former clock. This delay moves along too.
 
 A backward step of most clocks is one of the common time as well. A clock that was right before, and was not set back, has stamped
 measurements at those times, made elsewhere. Until the common time has reached them again, all new measurements are wrong by the

@@ -53,8 +53,8 @@ class Posed(Protocol):
 def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning_rps: float | None = None) -> Transform:
     """Return the frame of the epoch that begins with a jump, until the log yields a better one.
 
-    Its covariance is that of the old frame at the place of the jump, plus that of the motion since then, which grows with time
-    and speed. (For an exactly known frame it begins with that of the localisation.) Straight motion is assumed for at most
+    Its covariance is that of the old frame at the place of the jump, plus that of the motion since then. The latter grows with
+    time and speed. (For an exactly known frame it begins with that of the localisation.) Straight motion is assumed for at most
     ``ONWARD_S``. Otherwise a hovering vehicle whose agent stood still for 9 s was expected 9 m further on, and flown into.
 
     Args:

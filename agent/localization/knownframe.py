@@ -17,8 +17,8 @@ NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for no
 _PART = 0.25  # a jump back over a gap may miss the other place by this share of the doubt, if the motion explains it
 _SIGMAS = 3.0
 # A position that jumps may have slid away by as much until then, at any speed. After a slide at this speed, or faster, all
-# measurements of that time are taken back, after a slower one the last part. With a lower limit more correct measurements would
-# be lost.
+# measurements of that time are taken back. After a slower slide the last part is taken back. With a lower limit more correct
+# measurements would be lost.
 SLIDE_MPS = 1.0
 _LONGEST_S = 30.0  # taken back at most: after a jump by hundreds of metres the position is rather wrong from then on
 
@@ -74,8 +74,8 @@ class KnownFrame:
         return 0.0 if self.otherwise is None or frame is None else _apart_m(frame, self.otherwise, vehicle)
 
     def doubted(self, frame: Transform, vehicle: VehicleState) -> Transform:
-        """Return the frame with the doubt in its covariance: both explanations are equally likely, so the RMS difference from the
-        frame in use.
+        """Return the frame with the doubt in its covariance: the RMS difference from the frame in use, as both explanations are
+        equally likely.
         """
         if self.otherwise is None:
             return frame

@@ -53,9 +53,9 @@ def second_height_m(mission: MissionConfig) -> float | None:
     """Height (m) above the ground of the second half of a turn around a source; None if the source's height is known, so that one
     height suffices.
 
-    From one height alone, counts fit a source above the cameras and its mirror image below them alike. Upper limits: the highest
-    circle, which crossing or returning drones pass over, and the lowest altitude layer for a return after the loss of an agent,
-    which stays free.
+    From one height alone, counts fit a source above the cameras and its mirror image below them alike. Two limits hold. Crossing
+    or returning drones pass over the highest circle. The lowest altitude layer for a return after the loss of an agent stays
+    free.
     """
     if mission.source_height_m[1] <= 0.0:
         return None

@@ -57,7 +57,7 @@ class PathFollower:
         """The progress of a drone at ``position`` whose progress was ``s``.
 
         The progress is the nearest point of the path between s and s + ``reach_m``. This window keeps a drone from skipping to
-        the next lane, or across the end of the path, where the way out and the way back are equally near.
+        the next lane, or across the end of the path. There the way out and the way back are equally near.
         """
         best, best_gap = s, math.inf
         for begin, x, y, dx, dy, length in self._legs_from(s, s + reach_m):

@@ -1,8 +1,8 @@
 """The constrained tracking problem: limits and half-planes, solved by OSQP.
 
-The unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a
-limit minus the optimum's own value. Half-planes are soft, with one slack per step. The cost of slack dominates the tracking cost:
-a drone inside a forbidden zone is led out of it, without an infeasible problem.
+The unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2. Every bound is a limit
+minus the optimum's own value. Half-planes are soft, with one slack per step. The cost of slack dominates the tracking cost: a
+drone inside a forbidden zone is led out of it, without an infeasible problem.
 
 The solver must be deterministic: no time limit, its step size adapted at fixed iterations, and a limited number of these.
 """

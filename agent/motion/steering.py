@@ -224,8 +224,8 @@ class Steering:
     def _half_planes(
         self, situation: Situation, position: Array, nominal: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """Return the half-planes of neighbours and fence. For each step these are the half-plane that the nominal plan (H, 2)
-        violates most, and the next worst by this plan or the unconstrained optimum (H, 2).
+        """Return the half-planes of neighbours and fence. The first of each step is the one that the nominal plan (H, 2) violates
+        most. The next are the worst by this plan or the unconstrained optimum (H, 2).
 
         On the way home through the others, the optimum may be far from the plan, which they have pushed aside. Then the optimum
         violates all of their half-planes by more than the plan violates that of a drone in its way.

@@ -1,7 +1,7 @@
 """The search before the first hypothesis: N segments of equal area, each with a space-filling path (paper, Sec. V-A).
 
 All functions are pure: drones with the same area, coverage, members and starts compute the same paths, without a leader. So
-``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries; a drone's own latest position is not.
+``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries. A drone's own latest position is not.
 All coordinates are horizontal, metres, in one frame (the mission frame).
 """
 

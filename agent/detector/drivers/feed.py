@@ -17,7 +17,7 @@ STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not fin
 class FeedDetector:
     """Reads the feed at ``address`` ("host:port"), and reconnects while it is open.
 
-    Readouts whose end differs from the clock by more than 2 s are dropped and counted; to the detection chain such a gap is dead
+    Readouts whose end differs from the clock by more than 2 s are dropped and counted. To the detection chain such a gap is dead
     time. ``counters``: readouts, dropped_stale, corrupt_frames, and the link's.
     """
 
