@@ -16,7 +16,7 @@ class Blocks:
     """The non-empty blocks of a log with their hashes, computed on demand. After growth at a block's end, only the new part is
     hashed.
 
-    A hash covers the bytes in their order, unlike the log's digest, a sum: for sums a publisher could find two equal ones.
+    A hash covers the bytes in their order, unlike the log's digest, a sum. For sums a publisher could find two equal ones.
     """
 
     def __init__(self, payloads: Payloads) -> None:

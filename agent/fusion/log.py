@@ -268,7 +268,7 @@ class ObservationLog:
     def summary(self, turn: int = 0) -> dict[Publisher, Held]:
         """Return the held entries of each publisher in short: a peer derives the entries missing here.
 
-        A summary carries a limited number of publishers, each drone's in turn: a drone with many boots does not keep the others
+        A summary carries a limited number of publishers, each drone's in turn. A drone with many boots does not keep the others
         out. ``turn``: the next summary has hashes of other blocks.
         """
         turns = zip_longest(

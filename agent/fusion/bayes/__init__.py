@@ -2,7 +2,7 @@
 
 The estimator draws no random numbers. While the source is not localised, a point-mass filter runs on a grid of places, activities
 and motion modes (``search``). Once the posterior is narrow enough, a Gaussian sum of IMM filters takes over (``mixture``,
-``motion``); its state includes the pose biases of the vehicles. ``estimator`` decides between the two, and ``tracking`` updates
+``motion``). Its state includes the pose biases of the vehicles. ``estimator`` decides between the two, and ``tracking`` updates
 the sum. ``cones`` and ``counts`` hold the likelihoods, ``response`` the expected rates, and ``hidden`` unknown obstacles.
 docs/estimator.md derives the whole.
 

@@ -3,7 +3,7 @@
 A coincidence of two clusters has up to two readings, as either cluster may be the recoil electron. Each reading has an axis n_k,
 an opening angle theta_k, its 1-sigma error sigma_k and the probability p_k. With u the unit vector from the camera to the source,
 the angular error of reading k is delta_k = angle(n_k, u) - theta_k. Its distribution is a mixture of a narrow and a wide
-Gaussian; a fraction eps of the source's cones does not point to the source at all (scattered photons, chance coincidences). The
+Gaussian. A fraction eps of the source's cones does not point to the source at all (scattered photons, chance coincidences). The
 density of the cone per solid angle, relative to an isotropic one (1 / 4 pi), is
 
     rho(u) + eps,   rho(u) = sum_k sum_j L_kj,   L_kj = 2 (1 - eps) p_k f_j N(delta_k; 0, (c_j sigma_k)^2) / sin(theta_k).

@@ -1,5 +1,5 @@
-"""The information of an exposure's counts on the logarithm of the source's rate: at each Gaussian of a track, and for each
-component of unknown obstacles (``hidden``).
+"""The information of an exposure's counts on the log rate of the source: at each Gaussian of a track, for each component of
+unknown obstacles (``hidden``).
 """
 
 from __future__ import annotations

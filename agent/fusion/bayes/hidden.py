@@ -1,6 +1,6 @@
 """Unknown obstacles between the source and a camera: a hidden Markov chain [R89] over the attenuation along its flight.
 
-The optical depth t of the obstacle between the source and a vehicle's camera is one of L levels ``DEPTHS``; the first is 0, a
+The optical depth t of the obstacle between the source and a vehicle's camera is one of L levels ``DEPTHS``. The first is 0, a
 clear view. In an exposure of duration T the level is drawn anew with the probability 1 - exp(-r T), r = ``RATE_PS``, from
 ``PRIOR``: the chain's transition matrix is exp(-r T) I + (1 - exp(-r T)) 1 prior'. The transmission of an exposure is one of C
 components. The level is the same throughout, or the view becomes hidden or clear at some instant, and any share of the direct

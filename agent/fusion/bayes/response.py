@@ -97,7 +97,7 @@ class Response:
         The counts of an exposure: hits h, full-energy events f, coincidences c. A full-energy event is one hit or one
         coincidence, and a coincidence is two hits. So the partial-energy events are h - f - c, and every event is in exactly one
         channel. Only then are the channels independent Poisson variables. The variance of h alone is a quarter larger than its
-        mean, and h, f and c assumed independent would hold twice the actual information.
+        mean. If assumed independent, h, f and c would hold twice the actual information.
         """
         hits, photopeak, coincidences = counts.tolist()
         return np.array([max(hits - photopeak - coincidences, 0.0), photopeak])

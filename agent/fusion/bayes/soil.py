@@ -1,4 +1,4 @@
-"""Counts of a camera of photons scattered by soil and air beside a source on or above the ground, and of the soil's own photons.
+"""Counts of photons scattered by soil and air beside a source on or above the ground, and of the soil's own photons.
 
 Soil scatters as if the photons came from an image of the source, ``IMAGE_DEPTH`` h below the ground for a source h above it.
 With the image at the distance D', the sine s of its depression below the horizon and the facing f to it, a channel counts

@@ -193,7 +193,7 @@ def solved(matrix: Array, right: Array) -> Array:
 
 
 def by_bias(solution: Solution) -> Array:
-    """Return the (unbiased, BIAS) effect of a drone's bias: a position bias shifts all sources in the drone's view; the
+    """Return the (unbiased, BIAS) effect of a drone's bias. A position bias shifts all sources in the drone's view; the
     sensitivity scales them and the background.
     """
     size = solution.size

@@ -26,8 +26,8 @@ way. Sources of other nuclides keep their report and count as known. Measurement
 rest.
 
 A track at rest for ``_KEPT_NS`` is replaced by a new fit of the measurements since then. Condition: the fit finds the same source
-and reports no other; otherwise the track continues. A lost track searches as ``bayes`` does; after ``_KEPT_NS``, sources at rest
-are fitted anew. A track is on the ground: with sources above the ground, there is no track.
+alone, and no other source was reported; otherwise the track continues. A lost track searches as ``bayes`` does; after
+``_KEPT_NS``, sources at rest are fitted anew. A track is on the ground: with sources above the ground, there is no track.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class FollowingEstimator:
         return led(rest.outlook, told, track, bayes, nuclide, step)
 
     def _moved_once(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
-        """Return the result of ``_moved``, cached: a late observation of this very step causes another computation of the step
+        """Return the result of ``_moved``, cached. A late observation of this very step causes another computation of the step
         from the same state.
         """
         for before, index, after in self._recent:
@@ -214,8 +214,8 @@ class FollowingEstimator:
         return track
 
     def _most_counted(self, rest: SourcesState, track: Track | None, solution: Solution) -> int | None:
-        """Return the nuclide with the most counted photons; the track's own if its source may move, or without a clear lead of
-        another.
+        """Return the nuclide with the most counted photons. The track's own is kept if its source may move, or without a clear
+        lead of another.
 
         None if there are only sources of unknown nuclides.
         """

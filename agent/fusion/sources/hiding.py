@@ -5,9 +5,9 @@ changes by
 
     D(A) = sum (k - M) log(1 + s / M) - q Q(A),    Q(A) = sum [s - M log(1 + s / M)],    q = 1 - c' C c / I.
 
-Q is the expected loss where there is no source. q is the share of this loss for which a change of background and fitted sources
-cannot compensate: I the Fisher information of A, c its cross information with theirs, C their covariance. A is excluded where
-exp(D) is at most ``EXCLUDED``, as in ``bayes``; as D is concave in A, so are all greater activities.
+Q is the expected loss where there is no source. The share q of this loss cannot be compensated by a change of background and
+fitted sources: I the Fisher information of A, c its cross information with theirs, C their covariance. A is excluded where exp(D)
+is at most ``EXCLUDED``, as in ``bayes``; as D is concave in A, so are all greater activities.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Search cues before a report is certain: the source of a track, or of its search, leads the swarm.
 
-On lanes the swarm would pass a source and learn little of it, and a moving source is elsewhere at the next pass. So the search of
-a track leads the drones to the measured source. Before any report this lasts for ``_LEADS_NS`` from the track's begin. With one
-reported source of its nuclide, at rest, it lasts as long from the first doubt of this rest. A search for one source is in the
+On lanes the swarm would pass a source and learn little of it. A moving source would be elsewhere at the next pass. So the search
+of a track leads the drones to the measured source. Before any report this lasts for ``_LEADS_NS`` from the track's begin. With
+one reported source of its nuclide, at rest, it lasts as long from the first doubt of this rest. A search for one source is in the
 middle of several: with more reported sources of the nuclide, it leads nowhere.
 
 The source found by the search may move and is verified. For ``_LOOK_NS`` from the doubt, the first source is reported with the

@@ -23,7 +23,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Spectra that are sums of few shapes (Q, BINS) with their own strengths (Q, R) in each row; direct: the photons in the
+    """Spectra that are sums of few shapes (Q, BINS) with their own strengths (Q, R) in each row. ``direct``: the photons in the
     shapes from the source's side, (Q, BINS). All derivatives are such sums, too; so gradient and information follow from products
     of the few shapes.
     """

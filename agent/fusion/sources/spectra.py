@@ -9,17 +9,17 @@ and over soil, h the sine of the source's depression below the horizon and r a f
 
     w r [H_ne + h I_ne + h (f - ``MEAN_FACING``) J_ne]    more, with    b = (1 + c) ``NEAR`` ``BODY_SHARE``,    F = a R_s - L.
 
-P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum), Q
-photons scattered once by ground, mount and air; ' the derivative by the logarithm of the energy scale, s the scale's error, c the
-scatter beyond the assumed one. mu_n is the attenuation of the most penetrating line, and L ("softer") the additional loss of the
-other lines, to first order. f is the cosine of the angle between the source and the normal of the sensor, which is flat. A camera
-that faces the source counts 6 % more photons of 662 keV than in the mean over all headings, but 45 % more of 80 keV; edge on it
-counts 60 % less of these. Front and back are assumed alike; from the front a tenth of the softest photons is in the bin below. H,
-I and J are photons scattered by soil once or more, mostly near the source. R are photons scattered by the air above soil. For an
-unknown nuclide, N (over soil N + H + ``MEAN_STEEPNESS`` I) is the measured spectrum; Q, G, H, I, J and R are the same shares of
-it as in the mean over the known nuclides, and L is 0. All are effective areas times photons per decay, mm2, of this project's own
-photon transport and detector chain (benchmarks/spectral_response.py). For H, I, J and R another transport code's fluxes meet the
-same detector (benchmarks/soil_spectra.py).
+P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum). Q
+are photons scattered once by ground, mount and air. A prime (') stands for the derivative by the logarithm of the energy scale, s
+for the scale's error, c for the scatter beyond the assumed one. The attenuation mu_n is that of the most penetrating line, and L
+("softer") the additional loss of the other lines, to first order. The facing f is the cosine of the angle between the source and
+the normal of the sensor, which is flat. A camera that faces the source counts 6 % more photons of 662 keV than in the mean over
+all headings, but 45 % more of 80 keV. Edge on it counts 60 % less of these. Front and back are assumed alike; from the front a
+tenth of the softest photons is in the bin below. H, I and J are photons scattered by soil once or more, mostly near the source. R
+are photons scattered by the air above soil. For an unknown nuclide, N (over soil N + H + ``MEAN_STEEPNESS`` I) is the measured
+spectrum; Q, G, H, I, J and R are the same shares of it as in the mean over the known nuclides, and L is 0. All are effective
+areas times photons per decay, mm2, of this project's own photon transport and detector chain (benchmarks/spectral_response.py).
+For H, I, J and R another transport code's fluxes meet the same detector (benchmarks/soil_spectra.py).
 """
 
 from __future__ import annotations

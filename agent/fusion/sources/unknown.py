@@ -6,10 +6,10 @@ that explain the counts, less the other sources and the background,
     M_re = others_re + w_r S_e.
 
 S is compared with the best spectrum of one candidate, or of two at one place. Energy scale and excess of scatter are free within
-reason. The misfit is chi squared. Its errors are the chance errors of S, the errors of the other sources, the share
-``_MODEL_ERROR`` for the tables, and the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is explained neither
-by errors of the model nor by chance. Then a source with the spectrum S replaces the source, and with it the sources beside it
-that only compensated for its spectrum. This source has a place and lines, but no activity: its photons per decay are unknown.
+reason. The misfit is chi squared. Its errors are by chance in S, by the other sources, by the tables (the share
+``_MODEL_ERROR``), and by the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is explained neither by errors
+of the model nor by chance. Then a source with the spectrum S replaces the source, and the sources beside it that only compensated
+for its spectrum. This source has a place and lines, but no activity: its photons per decay are unknown.
 
 Other sources, too, may have compensated for the wrong spectrum. So the next moves begin with the sources of unknown nuclides
 alone. Their result is compared with the former fit: one search a step, not two.
