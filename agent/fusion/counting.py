@@ -33,7 +33,7 @@ class Counting:
         return self._recounted
 
     def settle(self) -> None:
-        """Restore the entries with retractions removed since."""
+        """Count again the entries with retractions removed since the last call."""
         for publisher, changed in self._retractions.settled():
             for identity in self._held(publisher, changed):
                 self._expose(identity, self._end_ns(identity))

@@ -74,7 +74,7 @@ class Late:
 
     @property
     def put_off(self) -> frozenset[str]:
-        """The drones with used-up quotas, for which entries wait."""
+        """The drones that have used up their quotas, with entries waiting for them."""
         drones = {identity.drone for identity in self._entries}
         return frozenset(drones - self._batches.admitted(drones))
 

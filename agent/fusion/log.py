@@ -161,7 +161,7 @@ class ObservationLog:
         return f"{self._sum:032x}"
 
     def add(self, entry: Entry, payload: bytes) -> Outcome:
-        """Offer an entry; ``payload``: its received bytes."""
+        """Offer an entry; ``payload``: the received bytes from which it was decoded."""
         outcome = self._add(entry, payload)
         self.counters[outcome.value] += 1
         return outcome
