@@ -1,4 +1,4 @@
-"""What follows for one drone from the silence of others."""
+"""Consequences of lost and one-way links for one drone."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from agent.navigation.unheard.wayaround import KeptPlace
 
 
 class Absence(Struct, frozen=True):
-    """Which drones are out of contact with this one, and what that means for it; mission frame.
+    """Peers without a two-way link, and the consequences for this drone; mission frame.
 
-    missing: drones that took part, held, or may take part, and are not heard, or do not hear this one. None where this drone
-        returns, and only others that returned, too, are not heard.
-    unhearing: of these, those that are heard.
-    ring: index of the circle on which this drone flies, with those in contact with it; 0 is the shared one (``sides.ring_of``).
+    missing: peers with a lost or one-way link that took part, held, or may take part. Empty while this drone returns and all
+        peers without a link returned as well.
+    unhearing: the one-way peers among ``missing``: heard, but without reception of this drone.
+    ring: index of the circle on which this drone and its network component fly; 0 is the shared one (``sides.ring_of``).
     kept: the missing drones whose places on the circle stay free.
-    walls: the line to which this drone keeps on its side, by the drone beyond.
-    alone: some are missing, and none of those in contact takes part.
-    stops: (M, 2) m, both ends of each stretch on which a vehicle may hover before it flies home without its agent; also of the
-        unhearing, as they reckon with the same of this drone.
-    coming_home: missing drones whose vehicles may be on their way home without their agents, and not down yet.
-    homes: places that are kept clear of, as others may come down there; on the way home also those where others may hover.
+    walls: the separation line to each missing drone, by id; this drone keeps to its own side.
+    alone: drones are missing, and no peer in two-way contact takes part.
+    stops: (M, 2) m, both ends of each stretch on which a vehicle may hover before its failsafe return; one-way peers included,
+        because they expect the same of this drone.
+    coming_home: missing drones whose vehicles may be on a failsafe return, and not down yet.
+    homes: keep-out places above which missing drones may descend; on the way home also the places where they may hover.
     left: missing drones that are revoked, obey, and have climbed from the circle.
-    anywhere: missing drones that no line parts from this one: they may fly on, nobody knows where.
+    anywhere: missing drones without a separation line to this one, which may continue their flight at an unknown position.
     """
 
     missing: tuple[str, ...]
@@ -45,15 +45,15 @@ class Absence(Struct, frozen=True):
 
     @property
     def unheard(self) -> tuple[str, ...]:
-        """Those that are not heard."""
+        """Missing drones with a lost link."""
         return tuple(name for name in self.missing if name not in self.unhearing)
 
     @property
     def may_circle(self) -> bool:
-        """Whether one may circle with no line between it and this drone: until its vehicle must be down, if its agent is gone."""
+        """Whether a peer without a separation line may circle: until its vehicle must be down, if its agent is lost."""
         return any(name not in self.walls for name in self.coming_home)
 
     def with_homes(self, homes: Sequence[KeptPlace], moved: Transform) -> Absence:
-        """With these, too, as they lie if this drone is elsewhere; ``moved``: from there to where it takes itself to be."""
+        """Add homes as seen from another position of this drone; ``moved``: transform from there to its own position estimate."""
         others = (replace(home, place=moved.apply_point((*home.place, 0.0))[:2]) for home in homes)
         return replace(self, homes=(*self.homes, *others))

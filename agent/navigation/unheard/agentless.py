@@ -1,8 +1,8 @@
-"""Where a vehicle may be whose agent is gone. Its autopilot stops, and does what the mission's ``safety.agent_lost`` says: it
-returns straight to the place of its launch, first up and then across, and lands; or it lands or stays where it has stopped.
+"""Positions of a vehicle whose agent is lost. The autopilot stops, and follows the mission's ``safety.agent_lost``: straight
+return to the launch place, first up and then across, and landing; or landing or hold at the stop.
 
-How early and how late it may be on its way home is known only within wide limits: at each time it may be anywhere between two
-places of that way. Positions are horizontal, mission frame; times in seconds since its last pose.
+The times of departure and arrival are known only within wide limits: at each time the vehicle may be anywhere between two
+points of its way. Positions are horizontal, mission frame; times in seconds since the last pose.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from agent.navigation.peers.newest import Peer
 from protocol.messages import Stage
 from protocol.stages import DESCENDING, STEERED
 
-# An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
-# checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
-# more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
+# Autopilot without setpoints (PX4: COM_OF_LOSS_T): flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
+# checks; slower near the height), returns at 3 to 6 m/s (MPC_XY_CRUISE: 5), and descends at half a metre per second or
+# more. From the last setpoint to the departure, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-_NEAREST_S, _FARTHEST_S = 0.5, 2.0  # it stops so many seconds of its velocity ahead, at least and at most: about ``ONWARD_S``
-_BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # one that is told to hold stops after v^2 / 6 + 0.6 v: MPC_ACC_HOR is 3 m/s^2
-_GAP_M = 6.0  # between two of which each is kept from by the separation and more no way leads
-_LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
+_NEAREST_S, _FARTHEST_S = 0.5, 2.0  # least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``
+_BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # stopping distance after a hold command: v^2 / 6 + 0.6 v; MPC_ACC_HOR is 3 m/s^2
+_GAP_M = 6.0  # between two keep-out places (separation and more around each) that leave no way between them
+_LOWER_M = 12.0  # nearer to home than this the return may be lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
 class Stretch(Struct, frozen=True):
-    """A straight way on which a vehicle may be: at the k-th time anywhere between ``back`` and ``front`` (K,), metres from its
-    start; None: anywhere on it.
+    """Straight way of a vehicle: at the k-th time it is anywhere between ``back`` and ``front`` (K,), metres from the start;
+    None: anywhere on the way.
     """
 
     start: Point2
@@ -44,7 +44,7 @@ class Stretch(Struct, frozen=True):
     front: Array | None = None
 
     def nearest(self, places: Array) -> Array:
-        """Its points (K, 2) nearest to places (K, 2), one for each time."""
+        """Return the points (K, 2) of the stretch nearest to places (K, 2), one for each time."""
         length_m = dist(self.start, self.end)
         along = np.array([self.end[0] - self.start[0], self.end[1] - self.start[1]]) / max(length_m, 1e-9)
         least, most = (0.0 if self.back is None else self.back), (length_m if self.front is None else self.front)
@@ -54,10 +54,10 @@ class Stretch(Struct, frozen=True):
 
 
 class Course(Struct, frozen=True):
-    """What one vehicle does: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: it does not leave.
-    ``way``: from there home, at the height ``cruise_m``; there it must be at ``arrives_s``, and down at ``down_s``. None: it does
-    not return.
-    ``goes_on_m``: how far along ``stop`` it gets at least before it stops.
+    """Failsafe course of one vehicle: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: for good.
+    ``way``: from the stop to home, at the height ``cruise_m``; the vehicle is there by ``arrives_s``, and down by ``down_s``.
+    None: no return.
+    ``goes_on_m``: least distance along ``stop`` before the vehicle stops.
     """
 
     stop: Stretch
@@ -69,9 +69,9 @@ class Course(Struct, frozen=True):
     goes_on_m: float = 0.0
 
     def stretches(self, times: Array, below_m: float) -> list[Stretch]:
-        """Where it may be at some times (K,), ascending, the first of which is now; nowhere once it must be down.
+        """Return the possible stretches at times (K,), ascending, the first of which is now; none once the vehicle must be down.
 
-        ``below_m``: what crosses above this height is not in the way.
+        ``below_m``: height above which a crossing vehicle is not in the way.
         """
         leaves_s = self._leaves_s(below_m)
         found = [self.stops(times)] if times[0] < leaves_s else []
@@ -88,7 +88,7 @@ class Course(Struct, frozen=True):
 
     @property
     def hovers(self) -> list[Point2]:
-        """Places along its stop if it stays there, so near to each other that no way leads between them; none if it leaves."""
+        """Hover places along the stop of a vehicle that stays, too near to each other for a way between them; else none."""
         (x, y), (end_x, end_y) = self.stop.start, self.stop.end
         if self.leaves_s < inf:
             return []
@@ -96,20 +96,20 @@ class Course(Struct, frozen=True):
         return [(x + share * (end_x - x), y + share * (end_y - y)) for share in np.linspace(0.0, 1.0, count).tolist()]
 
     def is_stop(self, stretch: Stretch) -> bool:
-        """Whether one of these stretches is that on which it stops."""
+        """Whether a stretch returned by ``stretches`` is the stop of this course."""
         return (stretch.start, stretch.end) == (self.stop.start, self.stop.end)
 
     def _leaves_s(self, below_m: float) -> float:
-        """When it leaves for home at the latest if it returns no higher than this; higher, it has climbed out of the way by then.
+        """Return the latest departure for a return up to ``below_m``; a higher return has climbed out of the way by then.
 
-        Waiting for it to leave at its full height, one that came down below it stayed 3 m beside its own home for 5 s, as low as
-        those that circled there and kept clear of that home only.
+        The departure at full height would be too late: a vehicle that lands below that height would wait beside its own home,
+        as low as circling drones, which keep clear of that home only.
         """
         return max(_STOPPED_S, self.leaves_s - max(0.0, self.cruise_m - below_m) / _CLIMB_MPS) if self.way else self.leaves_s
 
     def stops(self, times: Array) -> Stretch:
-        """Where it stops, at times as in ``stretches``. It goes on at first, and is not any more where it was: who follows it has
-        to brake, and not to go around.
+        """Return the stretch of the stop, at times as in ``stretches``. At first the vehicle flies on, and leaves its last
+        position: a follower has to brake, and not to go around.
         """
         start, end = self.stop.start, self.stop.end
         back = self.goes_on_m * np.clip(times / _GOES_ON_S, 0.0, 1.0)
@@ -117,7 +117,7 @@ class Course(Struct, frozen=True):
 
 
 class Agentless:
-    """The vehicles of a mission, without their agents."""
+    """Failsafe courses of the vehicles of a mission."""
 
     def __init__(self, mission: MissionConfig) -> None:
         self._agent_lost = mission.safety.agent_lost
@@ -127,9 +127,9 @@ class Agentless:
         self._corners = mission.area.polygon_m
 
     def course(self, name: str, moves: PeerState, stage: Stage, home: Vector3, *, steered: bool = False) -> Course:
-        """What it does from a place where it moved so, mission frame, when its agent was at that stage.
+        """Return the failsafe course from a position and velocity, mission frame, with the agent at that stage.
 
-        ``steered``: by its agent until then, as its last pose tells.
+        ``steered``: by its agent until then, according to its last pose.
         """
         (_, _, z), (u, v, _) = moves.position, moves.velocity
         stop, reaction = _stop(moves), self._reaction(name, stage)
@@ -142,15 +142,15 @@ class Agentless:
 
     @staticmethod
     def blind_hold(moves: PeerState) -> Course:
-        """Its agent, which misses its telemetry, has it hold: until that is noticed it flies on, and then it brakes straight
-        ahead.
+        """Return the course after a hold command of an agent without telemetry: the vehicle flies on until the agent notices, and
+        then brakes straight ahead.
         """
         (x, y, _), (u, v, _) = moves.position, moves.velocity
         ahead_s = _GOES_ON_S + hypot(u, v) / _BRAKES_MPS2 + _BRAKES_LATE_S
         return Course(Stretch((x, y), (x + ahead_s * u, y + ahead_s * v)), inf)
 
     def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0) -> Course:
-        """Its way home from there, up and across, as its autopilot flies it if it has a home, and otherwise its agent."""
+        """Return the way home, up and across: flown by the autopilot if it has a home, and otherwise by the agent."""
         (x, y, z), (u, v, _) = moves.position, moves.velocity
         home_x, home_y, home_z = home
         cruise_m = max(z, home_z + self._return_m[name])
@@ -161,17 +161,17 @@ class Agentless:
         return Course(_stop(moves), leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
 
     def returns_above(self, name: str, other: str) -> bool:
-        """Whether one returns higher than the other, and so comes down through the height of the other's return."""
+        """Whether ``name`` returns higher than ``other``, and so descends through the height of the other's return."""
         return self._return_m[name] > self._return_m[other]
 
     def longest_s(self, name: str) -> float:
-        """The longest that it takes until it is down after a return from anywhere in the area that nothing hinders."""
+        """Return the longest time to landing after an unhindered return from anywhere in the area."""
         home_x, home_y, _ = self._launch[name]
         way_m, cruise_m = max(dist(corner, (home_x, home_y)) for corner in self._corners), self._return_m[name]
         return _STOPPED_S + cruise_m / _CLIMB_MPS + way_m / _SLOWEST_MPS + cruise_m / _DESCENT_MPS + _DOWN_S
 
     def _reaction(self, name: str, stage: Stage) -> str:
-        """What its autopilot does; without offboard mode, what it did before."""
+        """Return the reaction of the autopilot to the loss of its agent; without offboard mode, its present action."""
         if stage in DESCENDING:
             return "land"
         if stage not in STEERED:
@@ -179,15 +179,15 @@ class Agentless:
         return "hold" if name in self._homeless else self._agent_lost
 
     def has_home(self, name: str) -> bool:
-        """Whether its autopilot can return: not where its local frame may begin anywhere."""
+        """Whether the autopilot can return: not if the origin of its local frame is arbitrary."""
         return name not in self._homeless
 
     def launch(self, name: str) -> Vector3:
-        """Its launch place by the mission's layout."""
+        """Launch place by the mission's layout."""
         return self._launch[name]
 
     def home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
-        """Where it returns to, with its agent or without."""
+        """Destination of a return, with or without the agent."""
         launch, pose = peer.launch, peer.pose
         if launch is None or pose is None or launch.epoch != pose.epoch:
             return self._launch[name]
@@ -195,6 +195,6 @@ class Agentless:
 
 
 def _stop(moves: PeerState) -> Stretch:
-    """Where it stops, from a place where it moved so."""
+    """Return the stretch of the stop from a position and velocity."""
     (x, y, _), (u, v, _) = moves.position, moves.velocity
     return Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))

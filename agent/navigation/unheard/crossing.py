@@ -1,7 +1,7 @@
-"""From one circle to another, or home, while drones that are not heard may fly on those in between, anywhere: over them.
+"""Crossing of circles on which lost peers may fly, to another circle or home: in the own altitude layer, above all of them.
 
-Such a drone climbs where it is to the height of its own at which its autopilot would return (``MissionConfig.return_heights_m``),
-or, where the lowest of these is not well above all circles, higher, as all others; goes across, and comes down where it belongs.
+A crossing drone climbs on the spot to its altitude layer, its autopilot's return height (``MissionConfig.return_heights_m``).
+If the lowest layer is not well above all circles, all layers are lifted. Then the drone crosses, and descends at its destination.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from agent.config.mission import MissionConfig
 from agent.geometry import Point2
 from agent.motion.orbit import highest_circle_m
 
-_NEAR_M = 1.0  # so near to its height or its circle it has arrived
-# So near to home, and to come to rest there, it is home, until it is carried so far away from there. One that was told to return
-# as it left home at 4 m/s flew on low for 15 m, past those that circled (2.7 m).
+_NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
+# Home is reached when position and stopping point are within the first distance; left beyond the second one (hysteresis). The
+# stopping point counts, because a drone that is ordered home while it leaves home at 4 m/s would fly on low for 15 m.
 _OVER_HOME_M, _AWAY_M = 2.0, 6.0
-_CEILING_SHARE = 0.9  # of the ceiling, which plans keep from: no layer is higher
-CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
+_CEILING_SHARE = 0.9  # of the ceiling, from which plans keep clear: the highest altitude layer
+CLEAR_M = 5.0  # from a forbidden circle during the climb: the separation, and the margin of plans
 
 
 def is_over_m(mission: MissionConfig, drone: str) -> float:
-    """From this height (m) above the ground on a drone is above all that fly low."""
+    """Return the height (m) above the ground from which on a drone is above all low flight."""
     return crossing_height_m(mission, drone) - _NEAR_M
 
 
 def low_m(mission: MissionConfig) -> float:
-    """Below this height (m) above the ground a drone is among those that search and track."""
+    """Return the height (m) above the ground below which a drone is among those drones that search and track."""
     return mission.survey.height_m + _NEAR_M
 
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
-    """Height (m) above the ground at which a drone crosses: that of its autopilot's return, all of them higher by as much as the
-    lowest needs to be above all circles, or by less where the ceiling does not allow as much.
+    """Return the height (m) above the ground at which a drone crosses: its autopilot's return height, with all altitude layers
+    lifted as far as the lowest one needs to be above all circles, or less where the ceiling allows less.
     """
     layers_m, height_m = mission.return_heights_m, mission.return_height_m(drone)
     lift_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M - min(layers_m)
@@ -46,25 +46,25 @@ def crossing_height_m(mission: MissionConfig, drone: str) -> float:
 
 
 class Crossing:
-    """The crossing of one drone. ``climbs``: it has to cross, and is too low yet; ``is_outside``: then, that it is outside of all
-    circles that it has to cross; ``is_over``: it is above all circles.
+    """Crossing of one drone. ``climbs``: a crossing is due, and the drone is too low yet; ``is_outside``: in addition, it is
+    outside all circles to be crossed; ``is_over``: it is above all circles.
     """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         self._height_m = crossing_height_m(mission, drone)
-        self._held_m: float | None = None  # the radius at which it climbs, from the begin of a crossing to its end
+        self._held_m: float | None = None  # radius of the climb, from the begin of a crossing to its end
         self.climbs = self.is_outside = self.is_over = False
 
     def end(self) -> None:
-        """Nothing to cross any more."""
+        """End the crossing: no circle is left to be crossed."""
         self._held_m = None
         self.climbs = self.is_outside = self.is_over = False
 
     def course(self, far_m: float, height_m: float, radius_m: float, taken_m: Sequence[float]) -> tuple[float, float | None]:
-        """Radius to fly on, and height above the ground; None: that of the circle.
+        """Return the radius to fly on, and the height above the ground; None: the height of the circle.
 
-        ``far_m``: present distance from the centre; ``height_m``: above ground; ``radius_m``: of the circle where it belongs;
-        ``taken_m``: of those that others may fly on.
+        ``far_m``: present distance from the centre; ``height_m``: above ground; ``radius_m``: of the own circle;
+        ``taken_m``: radii of the circles on which other drones may fly.
         """
         between_m = [taken for taken in taken_m if (far_m - taken) * (radius_m - taken) < 0.0]
         if self._held_m is None and between_m:
@@ -80,8 +80,8 @@ class Crossing:
 
 
 class WayHome:
-    """The return of one drone. ``climbs``: it has to cross, and is too low yet. ``comes_down``: from its height, over home, or
-    waits there until it can.
+    """Return of one drone. ``climbs``: a crossing is due, and the drone is too low yet. ``comes_down``: descent from its altitude
+    layer over home, or the wait there for a free descent.
     """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
@@ -90,19 +90,18 @@ class WayHome:
         self.begin()
 
     def begin(self) -> None:
-        """A return begins, or the local frame is another one."""
-        self._held: Point2 | None = None  # where it climbs
+        """Begin a return, or begin it anew in another local frame."""
+        self._held: Point2 | None = None  # position of the climb
         self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
 
     def course(
         self, here: Point2, rest: Point2, height_m: float, home: Point2, *, unheard: bool, taken: bool = False
     ) -> tuple[Point2, float | None]:
-        """Where to go, and at which height above the ground; None: that of the search.
+        """Return the destination, and the height above the ground; None: the height of the search.
 
-        ``here``, ``home``, and ``rest``, where it would come to rest: in one frame; ``unheard``: there are drones that are not
-        heard and may fly anywhere on the way; ``taken``: below home, too: it waits above. Once above them it stays there to the
-        end, as it may be over one that is heard again. Over home it comes down by setpoints, three times as fast as autopilots
-        land.
+        ``here``, ``home``, and ``rest``, the stopping point: in one frame; ``unheard``: lost peers may fly anywhere on the way;
+        ``taken``: also below, at home: the drone waits above. Once in its layer the drone stays there to the end, because it may
+        be over a peer that is heard again. Over home it descends by setpoints, three times as fast as autopilots land.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
         arrives = max(dist(here, home), dist(rest, home)) < _OVER_HOME_M

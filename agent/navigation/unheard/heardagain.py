@@ -1,8 +1,8 @@
-"""Where one may be that is heard again, but whose localisation has jumped meanwhile, as long as nobody knows its frame.
+"""Possible positions of a peer with a new link whose localisation has jumped meanwhile, until its frame is known.
 
-By continuity it is where it was heard last, or a little further on (``localization.continuity``). If its agent was gone, its
-vehicle may as well have been on its way home, or there, when the agent was started again; it waits there until it is placed.
-That it may be silent once more meanwhile changes nothing: a vehicle that holds stays where it is.
+By continuity the peer is at its last known position, or a little ahead (``localization.continuity``). If its agent was lost, its
+vehicle may as well have been on its way home, or there, at the restart of the agent; there it waits until it is placed. A new
+loss of the link meanwhile changes nothing: a vehicle in hold stays.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from agent.navigation.unheard.viewer import Viewer
 
 
 class HeardAgain:
-    """Those that are heard again: how long they had been silent then, in seconds, and what their vehicles may have done."""
+    """Peers with a new link: the length of their silence, in seconds, and the possible failsafe courses of their vehicles."""
 
     def __init__(self) -> None:
         self._ended: dict[str, tuple[float, Sequence[Course]]] = {}
 
     def follow(self, name: str, stamp_ns: int, silent: tuple[int, Sequence[Course]] | None, *, is_carried: bool) -> None:
-        """Note for how long a drone was silent that is heard again and whose frame is one by continuity; else forget it.
+        """Note the silence of a peer that is heard again and whose frame is known by continuity only; else forget it.
 
         Args:
             name: its id.
             stamp_ns: of its newest pose.
-            silent: since when it was silent, and its courses; None where it was heard before, too.
-            is_carried: its frame is one by continuity.
+            silent: begin of its silence, and its failsafe courses; None if it was heard before, too.
+            is_carried: its frame is known by continuity only.
         """
         if not is_carried:
             self.forget(name)
@@ -38,11 +38,11 @@ class HeardAgain:
             self._ended[name] = (stamp_ns - silent[0]) * 1e-9, silent[1]
 
     def forget(self, name: str) -> None:
-        """Forget for how long a drone was silent: it is on the ground, or seen, or its frame is known."""
+        """Forget the silence of a drone: it is on the ground, or seen, or its frame is known."""
         self._ended.pop(name, None)
 
     def plans(self, name: str, me: Viewer) -> list[PeerPlan]:
-        """Where it may be beside its place by continuity, as far as that is nearest to this drone's own plan."""
+        """Return the possible positions beside the one by continuity, each nearest to this drone's own plan."""
         silent_s, courses = self._ended.get(name, (0.0, ()))
         ahead = me.way()[:, :2]
         found = []

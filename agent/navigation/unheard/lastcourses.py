@@ -1,4 +1,4 @@
-"""What the vehicle of a silent drone does if its agent is gone, by the last that is known of it: its pose, and its stage."""
+"""Failsafe courses of a lost peer's vehicle by its last known pose and stage."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from agent.navigation.unheard.contact import motion_of
 from protocol.messages import Pose, Stage
 from protocol.stages import BRAKING, STEERED
 
-_BLIND_NS = 1_500_000_000  # statuses go on, and its last pose is older: its agent hears nothing of its vehicle
+_BLIND_NS = 1_500_000_000  # status newer than the last pose by more than this: the agent is without telemetry
 
 
 def last_stage(peer: Peer) -> Stage:
-    """Its stage by its last status; as in flight where none is known."""
+    """Return the stage by the last status; a stage in flight if none is known."""
     return peer.status.stage if peer.status is not None else Stage.SURVEY
 
 
 def last_course(agentless: Agentless, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
-    """What its vehicle does from this pose on if its agent is gone."""
+    """Return the failsafe course of the vehicle from this pose on."""
     home = agentless.home(name, peer, mission_from_theirs)
     return agentless.course(name, motion_of(pose, mission_from_theirs), last_stage(peer), home, steered=pose.steered)
 
@@ -36,20 +36,20 @@ def possible_courses(
     *,
     excluded: bool,
 ) -> list[Course]:
-    """What its vehicle does if its agent is gone, or as it is revoked and obeys, by each frame.
+    """Return the possible courses of a lost peer's vehicle, by each frame: failsafe courses, and the return of a revoked drone.
 
-    It begins where it was ``seen`` last, mission frame, or else at its last pose. It goes home by its localisation, as that is:
-    where that is wrong, to beside its home. If its agent did not steer it any more by that pose, a human pilot may have it hold,
-    and no status has told it yet, or it is brought home; one that has told its stage, but no pose for seconds, has had no
-    telemetry, and has it hold.
+    Each course begins where the vehicle was last ``seen``, mission frame, or else at its last pose. A return follows the peer's
+    own localisation: with a localisation error it ends beside home. If the last pose says that the agent no longer steers, the
+    safety pilot may hold the vehicle or return it, and no status has reported it yet. If statuses continue without a pose for
+    seconds, the agent is without telemetry, and commands a hold.
 
     Args:
-        agentless: the vehicles of the mission without their agents.
+        agentless: the failsafe courses of the mission's vehicles.
         name: its id.
-        peer: the last that is known of it.
+        peer: the last known messages of the peer.
         pose: its last pose.
-        frames: mission from its own: by which it flies, and, if it is in doubt, by which it may be elsewhere.
-        seen: how it moved when it was seen last, if that was after its last pose.
+        frames: mission from its own: the frame of its flight, and the frame of its alternative position hypothesis, if any.
+        seen: its motion at the last sighting, if that is newer than its last pose.
         excluded: it is revoked.
     """
     stages = _possible_stages(last_stage(peer), steered=pose.steered)
@@ -69,14 +69,14 @@ def possible_courses(
 
 
 def _possible_stages(stage: Stage, *, steered: bool) -> list[Stage]:
-    """The stages in which it may be, that of its last status first; ``steered``: by its agent, by its last pose."""
+    """Return the possible stages, the stage of the last status first; ``steered``: by its agent, according to its last pose."""
     if not steered and stage in STEERED:
         return [stage, Stage.HOLD]
-    if steered and stage in (Stage.TAKEOFF, *BRAKING):  # it was rising, or braking, by setpoints
+    if steered and stage in (Stage.TAKEOFF, *BRAKING):  # the climb or the braking was by setpoints
         return [stage, Stage.SURVEY]
     return [stage]
 
 
 def _is_brought_home(agentless: Agentless, name: str, peer: Peer, pose: Pose) -> bool:
-    """Whether its autopilot, or a human pilot, had it return: then that goes on, whatever it would do without its agent."""
+    """Whether its autopilot or the safety pilot had begun a return: that return continues, whatever the failsafe would be."""
     return last_stage(peer) is Stage.RETURN and not pose.steered and agentless.has_home(name)

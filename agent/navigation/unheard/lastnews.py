@@ -1,4 +1,4 @@
-"""What an agent that is restarted in flight still knows of the other drones."""
+"""Knowledge about the other drones that survives a restart of the agent in flight."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from protocol.messages import Pose, Stage, Status
 
 
 class LastNews(Struct, frozen=True, kw_only=True):
-    """The last pose and stage of a drone that flies by them, and the line that parts it from this one; None: there is none.
-    ``launch``: its last pose before it left the place of its launch, there on the ground: its home, which the mission's layout
-    tells less well; None where it was not heard there.
+    """Last pose and stage of a flying peer, and the separation line between it and this drone; None: no line.
+    ``launch``: its last pose on the ground at its launch place: its home, more exact than the mission's layout; None if no pose
+    from there is known.
 
-    That line follows from how both moved when they last heard each other. A restarted agent, which has no telemetry of then,
-    could not work it out again. Of one that was heard until this agent was ended, all this is up to 5 s older.
+    The line follows from both motions at the last contact. A restarted agent, without telemetry of that time, could not compute
+    it again. For a peer with a link up to the end of the former agent, all this is up to 5 s older.
     """
 
     pose: Pose
@@ -29,8 +29,8 @@ class LastNews(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, pose: Pose, status: Status, wall: Wall | None, launch: Pose | None = None) -> LastNews | None:
-        """None where a state file cannot hold it: after the own clock was set back to before this pose. Without a line whose
-        numbers are not finite, as JSON has none.
+        """Return None if a state file cannot hold the data: a pose before a backward step of the own clock. A line with numbers
+        that are not finite is left out, because JSON has none.
         """
         if pose.stamp_ns < 0:
             return None
@@ -45,12 +45,12 @@ class LastNews(Struct, frozen=True, kw_only=True):
         )
 
     def told_before(self, latest_ns: int) -> tuple[Pose, Status]:
-        """The messages, with a stamp no later than this: the own clock may have been set back since."""
+        """Return the messages, stamped no later than ``latest_ns``: the own clock may have been stepped backward since."""
         stamp_ns = min(self.pose.stamp_ns, latest_ns)
         status = Status(stamp_ns=stamp_ns, drone=self.pose.drone, mission=self.mission, boot=self.boot, stage=self.stage)
         return replace(self.pose, stamp_ns=stamp_ns), status
 
 
 def _on_ground(launch: Pose) -> Pose:
-    """That pose may be of the takeoff; local frames begin on the ground."""
+    """Return the launch pose on the ground, where local frames begin: the pose itself may belong to the takeoff."""
     return replace(launch, position_m=(*launch.position_m[:2], 0.0))

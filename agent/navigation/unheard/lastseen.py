@@ -1,4 +1,4 @@
-"""Where a drone that is not heard was seen last: it may be hidden for a while, by another one or a wall."""
+"""Last sighting of a lost peer, which another drone or a wall may occlude for a while."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agent.navigation.peers.relative import UNKNOWN_MPS
 
 
 class LastSeen(Struct, frozen=True):
-    """How it moved at a stamp, own local frame of this epoch, and the error of that place (1 sigma)."""
+    """Motion at a stamp, own local frame of this epoch, and the position uncertainty (1 sigma)."""
 
     stamp_ns: int
     epoch: int
@@ -21,33 +21,33 @@ class LastSeen(Struct, frozen=True):
 
     @classmethod
     def by(cls, seen: PeerPlan, moves: PeerState, epoch: int) -> LastSeen:
-        """From where it is now by its sightings, ``seen``; ``moves``: by the newest of them."""
+        """Derive it from the present position by sightings, ``seen``, and the motion by the newest of them, ``moves``."""
         stamp_ns = seen.stamp_ns - round(moves.age_s * 1e9)
         sigma_m = max(0.0, seen.sigma_m - UNKNOWN_MPS * moves.age_s)
         return cls(stamp_ns, epoch, PeerState(moves.position, moves.velocity), sigma_m)
 
     def sigma_after_m(self, seconds: float) -> float:
-        """Of where it has stopped so long after, if it has: it may have flown on; as it grows while it is seen."""
+        """Position uncertainty of the stop after that time, if the peer stopped: it may have flown on; same growth as if seen."""
         return min(self.sigma_m + UNKNOWN_MPS * seconds, WORST_SIGMA_M)
 
 
 class LastSightings:
-    """Of each, where it was seen last."""
+    """Last sighting of each peer."""
 
     def __init__(self) -> None:
         self._last: dict[str, LastSeen] = {}
 
     def shift(self, by_ns: int) -> None:
-        """Move all stamps: the own clock was set."""
+        """Move all stamps after a step of the own clock."""
         self._last = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._last.items()}
 
     def note(self, name: str, seen: PeerPlan, epoch: int, *, flies: bool) -> None:
-        """It is seen now, own local frame of this epoch."""
+        """Note a sighting of now, own local frame of this epoch."""
         self._last.pop(name, None)
         if flies and seen.measured is not None:
             self._last[name] = LastSeen.by(seen, seen.measured, epoch)
 
     def of(self, name: str, heard_ns: int, epoch: int) -> LastSeen | None:
-        """Where it was seen after it was heard last; None where it was not, or in another local frame."""
+        """Return the last sighting after the last pose; None without such a sighting, or in another local frame."""
         last = self._last.get(name)
         return last if last is not None and last.epoch == epoch and last.stamp_ns > heard_ns else None
