@@ -1,4 +1,4 @@
-"""What the statuses of those that are heard tell of drones that are not: whom each has heard in the last 3 s."""
+"""Links of lost peers to other drones, by their statuses: each lists the drones heard in the last 3 s."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from agent.navigation.peers.newest import Peers
 from protocol.messages import Status
 
-# Places on a shared circle are kept for this long after the last contact. Each side notices after a second, and moves to a circle
-# of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
+# Retention of a place on the shared circle after the last contact. Each network component notices after a second, and moves to a
+# circle of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
-_RELAYED_NS = 4_000_000_000  # who is gone for good is in no status by then
+_RELAYED_NS = 4_000_000_000  # by then no status lists a drone without any link
 
 
 def relayed(last_ns: Mapping[str, int | None], partners: Sequence[str], peers: Peers) -> set[str]:
-    """Missing drones that a partner, which this drone hears, has heard long after this one did: they fly on, and on the same
-    side, though neither hears the other.
+    """Return the missing drones that a partner of this drone has heard long after this one did: they fly on, in the same network
+    component, although neither of the two hears the other.
 
-    ``last_ns``: of each missing drone the stamp of its last contact with this one; None where it was never heard.
+    ``last_ns``: stamp of the last contact of each missing drone with this one; None: never heard.
     """
     return {
         name

@@ -1,4 +1,4 @@
-"""The circle that one drone shares with those that it hears: its radius and its places while others are not heard."""
+"""Circle that a drone shares with the peers it hears: its radius and its places while other links are lost."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from agent.navigation.unheard.sides import is_next
 
 ROOM_M = 3.0  # between a circle and the fence
-# One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
-# brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
+# A lost peer follows its plan until it notices the loss, and ceases to count here, at the same time. Then it brakes from the
+# speed of the circle, or of the way to a place on it: within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
-_PASSES_MPS, _PASSED_M = 1.5, 8.0  # faster than this one flies past; so far outside of the circle it is none of its business
+_PASSES_MPS, _PASSED_M = 1.5, 8.0  # speed of passing traffic; distance outside the circle beyond which traffic is ignored
 
 
 class _Circle(NamedTuple):
-    """A circle that a missing drone may fly on, if that one is the first of its side."""
+    """Circle on which a missing drone may fly, if it is the first of its network component."""
 
     name: str
     ring: int
@@ -37,7 +37,7 @@ class _Circle(NamedTuple):
 
 
 class SharedCircle:
-    """Circle of one drone."""
+    """Shared circle, from the view of one drone."""
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         """``drone``: the own id."""
@@ -46,11 +46,11 @@ class SharedCircle:
         self._names = [member.id for member in mission.drones]
         self._fence = Polygon(mission.area.polygon_m).buffer(mission.area.fence_margin_m)
         shapely.prepare(self._fence)
-        # The plan of each when it was last heard, at a time and with the centre then.
+        # The last plan of each peer with a link, with the time and the centre then.
         self._heard: dict[str, tuple[int, PeerPlan, Vector3]] = {}
 
     def begin(self) -> None:
-        """The local frame is another one."""
+        """Begin anew in another local frame."""
         self._heard.clear()
         self._crossing.end()
 
@@ -65,12 +65,12 @@ class SharedCircle:
         *,
         climbs: bool = False,
     ) -> list[PeerPlan]:
-        """The next circles inside and outside of the own one that missing drones may fly on, where nearest to the own plan.
+        """Return the next circles inside and outside of the own one on which missing drones may fly, nearest to the own plan.
 
-        One that belongs on a circle inside may still be outside, and climb there before it crosses.
+        A drone that belongs on a circle inside may still be outside, and climb there before it crosses.
 
-        ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``; ``climbs``: it climbs
-        before it goes home, and none of the circles is its own any more.
+        ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``; ``climbs``: this drone
+        climbs before its way home, and no circle is its own any more.
         """
         if self._crossing.is_over and not climbs:
             return []
@@ -82,7 +82,7 @@ class SharedCircle:
         else:
             circles = self._circles(absence, fits_hypothesis)
             within = [one for one in circles if one.ring < absence.ring][-1:]
-            # One who is further away is on the way in.
+            # A drone outside of such a circle is on the way in.
             around = [one for one in circles if one.ring > absence.ring][:1]
             if within:
                 clear_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis) + CLEAR_M
@@ -93,7 +93,7 @@ class SharedCircle:
         return found + [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=False) for one in around]
 
     def inner(self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, fits: bool) -> list[PeerPlan]:
-        """Of ``others``, the circle inside of the own one, to a drone that is clear of it and hovers, as its own has no room."""
+        """Return the inner circle of ``others``, for a drone that is clear of it and hovers, because its own circle has no room."""
         clear_m = _far_m(ahead, centre) - self._mission.limits.separation_m
         within = [one for one in self._circles(absence, fits) if one.ring < absence.ring and one.radius_m <= clear_m]
         return [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within[-1:]]
@@ -101,9 +101,11 @@ class SharedCircle:
     def middle(
         self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, radius_m: float
     ) -> list[PeerPlan]:
-        """What is inside of the circle, to a drone on it or outside, while vehicles may hover anywhere whose agents are gone:
-        nobody is there, but two sides that evade those vehicles through the middle meet, and neither reckons with it; outward
-        they part. ``radius_m``: of the circle that all share; the others as in ``others``.
+        """Return the middle of the circle as an obstacle to a drone on it or outside, while vehicles without agents may hover
+        there.
+
+        Two network components that evade those vehicles through the middle would meet, unexpected by either; outward they part.
+        ``radius_m``: of the shared circle; the other arguments as in ``others``.
         """
         within_m = radius_m - CLEAR_M
         if len(absence.stops) == 0 or within_m <= 0.0 or _far_m(ahead, centre) < radius_m - ON_M:
@@ -111,11 +113,11 @@ class SharedCircle:
         return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
-        """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept.
+        """Return the circles of missing drones, from the inner to the outer; ``kept``: with drones whose place is kept.
 
-        The first of them may fly on the shared one as well where all before it have left (``sides``).
+        The first missing drone may fly on the shared circle as well if all drones before it have left (``sides``).
         """
-        circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # the last are kept apart from by lines
+        circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # separation lines part this drone from the last
         circling -= set() if kept else set(absence.kept)
         rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
         if rings and rings[0][0] > 0 and is_next(rings[0][0], self._names, absence.left):
@@ -125,7 +127,7 @@ class SharedCircle:
     def course(
         self, absence: Absence | None, far_m: float, height_m: float, fits_hypothesis: bool
     ) -> tuple[float | None, float | None]:
-        """Radius and height above ground to fly at, so as to keep clear of those that are not heard; None: as it is best.
+        """Return the radius and the height above ground that keep clear of missing drones; None: no constraint.
 
         ``far_m``: the own distance from the circle's centre; ``height_m``: the own height above ground.
         """
@@ -138,15 +140,15 @@ class SharedCircle:
 
     @property
     def climbs_outside(self) -> bool:
-        """Whether it climbs, before it crosses, where nobody circles."""
+        """Whether the drone climbs, before it crosses, outside of all circles."""
         return self._crossing.is_outside
 
     def lift_m(self, absence: Absence | None) -> float:
-        """By how much to fly higher than on the circle that is shared by all."""
+        """Height of the own circle above the shared one."""
         return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)
 
     def has_room(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> bool:
-        """Whether the circle that keeps clear of those that are not heard lies inside the fence; ``centre``: mission frame."""
+        """Whether the circle that keeps clear of missing drones lies inside the fence; ``centre``: mission frame."""
         if absence is None:
             return True
         radius_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis)
@@ -156,7 +158,7 @@ class SharedCircle:
     def stands(self, absence: Absence | None, centre: Point2, radius_m: float) -> bool:
         """Whether the drones on the circle stop, evenly spaced: a vehicle without its agent may hover on it, and leaves soon.
 
-        Without this they would evade it through the middle, one after the other. ``centre``: mission frame.
+        Without the stop they would evade it through the middle, one after the other. ``centre``: mission frame.
         """
         if absence is None or len(absence.stops) == 0:
             return False
@@ -167,9 +169,10 @@ class SharedCircle:
     def is_crossed(
         self, now_ns: int, centre: Vector3, radius_m: float, others: Sequence[PeerPlan], partners: Mapping[str, PeerPlan]
     ) -> bool:
-        """Whether others that follow their plans, but do not circle with it, fly across the circle or near it, on their way home.
+        """Whether other drones that follow their plans, but do not circle too, fly across the circle or near it, on their way
+        home.
 
-        Who circles stands until they have passed: flying on into the midst of them, one was carried along, as far as they flew.
+        Circling drones stop until crossing traffic has passed: otherwise that traffic may carry a drone along.
         """
         for plan in others:
             (x, y, _), (u, v, _) = (state := plan.state(now_ns)).position, state.velocity
@@ -187,10 +190,10 @@ class SharedCircle:
         radius_m: float,
         stands: bool = False,
     ) -> dict[str, PeerState]:
-        """The drones among which the circle is divided: those that are heard, and those that are missing but whose place is kept.
+        """Return the drones that share the circle: the heard ones, and the missing ones whose place is kept.
 
-        ``centre``: its position and velocity, local frame as all positions; ``stands``: nobody circles at present, and those that
-        are missing have come to rest as far along their plans as they got.
+        ``centre``: position and velocity, local frame as all positions; ``stands``: all drones on the circle stand at present,
+        and missing drones have come to rest as far along their plans as they got.
         """
         (x, y, z), (u, v, _) = centre
         for name, plan in partners.items():
@@ -214,7 +217,7 @@ def _far_m(ahead: Array, centre: Vector3) -> float:
 
 
 def _beside(name: str, now_ns: int, step_s: float, ahead: Array, centre: Vector3, radius_m: float, *, inside: bool) -> PeerPlan:
-    """Anywhere on a circle or beyond it, where nearest to positions ``ahead`` (K, 3); ``inside``: beyond is inside of it."""
+    """Return a plan anywhere on a circle or beyond it, nearest to positions ``ahead`` (K, 3); ``inside``: beyond is inside."""
     outward = ahead[:, :2] - centre[:2]
     far = np.hypot(outward[:, 0], outward[:, 1])
     outward = outward / np.maximum(far, 1e-6)[:, None]

@@ -1,4 +1,4 @@
-"""Which drones hear each other while others are not heard, and the circle of those that do."""
+"""Network components while links are lost, and the circle of each."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from agent.navigation.unheard.contact import SILENT_NS
 
 
 def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peers, now_ns: int) -> list[str]:
-    """This drone, ``me``, and those of the heard ones that hear it, too. On the circle of others that do not, it would meet a
-    third one that they do not hear either, and that takes itself for one of their side as well.
+    """Return the network component of this drone, ``me``: itself and the peers with a two-way link. On the circle of one-way
+    peers, it could meet a third drone without a link to it that counts itself to the same component.
 
-    Who is heard, but is not one of the ``partners``, which take part, still belongs to it, or the side would have to leave its
-    circle whenever its first one returns: but only while that one hears none of the ``missing``. These would count it for their
-    side, too, and both sides would fly on one circle.
+    A peer with a two-way link that does not take part (not in ``partners``) still belongs to the component, because otherwise the
+    component would change its circle whenever its first drone returns. The condition: that peer hears no ``missing`` drone.
+    Otherwise the missing drones would count it, too, and two components would fly on one circle.
     """
     found = [me]
     for name in sorted(set(peers.names) - set(missing)):
@@ -27,13 +27,14 @@ def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peer
 
 
 def ring_of(members: Sequence[str], order: Sequence[str], missing: Collection[str], left: Collection[str]) -> int:
-    """The circle of a side, by its first one; ``order``: all ids, in that of the mission; ``left``: those of the missing that
-    circle no more. The shared one where all before that one have left it: no other side can take it.
+    """Return the circle of a network component, by its first member; ``order``: all ids, in the order of the mission; ``left``:
+    missing drones that no longer circle. The shared circle, 0, if all drones before the first member have left it: no other
+    component can take it.
     """
     first = min(map(order.index, members))
     return 0 if len(left) == len(missing) or is_next(first, order, left) else first
 
 
 def is_next(index: int, order: Sequence[str], left: Collection[str]) -> bool:
-    """Whether all before the drone at this place of the order have left the circle: then the shared one is its side's."""
+    """Whether all drones before this index have left the circle: then the shared circle belongs to the component."""
     return set(order[:index]) <= set(left)

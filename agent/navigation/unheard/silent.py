@@ -1,21 +1,22 @@
-"""Where a drone may be that flew and is not heard any more. Separation is kept from all of it, for as long as it is possible.
+"""Possible positions of a lost peer that flew at the last contact. Separation covers all of them, for as long as they are
+possible.
 
-Nobody can tell which of two things has happened:
+Two causes of the silence cannot be told apart:
 
-- its agent is gone, and its autopilot flies (``agentless``).
-- only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
-  different radius and height (``agent.motion.orbit``). Else both keep to their own sides of the line half-way between the places
-  where they get until they notice (``lines``).
+- loss of its agent: its autopilot flies (``agentless``).
+- loss of the radio alone: the peer flies on, and cannot hear this drone either. If both were on the circle, they leave for
+  circles of different radius and height (``agent.motion.orbit``). Otherwise both keep to their own sides of the separation line,
+  half-way between the positions at which they notice the loss (``lines``).
 
-Where it was seen after it was heard last, and is hidden now, all this begins there (``lastseen``). Its last pose may be minutes
-old: it was expected 20 m and more beside where it flew.
+If the peer was seen after its last pose, and is occluded now, all this begins at the last sighting (``lastseen``). The last
+pose may be minutes old, and its prediction 20 m and more beside the flight.
 
-One that is revoked, and has told that it obeys, climbs where it is and goes home: its circle is free. Without that it may
-circle as before.
+A revoked peer that has reported obedience climbs on the spot and returns: its circle is free. Without that report it may circle
+as before.
 
-One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
-the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
-circle; and it gives way to the plans that it hears.
+A one-way peer, heard but without reception of this drone, expects the same of it: this drone acts as if the link were lost both
+ways. It keeps to its side of the same line, or stands on the circle for as long as that peer does, and leaves for its own
+circle; and it gives way to the peer's published plans.
 
 Positions are horizontal, mission frame.
 """
@@ -49,19 +50,19 @@ from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 from protocol.stages import CIRCLING, MAY_TAKE_PART
 
-# Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
-# ahead of another one, that one could not stop any more when it noticed after a second.
+# Delay beyond the usual one: four poses are missing. The agent may be lost, and its vehicle stops soon: at a spacing at 6 m/s, a
+# follower that notices only after a second cannot stop any more.
 QUIET_NS = 400_000_000
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
-# A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
-# Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
+# A failsafe return this many times the separation above a drone, or higher, passes over it: the purpose of the altitude layers.
+# If drones evaded it as well, its way across the circle would keep them from their places for a quarter of a minute.
 _ABOVE = 2.0
-_SIGMA_M = 0.3  # of its way to the side
-_LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
+_SIGMA_M = 0.3  # deviation from the failsafe course to the side
+_LOW_M = 1.5  # a vehicle seen no higher may be on the ground
 
 
 class Silent:
-    """The silent drones of a mission."""
+    """Lost and one-way peers of a mission."""
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         """``drone``: the own id."""
@@ -70,15 +71,15 @@ class Silent:
         self._lines, self._homes = Lines(mission), Homes(mission, drone, self._agentless)
         self._above_m = _ABOVE * mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
-        self._courses: dict[str, tuple[int, list[Course]]] = {}  # if its agent is gone, with the stamp of the last contact
-        self._unhearing: set[str] = set()  # who is heard, but does not hear this drone
+        self._courses: dict[str, tuple[int, list[Course]]] = {}  # failsafe courses, with the stamp of the last contact
+        self._unhearing: set[str] = set()  # one-way peers
         self._sights = LastSightings()
-        self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
-        self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
+        self._excluded_ns: dict[str, int] = {}  # begin of the revocation, as known here, of drones never heard
+        self._obeys_ns: dict[str, int] = {}  # first report of obedience by a revoked drone
         self._set_ns = 0
 
     def keep_time(self, set_ns: int) -> None:
-        """Move the stamps of the last contacts along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
+        """Move the stamps of the last contacts along with steps of the own clock, ``set_ns`` in sum (``Peers``)."""
         by_ns, self._set_ns = set_ns - self._set_ns, set_ns
         if by_ns != 0:
             self._lines.shift(by_ns)
@@ -88,44 +89,44 @@ class Silent:
             self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
     def recall(self, name: str, heard_ns: int, wall: Wall | None) -> None:
-        """Take the line of before a restart of this agent, if there was one; ``heard_ns``: stamp of the last contact."""
+        """Restore the separation line from before a restart of this agent, if any; ``heard_ns``: stamp of the last contact."""
         if wall is not None:
             self._lines.recall(name, heard_ns, wall)
 
     def wall(self, name: str, heard_ns: int) -> Wall | None:
-        """The line that follows from the last contact with one that is not heard, kept to at present or not any more; None where
-        it was heard since then, but did not hear this drone.
+        """Return the separation line to a lost peer, valid at present or expired; None if a one-way link has existed since the
+        last contact.
         """
         contact = self._lines.contact(name)
         return self._lines.wall(name) if contact is None or contact.stamp_ns == heard_ns else None
 
     def forget(self, name: str) -> None:
-        """Forget the line, courses and home of a drone: it is in contact with this one, on the ground, or was never heard."""
+        """Forget the line, courses and home of a drone: it has a two-way link, is on the ground, or was never heard."""
         self._lines.forget(name)
         self._courses.pop(name, None)
         self._homes.forget(name)
         self._unhearing.discard(name)
 
     def agentless(self, name: str) -> tuple[int, list[Course]] | None:
-        """What its vehicle does if its agent is gone, and since when; None where it is heard, or on the ground."""
+        """Return the failsafe courses of a drone, and their begin; None if it is heard, or on the ground."""
         return self._courses.get(name)
 
     def obeys(self, name: str, now_ns: int) -> None:
-        """It is revoked, and on its way home."""
+        """Note that a revoked drone obeys, and is on its way home."""
         self._obeys_ns.setdefault(name, now_ns)
 
     def last_contact(self, name: str) -> Contact | None:
-        """The last contact with a drone that is not heard, or does not hear this one; None while both hear each other."""
+        """Return the last contact with a lost or one-way peer; None for a two-way link."""
         return self._lines.contact(name)
 
     def is_unhearing(self, name: str) -> bool:
-        """Whether it is heard, but was last known not to hear this drone."""
+        """Whether the drone is a one-way peer by the last messages."""
         return name in self._unhearing
 
     def seen(self, name: str, heard_ns: int | None, seen: PeerPlan, me: Viewer) -> bool:
-        """It is not heard since ``heard_ns`` (None: never was), but seen, own local frame. Whether it may fly: not if that is
-        near the ground, and it has been silent for so long that its vehicle must be down. There it would keep others from homes
-        beside it for good.
+        """Note a sighting, own local frame, of a peer without a pose since ``heard_ns`` (None: never heard), and return whether
+        it may fly. Not if it is near the ground, and its silence so long that its vehicle must be down: on the ground it would
+        block neighbouring homes for good.
         """
         self._unhearing.discard(name)
         self._homes.forget(name)
@@ -140,23 +141,23 @@ class Silent:
         return flies
 
     def returning(self, peers: Peers, now_ns: int) -> tuple[str, ...]:
-        """The drones that returned when they were heard last, are not heard any more, and may still fly.
+        """Return the lost peers that returned at the last contact, and may still fly.
 
-        Two that lost each other then flew home low, each taking the other to return in its layer: 0.2 m.
+        They return low; this drone must not assume that they are in their altitude layers.
         """
         told = {name: news for name in peers.names if (news := peers[name].last_news(now_ns)) is not None}
         silent_ns = {name: now_ns - pose.stamp_ns for name, (pose, status) in told.items() if status.stage is Stage.RETURN}
         return tuple(name for name, for_ns in silent_ns.items() if SILENT_NS < for_ns < self._agentless.longest_s(name) * 1e9)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
-        """What follows from the silence of these drones, if any. ``partners``: those that take part and are heard."""
+        """Return the consequences of the links to ``missing`` drones. ``partners``: two-way peers that take part."""
         unhearing = tuple(name for name in missing if name in self._unhearing)
         left = tuple(name for name in missing if self._has_left(name, now_ns))
         last_ns = {name: self._last_ns(name, peers[name]) for name in missing}
         heard_by_others = relayed(last_ns, partners, peers)
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
         if any(self._order.index(name) < self._order.index(self._id) for name in heard_by_others):
-            ring = self._order.index(self._id)  # the other one is on the same side, too, and stays
+            ring = self._order.index(self._id)  # the other one is in the same component, and stays
         kept = tuple(name for name in missing if is_kept(name, last_ns[name], partners, peers, now_ns))
         walls, alone = self._lines.at(now_ns), bool(missing) and not partners
         unparted = [name for name in missing if name not in left and name not in walls]
@@ -179,7 +180,7 @@ class Silent:
         return np.array(ends).reshape(-1, 2)
 
     def _coming_home(self, now_ns: int) -> tuple[str, ...]:
-        """Those whose vehicles may be on their way home without their agents, and not down yet."""
+        """Missing drones that may be on a failsafe return, and not down yet."""
         return tuple(
             name
             for name, (stamp_ns, courses) in sorted(self._courses.items())
@@ -188,29 +189,28 @@ class Silent:
 
     @property
     def homes(self) -> tuple[KeptPlace, ...]:
-        """Places to fly around on the way home, as others may come down or hover there; mission frame."""
+        """Keep-out places on the way home, because other drones may descend or hover there; mission frame."""
         courses = (course for _, (_, all_of_one) in sorted(self._courses.items()) for course in all_of_one)
         return (*self._homes.kept, *(KeptPlace(place, _SIGMA_M) for course in courses for place in course.hovers))
 
     def _has_left(self, name: str, now_ns: int) -> bool:
-        """Whether one that is revoked, and obeys, has climbed from the circle."""
+        """Whether a revoked drone that obeys has climbed from the circle."""
         since_ns = self._obeys_ns.get(name)
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
     def _last_ns(self, name: str, peer: Peer) -> int | None:
-        """Stamp of the last contact with a missing drone; None where it was never heard."""
+        """Return the stamp of the last contact with a missing drone; None: never heard."""
         contact = self._lines.contact(name)
         return contact.stamp_ns if contact is not None else peer.pose.stamp_ns if peer.pose is not None else None
 
     def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, cut_off: bool) -> bool:
-        """Whether one that no line parts from this drone at present took part, or may have, and may still do so.
+        """Whether a missing drone without a valid line to this one took part, or may have, and may still do so.
 
-        Who hears others takes it to be down when a vehicle without its agent would be, or when a line to it has ended. Who hears
-        nobody may be the one that is ``cut_off``: two that were, met a minute after the line between them had ended (1.8 m). So
-        may be all that are not on the side of the first one, where two or more are missing that may hear each other; and whom a
-        third one hears (0.03 m).
+        By default the missing drone counts as down when its failsafe course, or a line to it, has ended. An isolated drone must
+        not assume that (``cut_off``): its silent peers may fly on. The same holds for a network component without the first
+        circle, if two or more missing drones may hear each other; and for a missing drone with a link to a third one.
         """
-        if peer.status is None:  # it has measured, or may have taken off before this agent was restarted; or is revoked
+        if peer.status is None:  # it has measured, or may have taken off before a restart of this agent; or it is revoked
             since_ns = self._excluded_ns.get(name, now_ns)
             return cut_off and (now_ns - since_ns) * 1e-9 < self._agentless.longest_s(name)
         if name not in self._courses or peer.status.stage not in MAY_TAKE_PART:
@@ -219,10 +219,10 @@ class Silent:
         return cut_off or (self._lines.wall(name) is None and silent_s < self._agentless.longest_s(name))
 
     def plans(self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer) -> list[PeerPlan]:
-        """Where it may be along the horizon, as far as that is nearest to this drone's own plan.
+        """Return the possible positions along the horizon, each nearest to this drone's own plan.
 
-        ``frames``: mission from its own: by which it flies, and, if it is in doubt (``peers.doubted``), by which it may be
-        elsewhere.
+        ``frames``: mission from its own: the frame of its flight, and the frame of its alternative position hypothesis, if any
+        (``peers.doubted``).
         """
         self._unhearing.discard(name)
         self._homes.forget(name)
@@ -237,7 +237,7 @@ class Silent:
     def _along(
         self, name: str, courses: list[Course], heard_ns: int, last: LastSeen | None, sigma_m: float, me: Viewer
     ) -> list[PeerPlan]:
-        """Where it may be if its vehicle flies one of these courses since it was heard, or seen, last."""
+        """Return the possible positions on these courses since the last pose or sighting."""
         since_ns = heard_ns if last is None else last.stamp_ns
         self._courses[name] = since_ns, courses
         own_way, silent_s = me.way(), (me.now_ns - since_ns) * 1e-9
@@ -246,8 +246,8 @@ class Silent:
         found = []
         stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
         for course in courses:
-            # Homes are apart. Pushed from its own by the doubt about the others' until all had to be down, one that is revoked
-            # came down when the others took it to have landed.
+            # Homes are apart. A revoked drone comes down in time: without this rule the uncertainty of the other homes would push
+            # it from its own until all had to be down, and the other drones take it to have landed by then.
             is_late = me.revoked and me.now_ns - heard_ns >= course.arrives_s * 1e9
             doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
             if course.way is not None and silent_s < course.down_s:
@@ -259,12 +259,12 @@ class Silent:
                     stops.append(stretch)
                 place_m = doubt_m
                 if last is not None and course.is_stop(stretch) and not is_late:
-                    place_m = last.sigma_after_m(silent_s if course.way is not None else 0.0)  # one that holds stays there
+                    place_m = last.sigma_after_m(silent_s if course.way is not None else 0.0)  # a vehicle in hold stays
                 found.append(me.expects(name, stretch.nearest(ahead), place_m))
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
-        """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
+        """Return the stop of a peer that has been quiet for a moment, if its agent is lost, nearest to this drone's own plan."""
         ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
@@ -280,7 +280,7 @@ class Silent:
         circle: Circle | None,
         mine: PeerState | None,
     ) -> Contact:
-        """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
+        """Return a contact at this pose. ``stage``: its own then; ``circle``: of this drone; ``mine``: motion of this drone."""
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
         theirs = motion_of(pose, mission_from_theirs)
         tracked = circle is not None and stage in CIRCLING
@@ -288,8 +288,8 @@ class Silent:
         return Contact(pose.stamp_ns, course, stage, theirs, tracked, circled)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
-        """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
-        ``me``: None while the own frame is not known.
+        """Return the side beyond the separation line, left to a one-way peer. ``contact``: the last one, unless an earlier one is
+        known; ``me``: None while the own frame is not known.
         """
         self.ignores(name)
         known = self._lines.noted(name, contact)
@@ -299,15 +299,15 @@ class Silent:
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
     def ignores(self, name: str) -> None:
-        """Note that a drone is heard, but does not hear this one: neither courses nor a home are kept for it."""
+        """Note a one-way peer: neither courses nor a home are kept for it."""
         self._courses.pop(name, None)
         self._homes.forget(name)
         self._unhearing.add(name)
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
-        """Where one may be that was never heard: revoked before this agent was started, or out of reach since.
+        """Return the possible positions of a drone never heard: revoked before the start of this agent, or out of reach since.
 
-        ``excluded``: revoked, so that it comes home whatever this drone does, and waits over home where others hinder it.
+        ``excluded``: revoked; it returns whatever this drone does, and waits over home if other drones hinder it.
         """
         home = self._agentless.launch(name)
         self._homes.forget(name)
@@ -318,21 +318,21 @@ class Silent:
         return found
 
     def hidden(self, name: str, me: Viewer) -> list[PeerPlan]:
-        """Where one may be that was never heard, but was seen to fly."""
+        """Return the possible positions of a drone that was never heard, but was seen in flight."""
         if (last := self._sights.of(name, 0, me.epoch)) is None:
             return []
         course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
         return self._along(name, [course], last.stamp_ns, last, 0.0, me)
 
     def _wall_now(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> Wall | None:
-        """The line between this drone and one that is not heard any more, as long as they keep to it."""
+        """Return the separation line between this drone and a lost peer, while valid."""
         contact = self._lines.contact(name)
         if contact is None:
             mine = me.motion_at(pose.stamp_ns)
             contact = self._lines.noted(
                 name, self.contact(name, peer, pose, mission_from_theirs, last_stage(peer), me.circle, mine)
             )
-        if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
+        if me.revoked:  # no line during a return: a wait over home for its end would end among returning drones
             self._lines.drop(name)
             return None
         contact = replace(contact, circled=contact.circled and me.circle is not None)

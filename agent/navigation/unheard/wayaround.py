@@ -1,7 +1,7 @@
-"""The way home around the homes of others that are not heard, and may come down there at any time, and around those that hover.
+"""Way home around keep-out discs: the homes of lost peers, which may descend there at any time, and hovering vehicles.
 
-Straight on, a drone stopped before a row of such homes that its own lies behind, and hovered there until all had to be down; or
-before two that human pilots held in the air beside each other, until it landed there.
+On a straight way, a drone would stop before a row of such homes in front of its own, and hover there until all had to be down; or
+before two vehicles held beside each other by safety pilots, until it landed there.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from agent.localization.ownpose import LocalFrame
 from agent.motion.detour import Detours
 from agent.motion.separation import DOUBT_SIGMAS, PeerPlan, margin_m
 
-_FENCE_M = 1.5  # that plans keep from the fence
+_FENCE_M = 1.5  # margin of plans to the fence
 _QUARTER = 3  # edges of a circle's quarter
-_GRAIN_M = 0.25  # of a circle that is smaller because the drone is in it, so that ways are not worked out anew at each step
-_HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # slower than this one hovers; the grain of its place, as for the circles
+_GRAIN_M = 0.25  # grain of the radius of a disc around the drone itself, against a new way at each step
+_HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # greatest speed of a hovering vehicle; the grain of its position, as for the radius
 
 
 class KeptPlace(Struct, frozen=True):
-    """A place to keep clear of, mission frame, its error relative to this drone (1 sigma), and how far off it one may be."""
+    """Centre of a keep-out disc, mission frame, uncertainty relative to this drone (1 sigma), deviation of its vehicle from it."""
 
     place: Point2
     sigma_m: float = 0.0
@@ -36,7 +36,7 @@ class KeptPlace(Struct, frozen=True):
 
 
 def hovering(others: Sequence[PeerPlan], mission_from_local: Transform) -> list[KeptPlace]:
-    """The places of those that stay where they are and give no way: a human pilot holds them, or an autopilot alone."""
+    """Return the positions of hovering vehicles that give no way: held by a safety pilot, or by the autopilot alone."""
     found = []
     for other in others:
         if other.blind and other.measured is not None and hypot(*other.measured.velocity[:2]) < _HOVERS_MPS:
@@ -47,7 +47,7 @@ def hovering(others: Sequence[PeerPlan], mission_from_local: Transform) -> list[
 
 
 class WayAround:
-    """Ways of one drone, horizontal."""
+    """Ways around keep-out discs for one drone, horizontal."""
 
     def __init__(self, mission: MissionConfig) -> None:
         self._separation_m = mission.limits.separation_m
@@ -56,7 +56,7 @@ class WayAround:
         self._detours = Detours(self._room)
 
     def local(self, here: Point2, to: Point2, frame: LocalFrame, kept: Sequence[KeptPlace], deviation_m: float) -> Array:
-        """The same as ``way``, but all but the places in the drone's own local frame."""
+        """Return the same as ``way``, with all but the keep-out discs in the drone's own local frame."""
         if not kept:
             return np.array([here, to])
         ends = frame.mission_from_local.apply(np.array([(*here, 0.0), (*to, 0.0)]))[:, :2].tolist()
@@ -65,11 +65,12 @@ class WayAround:
         return placed[:, :2]
 
     def way(self, here: Point2, there: Point2, kept: Sequence[KeptPlace], deviation_m: float) -> Array:
-        """Points (P, 2) of the shortest way, both ends included, mission frame; straight where the places leave none.
+        """Return the points (P, 2) of the shortest way, both ends included, mission frame; straight if the discs leave no way.
 
-        As far from the places as plans keep, or as both ends are. ``deviation_m``: RMS deviation of this drone from its plans.
+        The discs are as wide as the margins of plans, or up to both ends. ``deviation_m``: RMS deviation of this drone from its
+        plans.
         """
-        widened = 1.0 / cos(0.25 * pi / _QUARTER)  # the corners of the polygon, so that its edges touch the circle
+        widened = 1.0 / cos(0.25 * pi / _QUARTER)  # from the inner circle of the polygon to its corners: its edges touch the disc
         circles = []
         for one in kept:
             free_m = min(dist(one.place, end) for end in (here, there)) / widened
