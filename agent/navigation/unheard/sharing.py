@@ -93,7 +93,7 @@ class SharedCircle:
         return found + [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=False) for one in around]
 
     def inner(self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, fits: bool) -> list[PeerPlan]:
-        """Return the inner circle of ``others``, for a drone that is clear of it and hovers, because its own circle has no room."""
+        """Return the inner circle of ``others``, for a drone clear of it that hovers, because its own circle has no room."""
         clear_m = _far_m(ahead, centre) - self._mission.limits.separation_m
         within = [one for one in self._circles(absence, fits) if one.ring < absence.ring and one.radius_m <= clear_m]
         return [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within[-1:]]

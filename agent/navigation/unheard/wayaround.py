@@ -28,7 +28,7 @@ _HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # greatest speed of a hovering vehicle; 
 
 
 class KeptPlace(Struct, frozen=True):
-    """Centre of a keep-out disc, mission frame, uncertainty relative to this drone (1 sigma), deviation of its vehicle from it."""
+    """Centre of a keep-out disc, mission frame, uncertainty relative to this drone (1 sigma), deviation of a vehicle from it."""
 
     place: Point2
     sigma_m: float = 0.0
