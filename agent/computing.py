@@ -1,4 +1,4 @@
-"""The computations whose results depend on their inputs alone, and so are the same in all agents with equal logs."""
+"""Computations that depend on their inputs alone, with equal results in all agents with equal logs."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from protocol.signing import SignedRoot, signed_root
 
 
 class Computing(NamedTuple):
-    """Makes estimators by name, and what estimates the frames of a swarm; decodes messages, and works out what the proofs of log
-    entries are signatures of. A simulation of many drones has them share the results.
+    """Factories of estimators (by name) and frame estimates, decoder of messages, and the signed roots of log entries' proofs.
+    The drones of a large simulation share the results.
     """
 
     estimators: Estimators = estimator_named

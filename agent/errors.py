@@ -2,7 +2,7 @@
 
 
 class RadronError(Exception):
-    """An error that the user can fix; the text says what is wrong, where, and what to do."""
+    """An error that the user can fix; the text names the fault, its place and the remedy."""
 
 
 class ConfigError(RadronError):

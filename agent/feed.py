@@ -23,7 +23,7 @@ class CorruptFeedError(RadronError):
 
 
 class Feed(Generic[Item]):
-    """Items from ``address`` ("host:port"). ``problem``: what is wrong with the link now. ``counters``: connections."""
+    """Items from ``address`` ("host:port"). ``problem``: the link's present fault, in words. ``counters``: connections."""
 
     def __init__(self, what: str, key: str, address: str, decoder: Callable[[], Callable[[bytes], Iterable[Item]]]) -> None:
         """A feed that is not connected yet.

@@ -73,9 +73,9 @@ def try_folder(folder: Path) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace a file atomically: a power cut leaves the older or the newer one; the newer one once this has returned.
+    """Replace a file atomically: a power cut leaves the older or the newer content; after the return, always the newer.
 
-    Files of one folder may be written at the same time, also those whose names differ in the suffix only.
+    Files of one folder may be written at the same time, also files with names that differ in the suffix only.
 
     Raises:
         OSError: it cannot be written.
@@ -119,5 +119,5 @@ def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
 
 
 def printable(text: str) -> str:
-    """A text of somebody else for a terminal, on which control characters could overwrite what is true."""
+    """A foreign text for a terminal, without the control characters that could overwrite true lines."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)

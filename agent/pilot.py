@@ -58,9 +58,9 @@ class Step(Struct, frozen=True):
 class Pilot:
     """One drone's mission, from the start command to the landing.
 
-    From a pixel hit to a setpoint, in the order of the methods below: ``observe_detector`` makes log entries of it, which
-    ``_record`` signs, publishes and logs, as ``receive`` logs those of the others; ``advance`` works off what is new in the log,
-    into frames and hypothesis; and ``step`` plans by them.
+    From a pixel hit to a setpoint, in the order of the methods below: ``observe_detector`` makes log entries of it, ``_record``
+    signs, publishes and logs them, and ``receive`` logs the peers' entries; ``advance`` folds new entries into frames and
+    hypothesis; ``step`` plans by them.
     """
 
     def __init__(
@@ -85,10 +85,10 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
-            trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
+            trust: signs own publications and verifies the peers'; None: in a swarm without certificates.
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
-            computing: computes what depends on its inputs alone.
-            tells_obeyed: whether its statuses tell which order was obeyed last; False in the replay of an older record.
+            computing: computations that depend on their inputs alone.
+            tells_obeyed: whether its statuses name the order obeyed last; False in the replay of an older record.
             judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
 
         Raises:
@@ -128,7 +128,7 @@ class Pilot:
         )
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
+        """Take the newest telemetry. Telemetry that is not newer, not finite or out of range is counted and dropped."""
         if (vehicle := self._own.take(state)) is not None:
             self._executive.follow(vehicle)
 
@@ -153,7 +153,7 @@ class Pilot:
         return self._outbox.take()
 
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
-        """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
+        """Sign entries of this drone, publish them, and log them, from the same bytes that the peers get."""
         sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
         for entry in self._proofs.signed(sendable, now_ns):
             if (payload := self._outbox.put(entry)) is not None:
@@ -170,10 +170,10 @@ class Pilot:
     def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
         """Take a message from the mesh. An invalid one is counted and dropped, never raised.
 
-        Returns what became of a command to this drone, or of a revocation unless it is known; None for everything else.
+        Returns the verdict on a command to this drone, or on a new revocation; None for all other messages.
         """
         try:
-            address = parse_key(key)  # as it is where the mesh has read it already
+            address = parse_key(key)  # unchanged if the mesh has parsed it already
             message = self._read(address, payload)
         except ProtocolError:
             self.counters["rejected_malformed"] += 1
@@ -206,7 +206,7 @@ class Pilot:
         return dropped
 
     def log_summary(self) -> bytes:
-        """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
+        """A summary of the log: a request for missing entries, answered by the peers' ``log_answer``."""
         return self._exchange.summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
@@ -214,7 +214,7 @@ class Pilot:
         return self._exchange.answer(request)
 
     def advance(self, now_ns: int) -> None:
-        """Process new log entries, so that the hypothesis includes them before the next step; much takes several calls."""
+        """Process new log entries, so that the hypothesis includes them before the next step; many take several calls."""
         self._news.step(now_ns)
         self._numbers.keep_time(now_ns)
         self._world.advance(self._clocks.followed_ns(now_ns))
@@ -238,7 +238,7 @@ class Pilot:
         return Step(self._outbox.take(), act.command)
 
     def _take_back(self, now_ns: int) -> None:
-        """Take back what was measured at wrong times or places; in a step, as its record has the signature for a replay."""
+        """Take back measurements with wrong times or places. Called in a step, whose record holds the signature for a replay."""
         if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
             self._sensors.begin_anew()
             self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
@@ -257,11 +257,11 @@ class Pilot:
         self._problems.blocked = problems
 
     def ticket(self, now_ns: int) -> Ticket:
-        """What the next command to this drone needs, as its status tells it."""
+        """The ticket for the next command to this drone, as published in its status."""
         return self._orders.ticket(now_ns)
 
     def notice(self, notices: tuple[str, ...]) -> None:
-        """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
+        """Set the shell's notices to the operator, which are no problems of this flight; replaces the previous ones."""
         self._telling.notice(notices)
 
     @property
@@ -270,7 +270,7 @@ class Pilot:
         return self._commanding.uploads.taking
 
     def decline(self, reason: str) -> None:
-        """Tell the operator why the mission that was to be taken is not."""
+        """Report to the operator why the uploaded mission was not taken."""
         self._commanding.uploads.decline(reason)
 
     @property
@@ -309,17 +309,17 @@ class Pilot:
         return self.fusion.outlook
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
-        """What the estimator that is flown by and the listeners hold possible, by name; without those that tell nothing yet."""
+        """Posteriors of the flight's estimator and of the listeners, by name; estimators without a posterior are left out."""
         return self._world.posteriors(now_ns)
 
     @property
     def pending(self) -> bool:
-        """Whether frames and hypothesis lack something of the log, because its entries are worked off in slices."""
+        """Whether frames and hypothesis lack entries of the log, because entries are processed in slices."""
         return self._world.pending
 
     @property
     def backlog_s(self) -> float:
-        """For how long something that was received has been missing in frames or hypothesis, s."""
+        """Time for which received entries have been missing in frames or hypothesis, s."""
         return self._world.backlog_s
 
     @property
@@ -334,20 +334,20 @@ class Pilot:
 
     @property
     def revocations(self) -> tuple[Revocation, ...]:
-        """What has been revoked in flight: the same object as long as it stays the same."""
+        """Revocations in flight: the same object until one is added."""
         return self._revoking.held
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Those of the last status."""
+        """Problems in the last status."""
         return self._telling.told
 
     @property
     def whereabouts(self) -> Whereabouts | None:
-        """Where this drone takes itself to be; None where it does not know."""
+        """This drone's own position estimate; None without one."""
         return self._own.whereabouts
 
     @property
     def reckoning(self) -> Reckoning | None:
-        """What the last plan was made with; None where somebody else flies."""
+        """Context of the last plan; None while the agent is not in command."""
         return self._executive.reckoning

@@ -1,4 +1,4 @@
-"""What all commands have in common: errors in one line, on any terminal."""
+"""Common behaviour of all commands: errors in one line, on any terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BROKEN_PIPE = 141  # as the shell has it of a process that SIGPIPE ends
 def run_command(name: str, command: Callable[[], object]) -> None:
     """Run a command; errors that the user can fix end in one line that ``name`` begins, and exit code 2.
 
-    What the terminal's encoding lacks is written as an escape: a report of doses ended in a traceback for want of a letter.
+    Characters that the terminal's encoding lacks are written as escapes, instead of a traceback in the middle of a report.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

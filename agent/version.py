@@ -17,4 +17,4 @@ def _tell(wanted: bool) -> None:
 def options(
     _: Annotated[bool, typer.Option("--version", callback=_tell, is_eager=True, help="Print the version and exit.")] = False,
 ) -> None:
-    """Options of the command itself, before those of its subcommands."""
+    """Options of the command itself, before the options of its subcommands."""

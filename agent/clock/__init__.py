@@ -1,1 +1,1 @@
-"""A computer whose clock has no battery gets its time from the autopilot, before anything can be encrypted."""
+"""Time from the autopilot for a computer without a clock battery, before the first encrypted link."""

@@ -49,8 +49,8 @@ def hand_over(folder: Path, told: Told) -> None:
 
 
 def taken(file: Path) -> Told | None:
-    """What was handed over, which is gone then; None: nothing that can be read. Whatever the agent may have put there: a link is
-    not followed, a pipe not waited for, and no more is read than a time needs.
+    """Take the time that was handed over, and remove it; None: no readable time. The agent is not trusted with the file: links
+    are not followed, pipes not waited for, and no more is read than a time needs.
     """
     try:
         with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as opened:

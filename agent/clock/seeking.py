@@ -13,12 +13,12 @@ from agent.vehicle.mavlink.exposure import exposure
 
 
 def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float = WAIT_S) -> str:
-    """Listen for the autopilot's time, and hand it over if it may be right; returns what came of it, for people.
+    """Listen for the autopilot's time, and hand it over if it may be right; returns the outcome in words.
 
     Args:
-        vehicle: its link, which nobody uses yet, and nobody uses afterwards.
-        valid: between which times a clock may be right.
-        folder: where the computer looks for the time.
+        vehicle: its link, not used by others before or after.
+        valid: the interval of plausible times.
+        folder: of the handover to the computer.
         wait_s: how long to listen at most.
 
     Raises:

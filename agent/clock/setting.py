@@ -1,7 +1,7 @@
-"""``radron-update clock``: a dead clock is set to the time that the agent has heard from the autopilot. As root.
+"""``radron-update clock``: set a dead clock to the autopilot's time, as heard by the agent. As root.
 
-The agent is not believed what it says: only a clock that shows a time before the drone's certificate, or before this release was
-made, is set, and only to one at which both are valid.
+The agent is not trusted: only a clock before the start of the drone's certificate, or before the date of this release, is set,
+and only to a time at which both are valid.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from agent.errors import RadronError
 
 TOLD = Path("/run/radron-agent") / TIME_FILE
 CERTIFICATE = Path("/run/credstore/certificate.pem")
-# A chronyd whose clock was dead gives no time to other drones; now it may, as /etc/chrony/chrony.conf has it otherwise.
+# After a dead clock, chronyd serves no time to other drones; this allows it again, as /etc/chrony/chrony.conf does otherwise.
 GIVES_TIME = ("chronyc", "local", "stratum", "10", "orphan")
 _PATIENCE_S = 10.0
 
@@ -26,7 +26,7 @@ class ClockError(RadronError):
 
 
 def set_clock(file: Path, valid: Valid) -> str:
-    """Set this computer's clock by what the agent has handed over, which is gone then; returns what was done.
+    """Set this computer's clock to the time handed over by the agent, and remove the handover; returns the change in words.
 
     Raises:
         ClockError: nothing was handed over, it cannot be right, or the clock is not dead.
@@ -44,16 +44,16 @@ def set_clock(file: Path, valid: Valid) -> str:
 
 
 def wanted(told: Told, valid: Valid, clock_ns: int, uptime_s: float) -> int:
-    """What the clock should show now, UTC in nanoseconds.
+    """Return the right time of now, UTC in nanoseconds.
 
     Args:
-        told: what the agent has heard.
-        valid: between which times a clock may be right.
-        clock_ns: what it shows now.
+        told: the autopilot's time, as heard by the agent.
+        valid: the interval of plausible times.
+        clock_ns: the clock's present time.
         uptime_s: now, by the monotonic clock.
 
     Raises:
-        ClockError: the clock is not dead, or the time that was told cannot be right.
+        ClockError: the clock is not dead, or the autopilot's time cannot be right.
     """
     now_ns = told.at(uptime_s)
     if clock_ns >= valid.begin_ns:

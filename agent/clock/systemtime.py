@@ -1,5 +1,4 @@
-"""The autopilot's time, overheard on a link that nobody uses: SYSTEM_TIME
-(https://mavlink.io/en/messages/common.html#SYSTEM_TIME).
+"""The autopilot's time, overheard on an unused link: SYSTEM_TIME (https://mavlink.io/en/messages/common.html#SYSTEM_TIME).
 
 PX4 sends it once a second to an onboard computer, and only while its own clock shows a year after 2000 (its sources,
 ``streams/SYSTEM_TIME.hpp``): it gets the time from the satellites, or from a ground station.

@@ -1,1 +1,1 @@
-"""What a technician asks of a drone on the bench: the preflight check, and the computer and its links besides."""
+"""Checks of a drone on the bench for a technician: the preflight check, the computer and its links."""

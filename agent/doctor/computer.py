@@ -15,7 +15,7 @@ HOT_C, TOO_HOT_C = 80.0, 95.0  # an Intel NUC slows down from about 95 degrees o
 BOOT_S = 90.0
 LEAST_FREE, LOW_FREE = 0.03, 0.10  # of the disk
 LEAST_MEMORY_MB = 300
-WORN = 90  # percent of what an SSD is made for
+WORN = 90  # percent of an SSD's rated endurance
 _PATIENCE_S = 5.0
 _REALLOCATED, _PENDING = 5, 197  # ATA attributes: sectors replaced, and waiting for it
 

@@ -34,10 +34,10 @@ async def examine(
     Args:
         drone: the drone file.
         mission: its mission.
-        wait_s: the longest time to wait for what is not ready yet.
+        wait_s: the longest time to wait for parts that are not ready yet.
         smart: output of ``smartctl --json`` about the disk; None: there is none.
         write: also set the autopilot's parameters that are wrong.
-        tell: is told what is being waited for.
+        tell: called with the parts that are waited for.
     """
     corrections = Corrections(demands_of(mission, drone, sets=False)) if write else None
     preflight = Preflight(drone, mission, Background(mission.detection), corrections)

@@ -16,7 +16,7 @@ _TIMES = re.compile(r"= ([\d.]+)/([\d.]+)/([\d.]+)/")  # ms: least, mean, most
 
 
 async def reach(drone: str, endpoint: str | None) -> Check:
-    """Ping the computer of one drone. It need not run an agent."""
+    """Ping the computer of one drone, with or without a running agent."""
     name = f"reach {drone}"
     if endpoint is None:
         return Check("swarm", name, "failed", "mesh.endpoints has no entry for it")
@@ -39,7 +39,7 @@ async def reach(drone: str, endpoint: str | None) -> Check:
 
 
 def judged(name: str, address: str, output: str) -> Check:
-    """The check from what ``ping -q`` said."""
+    """The check, from the output of ``ping -q``."""
     counts, times = _COUNTS.search(output), _TIMES.search(output)
     if counts is None:
         lines = output.strip().splitlines()

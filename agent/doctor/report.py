@@ -1,4 +1,4 @@
-"""What the doctor has found: on board as JSON, on the laptop as one page."""
+"""Findings of the doctor: on board as JSON, on the laptop as one page."""
 
 from __future__ import annotations
 

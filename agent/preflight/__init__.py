@@ -1,1 +1,1 @@
-"""The preflight check: what is ready for a flight, not yet ready, or failed."""
+"""The preflight check: parts that are ready for a flight, not yet ready, or failed."""

@@ -1,4 +1,4 @@
-"""What the camera sees on the bench: natural background, and noisy pixels."""
+"""The camera's check on the bench: natural background, and noisy pixels."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ _LINKS_S = 3.0  # between two looks at why there is no contact
 
 
 class Preflight:
-    """Gathers the findings of one drone. ``findings`` may be read at any time; after the check they are those of its end."""
+    """Gathers the findings of one drone. ``findings`` may be read at any time; after the check they stay as at its end."""
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class Preflight:
                 show(self.findings)
                 await asyncio.sleep(0.2)
         finally:
-            self._last = self._present()  # without its links it would find nobody any more
+            self._last = self._present()  # before its links close: afterwards every drone would count as missing
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -318,7 +318,7 @@ class Preflight:
         return Finding("certificate", "ok", state.text) if state.fault is None else Finding("certificate", "failed", state.fault)
 
     def _revoked(self) -> list[Finding]:
-        """Whom the authority or an operator has revoked, if anybody."""
+        """Members revoked by the authority or an operator."""
         file = RevokedFile(self._drone.state, self._drone.id)
         known = file.load()
         if file.problem is not None:

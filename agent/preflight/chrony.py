@@ -18,7 +18,7 @@ _SYNCHRONISED = ("normal", "insert second", "delete second")
 
 
 async def chrony_finding(alone: bool) -> Finding:
-    """Ask chrony. ``alone``: the mission has no other drone whose clock would have to agree with this one."""
+    """Ask chrony. ``alone``: a mission of a single drone, without other clocks to agree with."""
     try:
         process = await asyncio.create_subprocess_exec(
             "chronyc", "-n", "-c", "tracking", stdin=DEVNULL, stdout=PIPE, stderr=STDOUT

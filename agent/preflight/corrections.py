@@ -14,7 +14,7 @@ from agent.vehicle.rules import correction
 
 AGAIN_S = 0.5
 MOST_ATTEMPTS = 4
-_ANSWER_S = 2.0  # until the autopilot has told the new value
+_ANSWER_S = 2.0  # until the autopilot has reported the new value
 
 
 class Change(Struct, frozen=True):
@@ -32,7 +32,7 @@ class Change(Struct, frozen=True):
 
 
 class Corrections:
-    """Sets the wrong parameters of one vehicle, each a few times, and remembers what they were."""
+    """Sets the wrong parameters of one vehicle, each a few times, and keeps their old values."""
 
     def __init__(self, demands: Demands) -> None:
         """``demands``: of the mission on this drone's autopilot."""
@@ -55,7 +55,7 @@ class Corrections:
         return answers or self._attempts.get(name, 0) < MOST_ATTEMPTS
 
     async def run(self, vehicle: Px4Vehicle) -> None:
-        """Set what is wrong, until cancelled."""
+        """Set wrong parameters, until cancelled."""
         asked_s = float("-inf")
         while True:
             self._values = {name: vehicle.parameters.value(name) for name in self._before}

@@ -12,7 +12,7 @@ LEAST_M = 1.0  # between two layers: heights by barometer and satellites are goo
 
 
 def layers_finding(mission: MissionConfig, drone: str) -> Finding | None:
-    """This drone's layer and those of the others; None where its autopilot does not return."""
+    """Altitude layers of this drone and of the others; None where its autopilot does not return."""
     members = [member for member in mission.drones if member.localization != "slam"]  # without satellites there is no home
     if mission.safety.agent_lost != "return" or drone not in [member.id for member in members]:
         return None

@@ -17,8 +17,8 @@ _COMPASS_DEG = 15.0
 def layout_finding(mission: MissionConfig, drone: str, place: LaunchPlace | None) -> Finding | None:
     """Compare the launch place, in the mission frame, with the mission's layout.
 
-    ``place``: as the autopilot reports it. Returns None if there is nothing to compare: a mission without a datum, a vehicle
-    without satellites, or one that has not reported its origin yet.
+    ``place``: as the autopilot reports it. Returns None if there is nothing to compare: a mission without a datum, or a vehicle
+    without satellites or without a reported origin.
     """
     member = next(member for member in mission.drones if member.id == drone)
     if mission.datum is None or member.localization == "slam" or place is None or place.origin is None:

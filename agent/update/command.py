@@ -97,7 +97,7 @@ def _reboot() -> None:
 
 
 def _say(text: str) -> None:
-    """Tell, while anybody listens: an update goes on when its connection is lost."""
+    """Print a line while the connection lasts; an update continues when the connection is lost."""
     with suppress(OSError):
         print(f"radron-update: {text}", flush=True)
 

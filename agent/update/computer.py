@@ -1,4 +1,4 @@
-"""What ``radron-update status`` tells: releases, the last update, disk, clock, certificate, and what the agent reports."""
+"""Status for ``radron-update status``: releases, the last update, disk, clock, certificate, and the agent's report."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def look(slots: Slots, records: Records) -> Computer:
 
 
 def agent_state() -> str:
-    """What systemd shows of the agent: its state, and what it waits for."""
+    """The agent's state in systemd, with its status text."""
     shown = dict(
         line.partition("=")[::2] for line in _said("systemctl", "show", _UNIT, "--property=ActiveState,StatusText").splitlines()
     )

@@ -1,4 +1,4 @@
-"""The one error of this room."""
+"""The error of the updater."""
 
 from agent.errors import RadronError
 

@@ -1,4 +1,4 @@
-"""Installing a bundle into the other slot, or going back to what it holds: it is on trial, and the computer starts anew."""
+"""Installation of a bundle into the other slot, or return to its release: the slot is on trial after a reboot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agent.update.records import Records
 from agent.update.slots import Slots
 from protocol.onboard import COMPATIBLE, Needs, Release, Report, Trial
 
-Run = Callable[[list[str], Callable[[str], None]], tuple[int, list[str]]]  # a command, who is told its lines; exit code, lines
+Run = Callable[[list[str], Callable[[str], None]], tuple[int, list[str]]]  # command, callback for its lines; exit code, lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,11 @@ class Updater:
     run: Run
 
     def install(self, bundle: Path, older: bool = False) -> None:
-        """Install a bundle, and start the computer anew.
+        """Install a bundle, and reboot the computer.
 
         Args:
             bundle: the file.
-            older: also one that is older than what runs now.
+            older: also accept a bundle older than the running release.
 
         Raises:
             UpdateError: a foreign signature, an older release, a flight; or it cannot be written.
@@ -85,7 +85,7 @@ class Updater:
             raise UpdateError(f"{what}: no update before it has landed and is disarmed")
 
     def _inspected(self, bundle: Path) -> Release:
-        """What a bundle holds, if its signature is good."""
+        """The release in a bundle with a valid signature."""
         code, said = self.run(["rauc", "info", "--output-format=json", str(bundle)], lambda line: None)
         found = next((line for line in said if line.startswith("{")), None)
         if code != 0 or found is None:

@@ -1,4 +1,4 @@
-"""What is remembered of updates, on the data partition: an update on trial, how the last one went, what is in the slots."""
+"""Records of updates on the data partition: the update on trial, the outcome of the last update, the releases in the slots."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _T = TypeVar("_T")
 
 
 class Records:
-    """The folder of the updater. What cannot be read counts as not there: a computer must go on without it."""
+    """The folder of the updater. Unreadable records count as missing: a computer must work without them."""
 
     def __init__(self, folder: Path = FOLDER) -> None:
         self.folder = folder
 
     @property
     def trial(self) -> Trial | None:
-        """The update that has not shown yet that it works."""
+        """The update on trial, not confirmed yet."""
         return _decoded(self.folder / "trial.json", Trial)
 
     @property
     def outcome(self) -> Outcome | None:
-        """How the last update went."""
+        """The outcome of the last update."""
         return _decoded(self.folder / "outcome.json", Outcome)
 
     @property
     def slots(self) -> dict[str, Release]:
-        """What is in the slots, as far as known."""
+        """The releases in the slots, as far as known."""
         return _decoded(self.folder / "slots.json", dict[str, Release]) or {}
 
     @property
@@ -54,10 +54,10 @@ class Records:
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Only one at a time changes what is started next.
+        """Hold the lock on changes of the next boot, for one process at a time.
 
         Raises:
-            UpdateError: somebody does already.
+            UpdateError: another process holds the lock.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -75,16 +75,16 @@ class Records:
         self._write("trial.json", trial)
 
     def tell(self, outcome: Outcome) -> None:
-        """Remember how an update went."""
+        """Record the outcome of an update."""
         self._write("outcome.json", outcome)
 
     def end(self) -> None:
-        """No slot is on trial any more."""
+        """Record that no slot is on trial."""
         for name in ("trial.json", "trying"):
             (self.folder / name).unlink(missing_ok=True)
 
     def put_slot(self, slot: str, release: Release | None) -> None:
-        """Remember what is in a slot; None: nothing that is known."""
+        """Record the release in a slot; None: unknown."""
         slots = {name: known for name, known in self.slots.items() if name != slot}
         changed = slots if release is None else slots | {slot: release}
         if changed != self.slots:
@@ -95,13 +95,13 @@ class Records:
 
 
 def read_report(file: Path, uptime_s: float) -> Report | None:
-    """What the agent reports; None: it has not reported of late. ``uptime_s``: now, by the monotonic clock."""
+    """The agent's report; None: no report within ``STALE_S``. ``uptime_s``: now, by the monotonic clock."""
     report = _decoded(file, Report)
     return report if report is not None and 0.0 <= uptime_s - report.uptime_s < STALE_S else None
 
 
 def own_release(file: Path = OS_RELEASE) -> Release:
-    """The release that this system is; of one that is none of our images, version 0 without a date."""
+    """This system's release; version 0 without a date on a system that is not a radron image."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,8 +1,8 @@
-"""After a boot: a slot on trial must show that it works, or is given up; a slot in service is confirmed at once.
+"""After a boot: confirm a slot on trial once it works, or give it up; confirm a slot in service at once.
 
-A slot works when the agent says so, not when Linux has booted: it is in the mesh, and autopilot and camera answer, where they did
-so before the update. A slot that does not show it in time is booted again, until the boot loader has counted three attempts and
-takes the other one; there, this tells what has happened.
+A booted Linux is not enough: the agent must report that it is in the mesh, and that autopilot and camera answer if both did
+before the update. Without that report in time the slot is booted again, until the boot loader has counted three attempts and
+takes the other slot; there, the outcome is recorded.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from agent.update.slots import Slots
 from protocol.onboard import MOST_ATTEMPTS, Needs, Outcome, Release, Report, Trial
 
 DEADLINE_S = 300.0  # from the start of this service until the agent is well
-HOLD_S = 5.0  # it must be well for so long
+HOLD_S = 5.0  # time for which the agent must stay well
 _LOOK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What this needs of the computer. ``report``: the agent's; ``excuse``: what the agent says while it has none."""
+    """Access to the computer. ``report``: the agent's; ``excuse``: the agent's reason while it has none."""
 
     report: Callable[[], Report | None]
     excuse: Callable[[], str]
@@ -51,7 +51,7 @@ def settle(slots: Slots, records: Records, release: Release, around: Surrounding
 
 
 def lacking(report: Report | None, needs: Needs, excuse: Callable[[], str] = str) -> list[str]:
-    """What does not answer, though it did before the update."""
+    """Parts that do not answer, though they did before the update."""
     if report is None:
         said = excuse()
         return [f"the agent does not report{': ' if said else ''}{said}"]
@@ -80,7 +80,7 @@ def _try(slots: Slots, records: Records, trial: Trial, around: Surroundings, dea
         if missing and around.uptime_s() - begun_s > deadline_s and not (report is not None and report.flies):
             return _give_up(records, trial, missing, around, deadline_s)
         around.sleep(_LOOK_S)
-    slots.mark_good(trial.slot)  # first: this is what counts after a power cut
+    slots.mark_good(trial.slot)  # first: the boot loader's variables decide after a power cut
     text = f"updated from {trial.before} to {trial.release}, slot {trial.slot}"
     _tell(records, around, Outcome(kind="good", slot=trial.slot, release=trial.release, text=text, **_times(trial, around)))
     _keep(around, records.end)
@@ -94,7 +94,7 @@ def _give_up(records: Records, trial: Trial, missing: list[str], around: Surroun
 
 
 def _look_back(slots: Slots, records: Records, slot: str, trial: Trial | None, release: Release, around: Surroundings) -> None:
-    """Tell what has become of the other slot, if it should be running instead of this one."""
+    """Record the outcome for the other slot, if that slot should be running instead of this one."""
     other, told = slots.other(slot), records.outcome
     if slots.primary == other:
         tried = trial.release if trial is not None else records.slots.get(other, Release(version="unknown"))
@@ -117,7 +117,7 @@ def _tell(records: Records, around: Surroundings, outcome: Outcome) -> None:
 
 
 def _keep(around: Surroundings, write: Callable[[], None]) -> None:
-    """Write to the data partition, if it takes anything: one that is full or damaged must not decide about a slot."""
+    """Write to the data partition if possible: a full or damaged partition must not decide about a slot."""
     try:
         write()
     except OSError as error:

@@ -1,8 +1,8 @@
-"""The two slots, and the boot loader's variables by which it chooses one: which comes first, which are good, attempts made.
+"""The two slots, and the boot loader's variables for the choice between them: order, good slots, attempts made.
 
 GRUB's block of variables is overwritten in place: all variables are in its first 512 bytes, which a disk writes as a whole. The
 usual tool (``grub-editenv``) empties the file first: after a power cut there would be no variables, and slot A would boot.
-So RAUC is given this as its boot loader (``bootloader=custom``).
+Therefore this module is RAUC's boot loader (``bootloader=custom``).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Slots:
         """The slot that this system runs from.
 
         Raises:
-            UpdateError: it runs from none.
+            UpdateError: the system runs from no slot.
         """
         slot = self.found
         if slot is None:
@@ -51,7 +51,7 @@ class Slots:
         return self._order(self._read())[0]
 
     def other(self, slot: str) -> str:
-        """The other one."""
+        """The slot beside this one."""
         return SLOTS[1 - SLOTS.index(slot)]
 
     def attempts(self, slot: str) -> int:
@@ -60,25 +60,25 @@ class Slots:
         return int(tries) if tries.isdecimal() else MOST_ATTEMPTS
 
     def is_good(self, slot: str) -> bool:
-        """Whether the boot loader may take it."""
+        """Whether the boot loader may take this slot."""
         return self._read().get(f"{slot}_OK") == "1"
 
     def mark_good(self, slot: str) -> None:
-        """It works: its attempts are counted anew."""
+        """Mark a slot as working, and reset its count of attempts."""
         self._change(**{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def mark_bad(self, slot: str) -> None:
-        """It must not be booted; the other one comes first."""
+        """Exclude a slot from booting, and put the other slot first."""
         order = " ".join((self.other(slot), slot))
         self._change(ORDER=order, **{f"{slot}_OK": "0", f"{slot}_TRY": "0"})
 
     def put_first(self, slot: str) -> None:
-        """It is booted next, with all its attempts; after those, the other one."""
+        """Boot this slot next, with all its attempts, and the other slot afterwards."""
         order = " ".join((slot, self.other(slot)))
         self._change(ORDER=order, **{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def answer(self, *words: str) -> str:
-        """What RAUC asks of a custom boot loader, or tells it; returns the answer.
+        """Process a request of RAUC to a custom boot loader; returns the answer.
 
         Raises:
             UpdateError: a request that RAUC's documentation does not have.
