@@ -23,7 +23,7 @@ MAX_CORNERS = 1000  # of all buildings together: each line of sight is cut with 
 
 
 class BuildingConfig(Section, frozen=True, kw_only=True):
-    """A wall or a solid building, upright on the ground: outline (mission frame), height above ground, and what it is made of.
+    """A wall or a solid building, upright on the ground: outline (mission frame), height above ground, and material.
 
     ``attenuation_per_m``: linear attenuation coefficient for the nuclide's photons, in place of the material's: of a building
     with rooms, its mean over inside and walls.
@@ -42,8 +42,8 @@ class BuildingConfig(Section, frozen=True, kw_only=True):
 
 
 class BuildingsConfig(Section, frozen=True, kw_only=True):
-    """What may stand between source and cameras, as far as it is known: it enters the counts and cones that a track of ``bayes``
-    expects, not its search, and all that ``sources`` expects.
+    """Known walls and buildings between source and cameras. They enter the counts and cones expected by a track of ``bayes``, not
+    by its search, and all expectations of ``sources``.
 
     ``file``: a GeoJSON file in the mission file's folder, by its name: polygons with the properties ``height_m`` and ``material``
     or ``attenuation_per_m``. ``crs``: of its coordinates: ``EPSG:4326`` (longitude, latitude, as GeoJSON has them; needs the
@@ -70,12 +70,12 @@ class _Properties(Struct):
 
 
 def read_buildings(path: Path, config: BuildingsConfig, datum: tuple[float, float, float] | None) -> BuildingsConfig:
-    """The buildings with those of the file ``config`` names, and without that name.
+    """Return the configuration with the buildings of its file among ``known``, and without the file's name.
 
     Args:
         path: the file.
         config: of the mission.
-        datum: latitude, longitude (degrees) and height of the mission frame's origin; None where it is not known.
+        datum: latitude, longitude (degrees) and height of the mission frame's origin; None if unknown.
 
     Raises:
         ConfigError: the file cannot be read, is too large, or a feature of it is no polygon with such properties.

@@ -14,12 +14,12 @@ ParameterName = Annotated[str, Meta(pattern=PARAMETER)]
 
 
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
-    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
+    """Endpoints of the swarm's Zenoh sessions, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
 
-    A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair. ``gossip``: it also
-    connects to drones that others announce, where those listen. ``identity``: folder with this drone's certificate and key, made
-    by ``radron-deploy pki issue``. ``insecure``: plain TCP instead (endpoints ``tcp/...``), open to everybody. ``others``: names
-    of those who may join besides the drones: operators, observers (none: everybody with a certificate of the swarm).
+    A drone listens at its own endpoint and connects to the endpoints of the drones before it: one link for each pair. ``gossip``:
+    it also connects to the endpoints that peers announce. ``identity``: folder with this drone's certificate and key, made by
+    ``radron-deploy pki issue``. ``insecure``: plain TCP instead (endpoints ``tcp/...``), open to everybody. ``others``: names of
+    the operators and observers that may join (none: all with a certificate of the swarm).
     """
 
     endpoints: dict[DroneId, str] = field(default_factory=dict)
@@ -39,8 +39,8 @@ class VisionConfig(Section, frozen=True, kw_only=True):
 class ResponseConfig(Section, frozen=True, kw_only=True):
     """The vehicle's response to setpoints at the start of a flight; drag, lag and tracking error are identified in flight.
 
-    The defaults are PX4's for a quadrotor, with a drag between those of small and large ones. ``radron-agent identify`` fits
-    them to a recorded flight.
+    The defaults are PX4's for a quadrotor, with a drag between small and large vehicles. ``radron-agent identify`` fits them to a
+    recorded flight.
     """
 
     drag_ps: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.5  # deceleration by drag, per m/s of speed
@@ -53,12 +53,12 @@ class ResponseConfig(Section, frozen=True, kw_only=True):
 class VehicleConfig(Section, frozen=True, kw_only=True):
     """The autopilot's onboard MAVLink link, as a MAVSDK address, and assumptions about vehicle and localisation.
 
-    ``address``: the autopilot obeys everybody who reaches it: the best link is a serial line, or a network of these two alone, at
-    whose address the agent listens. ``source``: the autopilot's IP address there: packets from others are dropped; none: that of
-    the first one heard, but on a loopback any.
-    ``system_id``: the vehicle's MAVLink system id, for a link on which other autopilots can be heard too; none: the first
-    one that is heard. ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by
-    vision. ``parameters``: names of parameters of the autopilot that the computer reports besides those that a flight relies on.
+    ``address``: the autopilot obeys every sender that reaches it. The best link is therefore a serial line, or a network of
+    computer and autopilot alone, with the agent listening at its own address there. ``source``: the autopilot's IP address there:
+    other packets are dropped; none: the first address heard, but on a loopback any.
+    ``system_id``: the vehicle's MAVLink system id, for a link shared with other autopilots; none: the first id heard. ``gnss``:
+    the autopilot flies by satellites; without satellites the autopilot has neither origin nor home, and is guided by vision.
+    ``parameters``: names of autopilot parameters that the computer reports besides the parameters that a flight relies on.
     """
 
     address: str = "udpin://127.0.0.1:14540"
@@ -99,7 +99,7 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
 
 
 class RecorderConfig(Section, frozen=True, kw_only=True):
-    """The flight recorder: MCAP files in ``folder`` (none: no records), the oldest of which are removed beyond ``limit_mb``."""
+    """The flight recorder: MCAP files in ``folder`` (none: no records); beyond ``limit_mb`` the oldest are removed."""
 
     folder: str | None = None
     limit_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096

@@ -1,4 +1,4 @@
-"""The part of the mission file about the estimator: which one, and its parameters."""
+"""The estimator's part of the mission file: its kind and parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from protocol.units import Identifier
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of the paper's linear Kalman filter (Sec. IV-B).
 
-    ``order``: which of a cone's two orders is used: the one with the smaller scattering angle, or the more probable one.
+    ``order``: the choice between a cone's two orders: the smaller scattering angle, or the larger probability.
     """
 
     process_noise_m2ps: Positive = 2.0  # q

@@ -1,4 +1,4 @@
-"""Configuration files (TOML) into their types, with errors that name the file, the key and what is allowed."""
+"""Configuration files (TOML) into their types, with errors that name the file, the key and the allowed values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """One document over another: its values count, section by section."""
+    """Return one document overlaid on another, section by section."""
     whole = dict(base)
     for key, value in over.items():
         old = whole.get(key)
@@ -103,7 +103,7 @@ def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
 
 
 def convert(document: object, kind: type[T], where: str) -> T:
-    """Fit a parsed document to a config type; errors name ``where``, the key and what is allowed."""
+    """Fit a parsed document to a config type; errors name ``where``, the key and the allowed values."""
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
@@ -111,7 +111,7 @@ def convert(document: object, kind: type[T], where: str) -> T:
 
 
 def _explain(text: str, kind: type) -> str:
-    """msgspec's error message with the key before it and what is allowed after it."""
+    """msgspec's error message with the key before it and the allowed values after it."""
     message, _, place = text.partition(" - at ")
     path = place.strip("`").replace("key` in `$.", "a key of ").removeprefix("$").lstrip(".")
     unknown = re.match(r"Object contains unknown field `(.+)`", message)

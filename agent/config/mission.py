@@ -1,4 +1,4 @@
-"""The mission file: what the swarm is to do, and with which estimator. The same on every drone.
+"""The mission file: the swarm's task and its estimator. The same on every drone.
 
 Its hash is the mission id: drones with different mission ids refuse to start together.
 """
@@ -47,9 +47,9 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     covers the area, at ``speed_mps`` (paper, Sec. V-A). Lanes are also flown with an estimator that gives no search posterior,
     with the flocking law ``paper``, and in areas whose bounding rectangle is larger than 9 ha.
     The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
-    ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources it
-    goes on after the first one is found, until all of the area is covered, and again when each has been circled, until nothing
-    of ``least_activity_bq`` may hide any more, or ``duration_s`` is over.
+    ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources the
+    search continues after the first source, until all of the area is covered. It resumes once each source has been circled, until
+    any further source of ``least_activity_bq`` is excluded, or ``duration_s`` is over.
     """
 
     height_m: Positive = 3.0
@@ -111,12 +111,12 @@ class TrackConfig(Section, frozen=True, kw_only=True):
 
     When the source counts as lost: with an estimator that states its covariance, while the hypothesis' RMS is above
     ``lost_rms_m``; the swarm then encircles it on a circle that fits the RMS. With ``bayes`` this happens only without any
-    measurements: else it gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With any other
-    estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a circle
-    that grows by ``widening_mps``.
+    measurements: otherwise ``bayes`` gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With any
+    other estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a
+    circle that grows by ``widening_mps``.
 
-    Of several sources each is circled until the drones have watched it for ``each_s`` each, together; then, by the
-    ``policy``, the ``strongest``, ``each`` in turn again, or one of the nuclide named, where there is one (else the strongest).
+    Each of several sources is circled until the drones together have watched it for ``each_s`` each. Then the ``policy`` decides:
+    the ``strongest`` source, ``each`` in turn again, or a source of the nuclide named (without one, the strongest).
     """
 
     later = frozenset({"policy", "each_s"})
@@ -130,14 +130,13 @@ class TrackConfig(Section, frozen=True, kw_only=True):
 
 
 class SafetyConfig(Section, frozen=True, kw_only=True):
-    """What happens when a drone, its radio, or its agent fails.
+    """Reaction to the failure of a drone, its radio, or its agent.
 
-    ``alone``: what a drone does that hears no other one of those that flew, or is heard by none: it goes on (``keep``), stays
-    where it keeps clear of the others (``hold``), or returns. ``agent_lost``: what the autopilots do without their agents (PX4:
-    COM_OBL_RC_ACT), so that the others can keep clear of it; preflight checks it. ``return_height_m``: of the first drone's
-    return by its autopilot, above its launch place; each further one returns ``return_layer_m`` higher, or less where the
-    ceiling does not allow as much. ``battery_reserve``: share of the battery below which a drone returns, one after the other;
-    below half of it at once.
+    ``alone``: reaction of a drone that hears no other drone of the flight, or is heard by none: continue (``keep``), stay clear
+    of the others (``hold``), or return. ``agent_lost``: the autopilots' failsafe without their agents (PX4: COM_OBL_RC_ACT), for
+    peers to keep clear; preflight checks it. ``return_height_m``: of the first drone's return by its autopilot, above its launch
+    place; each further one returns ``return_layer_m`` higher, or less where the ceiling does not allow as much.
+    ``battery_reserve``: share of the battery below which a drone returns, one after the other; below half of it at once.
     """
 
     alone: Literal["keep", "hold", "return"] = "keep"
@@ -148,10 +147,10 @@ class SafetyConfig(Section, frozen=True, kw_only=True):
 
 
 class DroneInMission(Section, frozen=True, kw_only=True):
-    """A member of the swarm and where its local frame lies at the start: its origin and heading in the mission frame.
+    """A member of the swarm, with origin and heading of its local frame in the mission frame at the start.
 
-    ``localization``: ``exact``: the frame lies exactly there for the whole flight; else the vehicle's kind of localisation, and
-    origin and heading of the frame are estimated in flight, with the initial errors ``origin_sigma_m`` (each axis) and
+    ``localization``: ``exact``: the frame lies exactly there for the whole flight; otherwise the vehicle's kind of localisation,
+    and origin and heading of the frame are estimated in flight, with the initial errors ``origin_sigma_m`` (each axis) and
     ``yaw_sigma_deg`` (180: unknown heading).
     """
 
@@ -197,11 +196,11 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 
 
 class MissionConfig(Section, frozen=True, kw_only=True):
-    """What the swarm is to do. The same file on every drone.
+    """The swarm's task. The same file on every drone.
 
-    ``nuclide``: that of the source, or a list of those that it may be of, or ``auto``: any that is known. None given: ``auto``
-    with the estimator ``sources``, else Cs-137. More than one candidate needs an estimator that reads spectra, such as
-    ``sources``. ``source_height_m``: least and greatest height of a source above the ground, which only ``sources`` estimates.
+    ``nuclide``: the source's nuclide, or a list of candidates, or ``auto``: any known nuclide. None given: ``auto`` with the
+    estimator ``sources``, else Cs-137. More than one candidate needs an estimator that reads spectra, such as ``sources``.
+    ``source_height_m``: least and greatest height of a source above the ground, which only ``sources`` estimates.
     """
 
     name: str
@@ -228,7 +227,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
             msgspec.structs.force_setattr(self, "nuclide", AUTO if self.fusion.estimator == "sources" else "Cs-137")
 
     def named(self, where: str = "mission") -> str:
-        """The one nuclide of the source; raises ConfigError, naming ``where``, where it is not known."""
+        """The only nuclide of the source; raises ConfigError, naming ``where``, for several candidates."""
         if self.one_nuclide is None:
             raise ConfigError(
                 f"{where}: nuclide: {self.nuclide_text!r} is more than one, and only fusion.estimator = 'sources' tells which it "

@@ -17,17 +17,18 @@ Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 
 
 class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all sections: a key that is not known is an error, not a default.
+    """Base of all sections: an unknown key is an error, not a default.
 
-    ``later``: names of the keys that came after version 2 of the protocol. They are no part of a section's content while they
-    have their defaults, so that a mission which does not use them keeps its id, and its flight records open.
+    ``later``: names of the keys added after version 2 of the protocol. With their defaults they are no part of a section's
+    content, so that older missions keep their id, and their flight records stay readable.
     """
 
     later: ClassVar[frozenset[str]] = frozenset()
 
 
 def content_of(section: Section) -> dict[str, object]:
-    """What identifies a section: its keys and values, and those of the sections in it, less what is ``later`` and unused."""
+    """Return the content that identifies a section: its keys and values, with all inner sections, without unused ``later``
+    keys."""
     return {
         field.encode_name: _plain(getattr(section, field.name))
         for field in _fields(type(section))
@@ -37,7 +38,7 @@ def content_of(section: Section) -> dict[str, object]:
 
 @cache
 def _fields(kind: type[Section]) -> tuple[FieldInfo, ...]:
-    """Kept, because an id is asked for with each message, and to find out a class's fields takes milliseconds."""
+    """Cached: each message needs an id, and a class's fields take milliseconds to inspect."""
     return fields(kind)
 
 

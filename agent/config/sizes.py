@@ -27,7 +27,7 @@ _LIMITS = {
 def check_sizes(mission: MissionConfig, where: str) -> None:
     """Raise ConfigError where a size is beyond its limits; ``where`` is named in the text.
 
-    Apart from the types of the keys, which a flight record of any age must satisfy: these are limits of what is flown.
+    These limits apply to flights only; the types of the keys also hold for flight records of any age.
     """
     for (section, key), (least, most) in _LIMITS.items():
         value = getattr(getattr(mission, section), key)

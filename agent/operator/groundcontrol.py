@@ -26,8 +26,8 @@ from protocol.trust import trust_of
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm
 OBEY_S = LAPSE_S + 1.0  # until every drone has obeyed, and said so in its next status
-REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
-PAUSE_S = 0.05  # between two commands: the drones drop what comes sooner (protocol/mesh/rights.py)
+REPEAT_S = 1.0  # until the command is repeated; a drone ignores copies of an obeyed command
+PAUSE_S = 0.05  # between two commands: the drones drop earlier ones (protocol/mesh/rights.py)
 
 _DONE: dict[Action, tuple[Stage, ...]] = {
     Action.START: TAKING_PART,
@@ -67,12 +67,12 @@ class Order:
     without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
     identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
-    mission: str = ""  # id of the mission that is meant; empty: the one that the drones have
+    mission: str = ""  # id of the intended mission; empty: the drones' present mission
     given_s: float | None = None  # when the operator gave it (``elapsed_s``); None: once the drones are found
 
     @property
     def addressees(self) -> Addressees:
-        """Whom it is for."""
+        """The addressed drones."""
         return Addressees(self.swarm, self.connect, self.drones, self.without)
 
 
@@ -180,7 +180,7 @@ async def find(
 
 
 def station_name(trust: Trust | None) -> str:
-    """Name of this station: that of its certificate, or one that no other station has."""
+    """Name of this station: from its certificate, or a unique one."""
     return trust.name if trust is not None else f"command-{os.getpid()}"
 
 
@@ -193,7 +193,7 @@ def _by_mission(drones: Collection[str], statuses: Statuses) -> dict[str, list[s
 
 
 def _check_mission(order: Order, drones: Collection[str], statuses: Statuses) -> None:
-    """Refuse to start drones with different missions, or to command ones with another mission than the operator means."""
+    """Refuse to start drones with different missions, or to command drones with another mission than intended."""
     missions = _by_mission(drones, statuses)
     told = "; ".join(f"{', '.join(names)}: {mission}" for mission, names in missions.items())
     if order.action is Action.START and len(missions) > 1:
@@ -203,9 +203,9 @@ def _check_mission(order: Order, drones: Collection[str], statuses: Statuses) ->
 
 
 def _look_for_problems(drones: Collection[str], statuses: Statuses, without: Collection[str]) -> None:
-    """Refuse to start a swarm in which one drone has a problem: else the others would start without it.
+    """Refuse to start a swarm with a problem on any drone: otherwise the others would start without that drone.
 
-    ``without``: drones that are left behind on purpose: what only concerns them is no problem.
+    ``without``: drones left behind on purpose; problems that concern only these drones are ignored.
     """
     found = {name: [text for text in statuses[name].problems if not _concerns(text, without)] for name in drones}
     told = [f"{name}: {', '.join(texts)}" for name, texts in found.items() if texts]
@@ -214,7 +214,7 @@ def _look_for_problems(drones: Collection[str], statuses: Statuses, without: Col
 
 
 def _concerns(problem: str, drones: Collection[str]) -> bool:
-    """Whether a problem is that one of these drones is not heard, or what it has."""
+    """Whether a problem is lost contact with one of these drones, or that drone's own problem."""
     return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
@@ -228,9 +228,9 @@ async def _send_until_done(
 ) -> None:
     """Send a command again and again, until it lapses: copies have the same stamp, nonces and numbers.
 
-    One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
-    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle. A drone that is landing
-    gets ``land`` once: on the ground its agent disarms then.
+    A command that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came
+    first. No copy goes to a drone that has obeyed: the safety pilot may have the vehicle by then. A drone that is landing gets
+    ``land`` once: on the ground its agent disarms then.
     """
     statuses, obeyed = tickets.statuses, set[str]()
     to_disarm = {name for name in tickets.drones if (order.action, statuses[name].stage) == (Action.LAND, Stage.LANDING)}

@@ -43,10 +43,10 @@ class UploadOrder:
 async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
     """Upload a mission to drones on the ground; ``say`` is called with a line for each step of each drone.
 
-    Each drone decides for itself: those that refuse keep their mission, and no start is possible until all have the same.
+    Each drone decides for itself: a drone that refuses keeps its mission, and no start is possible until all have the same.
 
     Returns:
-        By drone: why it did not take the mission; empty where it has it now.
+        By drone: the reason for its refusal; empty after the mission was taken.
 
     Raises:
         CommandError: not all the mission's drones are heard, or the certificate is not an operator's; nothing was sent.
@@ -123,7 +123,7 @@ async def _followed(sending: _Sending, drones: list[_Drone], identity: Identity 
 
 
 def _look(sending: _Sending, one: _Drone, waited_s: float, identity: Identity | None, say: Say) -> None:
-    """Note what a drone has answered."""
+    """Record a drone's answer."""
     status = sending.tickets.statuses[one.name]
     answer = status.upload
     answered = answer is not None and answer.stamp_ns == sending.stamp_ns

@@ -70,8 +70,8 @@ class _Drone:
 
 
 class Overview:
-    """The newest of what each drone has told. ``clock_s``: monotonic; ``verifier``: of the statuses' signatures, None in a swarm
-    without certificates.
+    """The newest status and estimate of each drone. ``clock_s``: monotonic; ``verifier``: of the statuses' signatures, None in a
+    swarm without certificates.
     """
 
     def __init__(self, mission: MissionConfig | None, clock_s: Callable[[], float], verifier: Verifier | None = None) -> None:
@@ -85,10 +85,9 @@ class Overview:
         return any(drone.heard_s > 0.0 for drone in self._drones.values())
 
     def receive(self, key: str, payload: bytes, vouched: bool = True) -> None:
-        """Take a message from the mesh; what is invalid is left out.
+        """Take a message from the mesh; invalid messages are dropped.
 
-        ``vouched``: it comes by a session in which nobody publishes under another one's name; else only statuses, which are
-        signed, are taken.
+        ``vouched``: the session prevents publications under foreign names; otherwise only statuses, which are signed, are taken.
         """
         try:
             message = decode_from(key, payload)
@@ -111,16 +110,16 @@ class Overview:
         return frozenset(name for name, drone in self._drones.items() if drone.status is not None)
 
     def _counts(self, status: Status) -> bool:
-        """Whether a status is signed by its drone, and no old one again."""
+        """Whether a status is signed by its drone, and is no replay."""
         if self._verifier is not None and not self._verifier.accepts_status(status):
             return False
         known = self._drones.get(status.drone)
         if known is None or known.status is None or status.stamp_ns > known.status.stamp_ns:
             return True
-        return self._clock_s() - known.heard_s > STALE_S  # after a pause: the drone's clock may have been set back
+        return self._clock_s() - known.heard_s > STALE_S  # after a pause: the drone's clock may have stepped backward
 
     def _known(self, status: Status) -> Status:
-        """A status that counts, without what in it its drone has not signed."""
+        """A valid status, without fields that its drone has not signed."""
         signed = self._verifier is None or self._verifier.accepts_obeyed(status)
         return status if signed else replace(status, obeyed=UNSET)
 
@@ -129,7 +128,7 @@ class Overview:
         return [self._row(name, self._drones[name]) for name in sorted(self._drones)]
 
     def sources(self) -> list[str]:
-        """A line for each different estimate: the drones that tell it, and what they tell."""
+        """A line for each different estimate: its drones, and its sources."""
         told: dict[str, list[str]] = {}
         for name in sorted(self._drones):
             estimate, age_s = self._drones[name].estimate, self._clock_s() - self._drones[name].heard_s
@@ -180,7 +179,7 @@ async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overvi
         mesh = await Mesh.open(links, place.swarm, None, receive=receive)
         stack.push_async_callback(mesh.close)
         until_s, authors = time.monotonic() + LISTEN_S, frozenset(drones or ())
-        news: Mesh | None = None  # of drones that are only known by their statuses
+        news: Mesh | None = None  # of drones known by their statuses only
         while watch is not None or time.monotonic() < until_s:
             if watch is not None:
                 watch(overview)

@@ -27,7 +27,7 @@ LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0
 EFFECT_S = 10.0
 REPEAT_S = 1.0
-ATTEMPTS = 3  # to learn what a log holds
+ATTEMPTS = 3  # to fetch the content of a log
 _GET = "run `radron-deploy pki issue NAME --role operator --may-revoke`, and give the folder that it makes"
 
 
@@ -77,7 +77,7 @@ async def revoke(request: Request, confirm: Callable[[str], bool], say: Callable
 
 
 class _Heard:
-    """The newest status of each drone, as it has signed it, and what it passes on as revoked."""
+    """The newest signed status of each drone, and the revocations that each drone forwards."""
 
     def __init__(self, identity: Identity) -> None:
         self.identity = identity  # this computer's
@@ -109,7 +109,7 @@ def _identity(request: Request) -> Identity:
 
 
 async def _find(request: Request, heard: _Heard) -> list[str]:
-    """All drones that are heard but the one that is revoked."""
+    """All drones heard, without the revoked member."""
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
         drones = sorted(name for name in heard.statuses if name != request.member)

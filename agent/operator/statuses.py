@@ -1,4 +1,4 @@
-"""What an operator's computer hears of the drones, and what an order to them needs of it: tickets, each of one moment."""
+"""Statuses of the drones on an operator's computer, and the tickets that orders need, each of one moment."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from protocol.keys import parse_key
 from protocol.messages import MAX_ORDER_AGE_NS, Action, Stage, Status, Ticket
 from protocol.signing import Verifier
 
-LAPSE_S = MAX_ORDER_AGE_NS * 1e-9  # after it was given no drone obeys an order any more
+LAPSE_S = MAX_ORDER_AGE_NS * 1e-9  # age of an order at which all drones refuse it
 FRESH_S = 3.0
 CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
 MAX_NAMES = 5  # of drones with unsigned statuses
 
 
 class Statuses:
-    """The newest status of each drone. ``unsigned``: in whose names there were some that it has not signed."""
+    """The newest status of each drone. ``unsigned``: names of drones with statuses that their drone has not signed."""
 
     def __init__(self, identity: Identity | None = None) -> None:
         """``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
@@ -42,7 +42,7 @@ class Statuses:
         return next((ticket for heard_s, ticket in reversed(self._tickets.get(drone, ())) if heard_s <= at_s), None)
 
     def receive(self, key: str, payload: bytes) -> bool:
-        """Take a message of the mesh; whether it is a status that counts: signed by its drone, and no old one again."""
+        """Take a message of the mesh; returns whether it is a valid status: signed by its drone, and no replay."""
         try:
             if parse_key(key).kind != "status":
                 return False
@@ -56,7 +56,7 @@ class Statuses:
             return False
         known = self._newest.get(message.drone)
         if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
-            return False  # after a pause it counts: the drone's clock may have been set back
+            return False  # valid after a pause: the drone's clock may have stepped backward
         self._newest[message.drone] = legible(message)
         self._heard_s[message.drone] = now_s = elapsed_s()
         tickets = self._tickets.setdefault(message.drone, deque())
@@ -80,9 +80,9 @@ class Statuses:
 
 
 class Tickets:
-    """What one order needs for its drones: in all copies the nonces that they had published when it was given, and its numbers.
+    """Tickets of one order for its drones: all copies carry the nonces published by the time of the order, and its numbers.
 
-    So every drone refuses each copy ``MAX_ORDER_AGE_NS`` after the order was given, however long it was on its way.
+    Every drone therefore refuses each copy ``MAX_ORDER_AGE_NS`` after the order, for any delay on the way.
     """
 
     def __init__(self, statuses: Statuses, drones: Collection[str], given_s: float) -> None:
@@ -106,13 +106,13 @@ class Tickets:
         return newest is not None and own is not None and newest.number > own.number
 
     def why(self, action: Action, drone: str) -> str:
-        """Why a drone does not obey, in one line."""
+        """The reason for a drone's refusal, in one line."""
         status, ahead_s = self.statuses[drone], self.statuses.clock_ahead_s(drone)
         if drone not in self.statuses.heard():
             return f"{drone}: no longer heard"
         if drone not in self._tickets:
             return f"{drone}: its status tells no nonce, without which no command is obeyed"
-        if self.is_overtaken(drone) and action is Action.RESUME:  # one that is refused is used up, too
+        if self.is_overtaken(drone) and action is Action.RESUME:  # a refused number is used up, too
             return f"{drone}: resume was not possible, or another command came first (now in {status.stage})"
         if self.is_overtaken(drone):
             return f"{drone}: another command came first: give this one again"
@@ -124,7 +124,7 @@ class Tickets:
 
 
 def legible(status: Status) -> Status:
-    """A status whose texts can be shown on a terminal."""
+    """A status with texts that are safe on a terminal."""
     problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
     upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
     return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)

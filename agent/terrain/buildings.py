@@ -57,8 +57,8 @@ class Buildings:
     def depth(self, start: Array, way: Array) -> Array:
         """Optical depth (N,) of the buildings on the ways (N, 3) from (N, 3).
 
-        Along a line, a prism's share is the sum over its sides of the places where the line leaves it, minus those where it
-        enters it, each cut off at the ends of the way and where the line passes above the roof.
+        Along a line, a prism's share is the sum over its sides of the exit places minus the entry places. Both are cut off at the
+        ends of the way and at the line's passage through the roof's height.
         """
         portions = [slice(first, first + _PORTION) for first in range(0, max(len(way), 1), _PORTION)]
         return np.concatenate([self._depth(start[portion], way[portion]) for portion in portions])
@@ -76,7 +76,7 @@ class Buildings:
         share = first / np.where(crosses, first - second, 1.0)
         along = ((px + share * (qx - px)) * dx + (py + share * (qy - py)) * dy) / level
         dz = np.where(np.abs(dz) > _LEVEL_M, dz, -_LEVEL_M)
-        roof = np.clip((self._tops[sides] - z0) / dz, 0.0, 1.0)  # where the line passes through the roof's height
+        roof = np.clip((self._tops[sides] - z0) / dz, 0.0, 1.0)  # the line's passage through the roof's height
         inside = np.clip(along, np.where(dz < 0.0, roof, 0.0), np.where(dz < 0.0, 1.0, roof))
         leaving = np.where(first < 0.0, inside, -inside) * crosses
         total = np.bincount(of, leaving * self._strengths[sides], len(way))
@@ -84,7 +84,8 @@ class Buildings:
         return result
 
     def _met(self, start: Array, end: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Indices of ways, and of the sides they may meet: of buildings whose rectangle overlaps theirs, of a town but a few."""
+        """Indices of ways, and of the sides they may meet: sides of buildings with a rectangle that overlaps the way's, of a town
+        a few."""
         low, high = np.minimum(start, end), np.maximum(start, end)
         west, south, east, north = self._boxes.T
         overlaps = (west <= high[:, 0, None]) & (east >= low[:, 0, None])

@@ -37,7 +37,7 @@ class Raster:
 
     heights: (R, C), metres, NaN where missing: no number, declared as missing, or no height of land. matrix (2, 2), origin (2,):
     the node of column c and row r lies at ``matrix @ (c, r) + origin`` in the file's coordinates: x or longitude, y or latitude.
-    crs: their reference system, where the file gives it.
+    crs: reference system of the coordinates, if the file gives it.
     """
 
     heights: Array
@@ -84,7 +84,7 @@ def _ascii(name: str, data: bytes) -> Raster:
 
 
 def _geotiff(name: str, data: bytes) -> Raster:
-    import tifffile  # noqa: PLC0415  a tenth of the agent's time to start, for those that have such a file
+    import tifffile  # noqa: PLC0415  a tenth of the agent's start-up time, only needed for such files
 
     logging.getLogger(tifffile.__name__).setLevel(logging.CRITICAL)  # its notes go to the terminal; errors are raised
     try:
@@ -128,7 +128,7 @@ def _gdal_metadata(text: str) -> dict[str, str]:
 
 
 def _unit_m(name: str, keys: dict[str, object], written: str | None) -> float:
-    """Metres in the unit of the heights: the one that GDAL has written, else that of the coordinate system."""
+    """Metres in the unit of the heights: as GDAL has written it, otherwise the coordinate system's unit."""
     code = _code(keys, "VerticalUnitsGeoKey")
     unit_m = _UNITS_M.get(_METRE if code is None else code) if written is None else _GDAL_UNITS_M.get(written.strip().lower())
     if unit_m is None:

@@ -133,7 +133,7 @@ class _Grid:
         return heights
 
     def slopes(self, places: Array) -> Array:
-        """Slopes (N, 2), rise per metre east and north: those of the cells; zero across the edge."""
+        """Slopes (N, 2), rise per metre east and north, bilinear within the cells; zero across the edge."""
         inside = np.abs(self._indices(places) - 0.5 * self._last) <= 0.5 * self._last
         column, row, u, v = self._cells(places)
         corners = self._heights
