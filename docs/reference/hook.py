@@ -1,4 +1,4 @@
-"""The MkDocs hook: adds the generated reference pages, and the pages made of notebooks, to the site."""
+"""The MkDocs hook: adds the generated reference pages, the pages made of notebooks, and the tables of defects to the site."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mkdocs.structure.pages import Page
 _FOLDER = Path(__file__).parent
 sys.path.insert(0, str(_FOLDER))
 
+import defects  # noqa: E402
 import notebooks  # noqa: E402
 import pages  # noqa: E402
 
@@ -44,8 +45,8 @@ def _with_formulas(markdown: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to a notebook lead to its page, which has the one to the file; links to code become text; formulas become MathML."""
+    """Insert the tables of defects, and formulas as MathML; links to code become text, links to notebooks lead to their pages."""
     if page.file.generated_by:
         return markdown
-    linked = _BEYOND.sub(r"\1", _with_formulas(markdown))
+    linked = _BEYOND.sub(r"\1", defects.with_tables(_with_formulas(markdown)))
     return re.sub(r"(\]\([\w./-]+)\.ipynb\)", r"\1.md)", linked)
