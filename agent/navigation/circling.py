@@ -1,4 +1,4 @@
-"""The circle around the source: its centre, radius and height, and the reference of one drone on it, in its own local frame."""
+"""Circle around the source: its centre, radius and height, and the reference of one drone on it, in its own local frame."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source togethe
 
 
 class Circling:
-    """The circle of one drone, which it shares with those that it hears."""
+    """Circle of one drone, shared with the peers it hears."""
 
     def __init__(self, mission: MissionConfig, drone: str, ground: OwnGround) -> None:
         """``drone``: the own id."""
@@ -43,11 +43,11 @@ class Circling:
         self._shared = SharedCircle(mission, drone)
 
     def begin(self) -> None:
-        """The local frame may be another one."""
+        """Begin anew, possibly in another local frame."""
         self._shared.begin()
 
     def centre(self, moment: Moment, frame: LocalFrame | None) -> Centre | None:
-        """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        """Centre of the circle; None without a hypothesis, or while the local frame is not known."""
         hypothesis = moment.hypothesis
         if hypothesis is None or frame is None:
             return None
@@ -59,14 +59,14 @@ class Circling:
         return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))
 
     def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
-        """The circle that the drone tracks on, mission frame; None where it does not track."""
+        """Circle of a tracking drone, mission frame; None outside of tracking."""
         if centre is None or moment.stage not in CIRCLING:
             return None
         radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
         return Circle(*centre.in_mission, radius_m, self._config.encirclement.speed_mps)
 
     def has_room(self, moment: Moment, centre: Centre | None, absence: Absence | None) -> bool:
-        """Whether the circle that is its own while others are not heard lies inside the fence, or is not flown on."""
+        """Whether the own circle while links are lost lies inside the fence, or is not in use."""
         circle = self.circle(moment, centre)
         return circle is None or self._shared.has_room(absence, circle.centre, self._fits(moment))
 
@@ -80,11 +80,11 @@ class Circling:
         absence: Absence | None,
         others: Sequence[PeerPlan],
     ) -> tuple[Reference, list[PeerPlan]]:
-        """The reference, and the places on the circle that are kept free for drones that are not heard.
+        """Return the reference, and the places on the circle that stay free for missing drones.
 
-        A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
+        With a posterior and the smooth law: a circle around the hypothesis, as narrow as the posterior allows.
 
-        Otherwise the configured circle, growing while the source has to be found again. Arguments as of ``Guidance.reference``.
+        Otherwise the configured circle, widening during reacquisition. Arguments as of ``Guidance.reference``.
         """
         x, y, _ = centre.position
         far_m = hypot(state.position[0] - x, state.position[1] - y)
@@ -112,7 +112,7 @@ class Circling:
         return reference, kept
 
     def hover(self, moment: Moment, state: PeerState, centre: Centre, absence: Absence | None, z_m: float) -> Reference:
-        """Stay at that height where the circle is nearest."""
+        """Return a hold at that height, at the nearest point of the circle."""
         (x, y, _), (cx, cy, _) = state.position, centre.position
         ring_m, _ = self._shared.course(absence, hypot(x - cx, y - cy), moment.vehicle.height_m, self._fits(moment))
         radius_m, _ = self._size_m(moment, absence, ring_m)
@@ -120,10 +120,10 @@ class Circling:
 
     @staticmethod
     def _still(state: PeerState, centre: Centre, radius_m: float, z_m: float) -> Reference:
-        """Stay where a circle is nearest, at a height.
+        """Return a hold at the nearest point of a circle, at a height.
 
-        One that climbed before it crossed flew around on its way to a place on the circle, low, at 6 m/s and past one that
-        hovered and had never heard it (2.3 m).
+        A climb before a crossing is on the spot: on its way to a place on the circle the drone would fly around it, low and fast,
+        past hovering drones without a link.
         """
         (x, y, _), (cx, cy, _) = state.position, centre.position
         angle = atan2(y - cy, x - cx)
@@ -140,8 +140,8 @@ class Circling:
         climbs: bool,
         has_room: bool,
     ) -> list[PeerPlan]:
-        """Where missing drones may circle, and the middle of the circle (``SharedCircle``), while this one circles or ``climbs``
-        before it crosses: nearest to its plan ``ahead`` (K, 3).
+        """Return the circles of missing drones, and the middle of the circle (``SharedCircle``), nearest to the plan ``ahead``
+        (K, 3), while this drone circles or ``climbs`` before it crosses.
         """
         circle = self.circle(moment, centre)
         if absence is None or centre is None or (circle is None and not climbs):
@@ -153,7 +153,7 @@ class Circling:
         return found + self._shared.others(absence, now_ns, at, way, STEP_S, fits, climbs=climbs)
 
     def _size_m(self, moment: Moment, absence: Absence | None, ring_m: float | None) -> tuple[float, float]:
-        """Radius, and height above ground. ``ring_m``: the radius that keeps clear of those that are not heard, if any does."""
+        """Radius, and height above ground. ``ring_m``: the radius that keeps clear of missing drones, if there are any."""
         config, hypothesis = self._config.encirclement, moment.hypothesis
         lift_m, lost = self._shared.lift_m(absence), moment.stage is Stage.REACQUIRE
         if self._fits(moment) and hypothesis is not None:
@@ -164,7 +164,7 @@ class Circling:
         return widened_m if ring_m is None else ring_m, config.height_m + lift_m
 
     def _doubt_m(self, moment: Moment, partners: dict[str, PeerPlan], deviation_m: float) -> float:
-        """By how much those on the circle keep farther apart."""
+        """Return the increase of the spacing on the circle by uncertainty."""
         widest_m = max((margin_m(deviation_m, plan.deviation_m) for plan in partners.values()), default=0.0)
         doubt_m = max(0.0, widest_m - LEAST_MARGIN_M)
         if self._fits(moment):
@@ -172,7 +172,7 @@ class Circling:
         return doubt_m
 
     def _least_m(self, moment: Moment, source: Hypothesis, absence: Absence | None) -> float:
-        """Height above ground for the second half of a turn, while all are heard: sides that are apart differ in height."""
+        """Height above ground for the second half of a turn, without missing drones: network components differ in height."""
         if self._second_m is None or absence is not None or moment.stage is not Stage.TRACK:
             return 0.0
         return self._second_m if is_in_second_half(source, self._config) else 0.0

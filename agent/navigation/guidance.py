@@ -1,4 +1,4 @@
-"""The reference for the tracker and the heading in each stage, in the drone's own local frame."""
+"""Reference for the tracker, and heading, in each stage, in the drone's own local frame."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
 from protocol.stages import BRAKING
 
-# A drone whose frame is not known waits in place; after a while on a small circle, because ranges alone give no heading of a
-# drone that does not move. Two that only saw in which direction the other one was, 6 m away, circled towards each other (2.2 m).
+# A drone with an unknown frame waits in place; after a while on a small circle, because ranges alone give no heading of a peer
+# without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
-_CLIMBS_LATE_S = 2.0  # others may notice later, and take time to get to their climb rate
-_AT_HEIGHT_M = 1.0  # so near to its height it has arrived there
+_CLIMBS_LATE_S = 2.0  # delay of other drones: they may notice later, and have to reach their climb rate
+_AT_HEIGHT_M = 1.0  # tolerance for arrival in the altitude layer
 
 
 class Guidance:
     """References and headings of one drone.
 
-    ``has_room``: the circle that is its own while others are not heard lies inside the fence, or is not flown on. One without
-    room stops, as a vehicle without its agent does, of whose place the others keep clear, and will return: on its way to that
-    circle it would flee those inside of it. ``kept_places``: on the circle, of the last reference: those that are left free for
-    drones that are not heard; local frame.
+    ``has_room``: the own circle while links are lost lies inside the fence, or is not in use. A drone without room stops, like a
+    vehicle whose agent is lost, of whose position all drones keep clear, and then returns: on the way to that circle it would
+    flee from the drones inside of it. ``kept_places``: the places on the circle that the last reference left free for missing
+    drones; local frame.
     """
 
     def __init__(
@@ -71,15 +71,15 @@ class Guidance:
         self.has_room = True
         self.kept_places: list[PeerPlan] = []
         self._yaw_rad = 0.0
-        self._stays: Vector3 | None = None  # the place held, local
-        self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
-        self._freest_rad = 0.0  # where there is most room for it to move then
-        self._climbs_at: Vector3 | None = None  # above others that may fly anywhere, local
-        self._above_ns: int | None = None  # since when it searches, or is to search, above them
+        self._stays: Vector3 | None = None  # hold position, local
+        self._waits: tuple[int, float, float] | None = None  # begin and position of the wait for its frame, local
+        self._freest_rad = 0.0  # direction with most room for motion then
+        self._climbs_at: Vector3 | None = None  # position of the climb above drones at unknown positions, local
+        self._above_ns: int | None = None  # begin of the search above them, or of its preparation
 
     @property
     def comes_down(self) -> bool:
-        """Whether the drone comes down over home from the height at which it has returned; then it lands."""
+        """Whether the drone descends over home from the height of its return; then it lands."""
         return self._way.comes_down
 
     @property
@@ -88,21 +88,21 @@ class Guidance:
         return self._waits is not None
 
     def begin(self) -> None:
-        """Guidance begins, or begins again: any waiting is over."""
+        """Begin guidance, or begin it anew: any waiting is over."""
         self._waits = self._stays = self._climbs_at = None
         self._circling.begin()
         self._way.begin()
 
     def leap(self) -> None:
-        """The vehicle is not where its plan has led."""
+        """Note that the vehicle is not on its plan."""
         self._stays = None
 
     def centre(self, moment: Moment) -> Centre | None:
-        """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        """Centre of the circle; None without a hypothesis, or while the local frame is not known."""
         return self._circling.centre(moment, self._own.frame)
 
     def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
-        """The circle that the drone tracks on, mission frame; None where it does not track."""
+        """Circle of a tracking drone, mission frame; None outside of tracking."""
         return self._circling.circle(moment, centre)
 
     def reference(
@@ -116,16 +116,16 @@ class Guidance:
         others: Sequence[PeerPlan] = (),
         seen: Sequence[float] = (),
     ) -> Reference:
-        """The reference from ``state``, the tracker's own, together with the drones that take part.
+        """Return the reference from ``state``, the tracker's own, together with the drones that take part.
 
-        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
-        ``others``: all that fly, or may; ``seen``: directions (rad) in which it sees some.
+        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: consequences of missing drones;
+        ``others``: all drones in the air, certain or possible; ``seen``: directions (rad) in which this drone sees others.
         """
         self._absence, self._others, self.kept_places = absence, others, []
         above, self._climbs_at = self._climbs_at, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
-        if not moment.vehicle.position_trusted or moment.stage in BRAKING:  # by setpoints to rest
+        if not moment.vehicle.position_trusted or moment.stage in BRAKING:  # braking by setpoints
             return self.stay(state)
         if self._holds and not circles and moment.stage is not Stage.RETURN:
             is_low = moment.stage is Stage.SURVEY and self._may_meet
@@ -155,12 +155,12 @@ class Guidance:
 
     @property
     def _holds(self) -> bool:
-        """Whether it stays where it keeps clear of drones that it does not hear."""
+        """Whether the drone, isolated, holds clear of lost peers."""
         return self._absence is not None and self._absence.alone and self._config.safety.alone == "hold"
 
     @property
     def _may_meet(self) -> bool:
-        """Whether it may meet drones anywhere that it does not hear."""
+        """Whether missing drones may be anywhere."""
         return self._absence is not None and bool(self._absence.anywhere)
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
@@ -190,41 +190,42 @@ class Guidance:
         walls = tuple(self._absence.walls.values()) if self._absence is not None else ()
         found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls, self._search.is_complete)
         if found is None:
-            searching = self._absence.missing if self._absence is not None and walls else ()  # a share is left to each
+            searching = self._absence.missing if self._absence is not None and walls else ()  # each keeps a share
             active = sorted([self._id, *(partner.id for partner in partners), *searching])
             found = self._search.reference(active, here, HORIZON, STEP_S)
         positions, velocities = found
         level = np.zeros(HORIZON + 1)
         placed = to_local.apply(np.column_stack((positions, level)))
         moving = to_local.rotate(np.column_stack((velocities, level)))
-        is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was gone
+        is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was down
         placed[:, 2] = self._over_z_m(moment) if is_beyond else self._survey_z_m(moment)
         return Reference(placed, moving, STEP_S)
 
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Where missing drones may circle, as far as that is nearest to this drone's plan ``ahead`` (K, 3), while it circles or
+        """Return the circles on which missing drones may fly, nearest to this drone's plan ``ahead`` (K, 3), while it circles or
         climbs before it crosses.
         """
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         return self._circling.circles_of_others(moment, centre, absence, ahead, climbs=climbs, has_room=self.has_room)
 
     def stay(self, state: PeerState) -> Reference:
-        """Stay where it comes to rest; the tracker still keeps separation.
+        """Return a hold at the stopping point; the tracker still keeps separation.
 
-        Not where it begins to brake: it would fly back there, by several metres, against those that come behind it.
+        Not at the position where the braking begins: the drone would fly back there, by several metres, against following
+        traffic.
         """
         place = self._stays = self._stays or comes_to_rest(state, self._config.limits)
         return Reference(np.tile(place, (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
 
     def _rise(self, moment: Moment, state: PeerState) -> Reference:
-        """Straight up to the height of the survey."""
+        """Return a vertical climb to the height of the survey."""
         x, y, _ = self._stays = self._stays or state.position
         return self._level(moment, np.full(HORIZON + 2, x), np.full(HORIZON + 2, y))
 
     def _wait(self, moment: Moment, state: PeerState, seen: Sequence[float]) -> Reference:
-        """Stay; after a while fly a small circle through the place, away from others that are seen."""
+        """Return a hold; after a while a small circle through the position, away from visible drones."""
         x, y, _ = state.position
         since_ns, x, y = self._waits = self._waits or (moment.now_ns, x, y)
         waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
@@ -238,10 +239,10 @@ class Guidance:
     def _search_above(
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
     ) -> Reference:
-        """Search at the height at which this drone crosses, above all that fly low: others that no line parts from it may be
-        anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: where it is. Others may be on
-        their way to their heights, too, and as they expect each other elsewhere they may be pushed along as they climb: where
-        the first one had begun to search in its layer, it met one that came through it (1.1 m).
+        """Return a search in the own altitude layer, above all low flight: drones without a separation line to this one may be
+        anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
+        first, because other drones on the way to their layers may be pushed along during the climb: a search that began earlier
+        would meet them in its layer (they expect each other elsewhere).
         """
         self._above_ns = begun(self._above_ns, moment.now_ns)
         all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
@@ -252,16 +253,16 @@ class Guidance:
         return self._hold_above(moment, state, above)
 
     def _hold_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
-        """Stay at that height; arguments as of ``_search_above``."""
+        """Return a hold in the altitude layer; arguments as of ``_search_above``."""
         x, y, _ = self._climbs_at = above or comes_to_rest(state, self._config.limits)
         still = np.ones(HORIZON + 2)
         return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))
 
     def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
-        """Home at the survey's speed and height, around others that hover, and the homes of those that are not heard; if home is
-        not known, stay.
+        """Return the way home at the survey's speed and height, around hovering drones, and the homes of lost peers; a hold if
+        home is not known.
 
-        Above all circles as long as there are drones that are not heard: it cannot know where they are, nor they that it comes.
+        While links are lost, the way is above all circles: neither side knows the position of the other.
         """
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
@@ -279,13 +280,13 @@ class Guidance:
 
     @property
     def _home_is_taken(self) -> bool:
-        """Whether drones that are not heard may search around home."""
+        """Whether missing drones may search around home."""
         home = self._home.in_mission
         walls = self._absence.walls.values() if self._absence is not None else ()
         return home is not None and any(wall.parts_from(home[:2]) for wall in walls)
 
     def _level(self, moment: Moment, x: Array, y: Array, height_m: float | None = None) -> Reference:
-        """Through positions (HORIZON + 2,) one step apart, at a height above the ground; None: that of the survey."""
+        """Return positions (HORIZON + 2,) one step apart as a reference at a height above the ground; None: survey height."""
         z_m = self._survey_z_m(moment) if height_m is None else self._ground.level_m(moment.vehicle) + height_m
         positions = np.column_stack((x, y, np.full(HORIZON + 2, z_m)))
         return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)

@@ -1,18 +1,18 @@
-"""Where a drone that is heard is, in this drone's local frame, and where else it may be.
+"""Position of a heard drone in this drone's local frame, and its alternative positions.
 
-A drone that is heard is never left out because its frame is not known. Its position comes from the best of these sources:
+A heard drone with an unknown frame is never left out. Its position comes from the best of these sources:
 
 1. its frame is known exactly: its poses and plans;
-2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
-   better than two estimates in the mission frame do; where a wrong heading leaves nothing to correct, by sightings alone;
+2. its frame is estimated: the same, corrected by this drone's sightings of it, which give the relative position better than two
+   estimates in the mission frame; if a wrong heading leaves nothing to correct, sightings alone;
 3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
-   restart of this agent: the frame of before, likewise;
+   restart of this agent: the stored frame, likewise;
 4. its frame, or the own one, is not known: this drone's sightings alone;
-5. it is not seen either, but still near its launch place: the mission's launch layout.
+5. no sightings either, but near its launch place: the mission's launch layout.
 
-A drone goes where its plan says only as long as its agent steers it, which its poses tell, and its poses follow that plan: one
-that departs from it by more than separation allows for is flown by somebody else. It is placed by its pose, as one that
-publishes plans no more, and never gives way.
+A drone follows its plan only while its agent steers it, as its poses state, and while its poses agree with the plan. A deviation
+beyond the margin of separation means other control. Such a drone is placed by its pose, like a drone that no longer publishes
+plans, and never gives way.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ from agent.navigation.peers.theirframes import TheirFrames
 from protocol.messages import Pose
 from protocol.stages import MAY_TAKE_PART, TAKING_PART
 
-NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
+NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone in wait near its launch place
 
 
 class Other(Struct, frozen=True):
-    """Another drone that is, or was, heard: its id, all that is known of it, and its newest pose.
+    """Another drone with a link, now or before: its id, its last messages, and its newest pose.
 
     ``mission_from_theirs``: its local frame, of the epoch of that pose; None while it is not known.
     """
@@ -74,19 +74,19 @@ class Other(Struct, frozen=True):
 
     @property
     def may_take_part(self) -> bool:
-        """Whether it did, or held."""
+        """Whether it took part or held by its last status."""
         return self.peer.status is not None and self.peer.status.stage in MAY_TAKE_PART
 
 
 class Heard:
-    """The places of drones that are heard, as plans to keep clear of."""
+    """Positions of heard drones, as plans to keep clear of."""
 
     def __init__(self, mission: MissionConfig, frames: TheirFrames, following: Following) -> None:
         self._members = {member.id: member for member in mission.drones}
         self._frames, self._following = frames, following
 
     def by_frames(self, other: Other, me: Self) -> PeerPlan | None:
-        """Where it is by its frame and the own one, and by sightings; None while either is not known."""
+        """Return the position by its frame and the own one, and by sightings; None while either frame is not known."""
         theirs, mine = other.mission_from_theirs, me.local_from_mission
         if theirs is None or mine is None:
             return None
@@ -96,13 +96,13 @@ class Heard:
         return self._by_estimated_frames(other, theirs, mine, me)
 
     def without_frames(self, other: Other, me: Self) -> PeerPlan | None:
-        """Where it is by sightings alone, or else by the launch layout; None where neither tells."""
+        """Return the position by sightings alone, or else by the launch layout; None without either."""
         seen = placed_by_sightings(other.name, other.peer.sightings, speed_of_mps(other.pose), me.epoch, me.now_ns)
         return seen or self._by_layout(other, me)
 
     def elsewhere(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Where else it may be: by its localisation that has jumped, by the other stories under its id, and by a plan that its
-        poses contradict.
+        """Return alternative positions: by its localisation after a jump, by the other stories under its id, and by a plan that
+        its poses contradict.
         """
         if me.local_from_mission is not None:
             local_from_mission = bare(me.local_from_mission)
@@ -137,7 +137,7 @@ class Heard:
         return self._plan(other, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, doubt_m(sigma_m))
 
     def _plan(self, other: Other, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0) -> PeerPlan:
-        """Its published plan; without a recent one that it follows, its pose extrapolated by its velocity."""
+        """Return its published plan; without a recent plan in agreement with its poses, its pose extrapolated by its velocity."""
         name, peer, pose = other.name, other.peer, other.pose
         measured = PeerState(
             local_from_theirs.apply_point(pose.position_m),
@@ -159,19 +159,19 @@ class Heard:
         return held(other.name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
 
     def _by_its_localization(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
-        """Where a drone of an exactly known frame is if its localisation that has jumped is right; None without that doubt."""
+        """Return the position if the localisation after a jump is right; exactly known frame; None without a jump."""
         frame = self._frames.elsewhere(other.name, other.pose, other.mission_from_theirs)
         return None if frame is None else blind(other.name, other.pose, local_from_mission @ frame, now_ns)
 
     def _by_other_stories(self, other: Other, local_from_mission: Transform, now_ns: int) -> Iterator[PeerPlan]:
-        """Where it is by the other stories that are told under its id (``sources``)."""
+        """Return the positions by the other stories under its id (``sources``)."""
         for pose in other.peer.sources.second_places(now_ns):
             frame = self._frames.told(other.name, pose.epoch) or other.mission_from_theirs
             if frame is not None:
                 yield blind(other.name, pose, local_from_mission @ bare(frame), now_ns)
 
     def _as_planned(self, other: Other, local_from_mission: Transform, me: Self) -> PeerPlan | None:
-        """Where it is by its plan if that is right, and not its poses, which contradict it."""
+        """Return the position by its plan if its poses, which contradict the plan, are false."""
         plan = self._following.contradicted(other.name, other.peer, other.pose, me.now_ns)
         if plan is None or other.mission_from_theirs is None:
             return None
@@ -180,13 +180,13 @@ class Heard:
 
 
 def between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
-    """1 sigma of the distance between a drone and this one, as far as separation grows with it."""
+    """Return the 1 sigma of the distance to a drone, up to the limit of separation."""
     return min(hypot(me.place_sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
 
 
 def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Transform | None) -> float:
-    """1 sigma of a drone's place, of either of the two where it is in doubt between them. ``otherwise``: its frame if its
-    localisation that has jumped is right; None without that doubt.
+    """Return the 1 sigma of a drone's position, of either hypothesis if there are two. ``otherwise``: its frame if its
+    localisation after a jump is right; None without a jump.
     """
     doubt_theirs_m = 0.0 if otherwise is None else doubt_between_m(pose, mission_from_theirs, otherwise)
     return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)

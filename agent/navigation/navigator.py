@@ -1,4 +1,4 @@
-"""Plans one drone's flight: reference -> tracker -> setpoint, all in its own local frame."""
+"""Flight planning of one drone: reference -> tracker -> setpoint, all in its own local frame."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
-_GAP_NS = 300_000_000  # a step so late is made after the clock was set on, or this agent stood still
+_GAP_NS = 300_000_000  # limit of a step: a later one follows a clock step forward, or a standstill of this agent
 _AGE_NS = 100_000_000  # of telemetry
-_LEAP_M = 2.0  # a vehicle so far from its plan then has not flown it: the setpoint would leap by as much
-_TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
+_LEAP_M = 2.0  # deviation from the plan after a gap beyond which the vehicle has not flown it: the setpoint would leap by as much
+_TAKEN_UP_NS = 2_000_000_000  # from the first setpoint until the autopilot reports offboard mode
 
 
 class Navigator:
-    """Plans one drone's flight while it searches, tracks or returns.
+    """Flight planning of one drone in search, tracking and return.
 
-    ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: what the
-    last plan was made with, None where somebody else flies; ``revoked``: no other drone hears this one any more; ``excluded``:
-    the others of which that holds.
+    ``home``: destination of a return; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: the
+    context of the last plan, None under other control; ``revoked``: no other drone hears this one any more; ``excluded``: the
+    other revoked drones.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Navigator:
         measured: Callable[[int], Collection[str]],
     ) -> None:
         """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information;
-        ``measured``: tells the drones that may fly at a stamp, by the measurements in the log.
+        ``measured``: returns the drones that may fly at a stamp, by the measurements in the log.
         """
         self._limits = mission.limits
         self._id = drone.id
@@ -83,15 +83,15 @@ class Navigator:
         self._due_ns = self._stepped_ns = 0
         self._begun_ns = 0
         self._was_steered = False
-        self._is_resumed = False  # the agent was started in flight, and may never have heard some that fly
+        self._is_resumed = False  # in-flight start of the agent: flying drones may never have been heard
 
     def take_off(self, vehicle: VehicleState) -> None:
-        """The drone takes off here: home is this place."""
+        """Note the takeoff: home is this position."""
         self.home.took_off(vehicle)
         self._is_resumed = False
 
     def resume(self, home: KeptHome) -> None:
-        """The agent was started in flight; ``home``: what is known of it."""
+        """Note the in-flight start of the agent; ``home``: stored knowledge of it."""
         self.home.remember(home)
         self._is_resumed = True
 
@@ -102,54 +102,54 @@ class Navigator:
 
     @property
     def comes_down(self) -> bool:
-        """Whether the drone comes down over home from the layer in which it has returned; then it lands."""
+        """Whether the drone descends over home from its altitude layer; then it lands."""
         return self._guidance.comes_down
 
     @property
     def absence(self) -> Absence | None:
-        """The drones that took part, or may do so, and are not heard, as of the last step (``Neighbourhood``)."""
+        """Consequences of missing drones, as of the last step (``Neighbourhood``)."""
         return self._neighbourhood.absence
 
     @property
     def parted(self) -> dict[str, Wall | None]:
-        """The drones that this one does not hear, or that do not hear it, and the lines that part them."""
+        """The lost and one-way peers, and the separation lines to them."""
         absence = self.absence
         return {name: absence.walls.get(name) for name in absence.missing} if absence is not None else {}
 
     @property
     def has_room(self) -> bool:
-        """Whether the circle that is this drone's while others are not heard lies inside the fence."""
+        """Whether this drone's circle while links are lost lies inside the fence."""
         return self._guidance.has_room
 
     @property
     def frames(self) -> dict[str, KeptFrame]:
-        """The frames of all drones, for an agent that is restarted in flight."""
+        """Frames of all drones, for a restart of the agent in flight."""
         own = self._own.kept_frame
         others = self._neighbourhood.frames.kept
         return others if own is None else {self._id: own, **others}
 
     @property
     def epochs(self) -> dict[str, int]:
-        """The epochs of the others that they have begun by a jump, and whose frames the log does not tell."""
+        """Epochs of the other drones that began with a jump, and whose frames the log does not contain."""
         return self._neighbourhood.frames.epochs
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """What is known of the others that fly, or may, for an agent that is restarted in flight."""
+        """Return the knowledge about flying drones, certain or possible, for a restart of the agent in flight."""
         return self._neighbourhood.last_news(peers, now_ns)
 
     def remember(self, frames: Mapping[str, KeptFrame], others: Mapping[str, LastNews]) -> None:
-        """Take what was stored before the agent was restarted: plausible frames, and the news of the others."""
+        """Restore the stored data from before a restart of the agent: plausible frames, and messages of the other drones."""
         if self._id in frames:
             self._own.remember(frames[self._id])
         self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
         self._neighbourhood.remember(others)
 
     def obeys(self, name: str, now_ns: int) -> None:
-        """Another drone is revoked, and on its way home."""
+        """Note that another drone is revoked, and on its way home."""
         self._neighbourhood.obeys(name, now_ns)
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Take telemetry, each once, also while somebody else flies."""
+        """Process telemetry, each once, also under other control."""
         self.response.follow(vehicle)
         if self._tracker is None or not self._tracker.has_plan or vehicle.epoch != self._epoch:
             return
@@ -158,32 +158,32 @@ class Navigator:
             self._tracker.follow_by(self.response.response)
 
     def rest(self, now_ns: int, peers: Peers) -> None:
-        """The vehicle is under other control; the next step starts from its position then."""
+        """Note that the vehicle is under other control; the next step starts from its position then."""
         self._tracker, self._was_steered, self.reckoning = None, False, None
         self._neighbourhood.absence = None
-        if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or the clock was set back
+        if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or after a clock step backward
             self._due_ns = now_ns + REPLAN_NS
             self._neighbourhood.follow(peers)
 
     def passing(self, now_ns: int, vehicle: VehicleState, peers: Peers) -> tuple[str, ...]:
-        """Ids of drones that fly past this one so near that it must not take off; it is on the ground."""
+        """Return the ids of drones that fly past this one on the ground, too near for a takeoff."""
         frame = self._own.frame
         local_from_mission = frame.local_from_mission if frame is not None else None
         others = self._neighbourhood.around(peers, Self(now_ns, vehicle.epoch, self._own.sigma_m, local_from_mission))
-        self._neighbourhood.absence = None  # nobody is missed by one that does not fly
+        self._neighbourhood.absence = None  # a drone on the ground misses no peers
         return passing(vehicle.position_m, others, peers, self._limits.separation_m)
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
-        """The setpoint for now, and a new plan to publish where one was made.
+        """Return the setpoint for now, and a new plan to publish, if one was made.
 
-        A drone whose frame is not known cannot know where the area is: it waits in place, keeping clear of the drones it sees.
-        A plan that the vehicle does not follow is not published, and begins anew where the vehicle is.
+        A drone with an unknown frame does not know the position of the area: it waits in place, clear of visible drones.
+        A plan that the vehicle does not follow is not published, and begins anew at the vehicle's position.
         """
         plan = None
         if self._tracker is None:
             self._begun_ns = moment.now_ns
         is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
-        is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # the clock: setpoints would run backwards along the plan
+        is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # clock step: setpoints would run backwards along the plan
         has_leapt = self._tracker is not None and self._has_leapt(self._tracker, moment)
         self._stepped_ns = moment.now_ns
         if self._tracker is None or self._epoch != moment.vehicle.epoch or is_set_back or (due and not is_steered):
@@ -207,15 +207,15 @@ class Navigator:
         return Setpoint(position, velocity, acceleration, yaw_rad, yaw_rate_rps), plan if is_steered else None
 
     def _is_steered(self, moment: Moment) -> bool:
-        """Whether the vehicle follows the setpoints: not if a human pilot or a failsafe flies, or offboard was refused."""
+        """Whether the vehicle follows the setpoints: not under a safety pilot or a failsafe, and not if offboard was refused."""
         if moment.vehicle.mode is FlightMode.OFFBOARD:
             self._was_steered = True
             return True
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
-        """Whether the plan has gone on without the vehicle since the last step. Telemetry that is older than that step does not
-        tell, but for what a clock that was set on has made as old.
+        """Whether the plan has continued without the vehicle since the last step. Telemetry older than that step is no evidence,
+        except if a clock step forward has made it that old.
         """
         gap_ns = moment.now_ns - self._stepped_ns
         if gap_ns < _GAP_NS or moment.now_ns - moment.vehicle.stamp_ns > gap_ns + _AGE_NS:
@@ -223,7 +223,7 @@ class Navigator:
         return dist(tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 
     def _begin(self, vehicle: VehicleState, here: PeerState) -> Tracker:
-        """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
+        """Return a tracker that starts at the vehicle; also after a jump of the localisation, which has not moved the vehicle."""
         fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
         self._room = fence.outline
         tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
@@ -233,7 +233,7 @@ class Navigator:
         return tracker
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: Centre | None, peers: Peers) -> Plan:
-        """A new plan, clear of all others, and the message that publishes it."""
+        """Return a new plan, clear of all drones, and the message that publishes it."""
         now_ns, vehicle, frame = moment.now_ns, moment.vehicle, self._own.frame
         ahead = partial(tracker.ahead, now_ns, vehicle.position_m)
         others = self._neighbourhood.around(peers, self._myself(moment, centre, ahead))
@@ -242,7 +242,7 @@ class Navigator:
         plans = [other.plan for other in others]
         seen = seen_bearings(peers, vehicle.epoch, now_ns) if frame is None else ()
         reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans, seen)
-        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:  # it does not know yet whom it misses
+        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:  # the missing drones are not known yet
             reference = self._guidance.stay(self._virtual)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         wanted = self._ground.kept_off(reference, vehicle)
@@ -255,7 +255,7 @@ class Navigator:
         return self._published(made, vehicle.epoch)
 
     def _myself(self, moment: Moment, centre: Centre | None, ahead: Callable[[], Array]) -> Self:
-        """``ahead``: gives the positions planned before, from now on."""
+        """Return the own state; ``ahead`` returns the positions planned before, from now on."""
         frame = self._own.frame
         return Self(
             moment.now_ns,
@@ -277,11 +277,11 @@ class Navigator:
         )
 
     def _motion_at(self, took_part_ns: int, stamp_ns: int) -> PeerState | None:
-        """How this drone moved at that stamp; None from before it took part, or before the others could know it from a status."""
+        """Return the own motion at that stamp; None before participation, or before the other drones knew of it by a status."""
         return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:
-        """The message, with those that this drone does not hear: one that is on its way home goes on in its layer then."""
+        """Return the message, with the drones not heard: for them a peer on its way home continues in its altitude layer."""
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,

@@ -1,19 +1,19 @@
-"""The predicted motion of the other drones, in this drone's local frame, as the input of separation.
+"""Predicted motion of the other drones, in this drone's local frame: the input of separation.
 
-One that is heard is placed by its frame, its news and the own sightings of it (``heard``).
+A heard peer is placed by its frame, its messages and the own sightings of it (``heard``).
 
-One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
-revoked before, or is out of reach. It counts as missing, like one that is not heard any more; and so does one of which poses were
-heard for a moment, but never a status. Where this drone sees it fly, that is where it is.
+A peer never heard may fly, too, after an in-flight start of this agent, or if the log holds measurements of it: it was revoked
+before, or is out of reach. It counts as missing, like a lost peer; so does a peer with a few poses, but never a status. A
+sighting of its flight gives its position.
 
-One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both, and
-as seen from both where this drone is the one (``doubted``); so it is from one whose poses and plans contradict each other,
-although its agent steers it: one of them is false; once it lands, it may stand where its last plan led. One whose localisation
-has jumped while it was not heard may have flown home meanwhile (``heardagain``).
+A peer with an exactly known frame and an unannounced jump of its localisation has two position hypotheses. Separation is kept
+from both; and as seen from both, if this drone has jumped (``doubted``). The same holds for a steered peer whose poses and plans
+contradict each other: one of them is false; after landing, it may stand where its last plan led. A peer whose localisation
+jumped while its link was lost may have returned meanwhile (``heardagain``).
 
-From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
-where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
-it leaves. One that is heard, but whose plans tell that it does not hear this drone, never gives way, and does not take part.
+For a flying peer with a lost link, separation is kept from its position by sightings, or else from all possible ones
+(``silent``), and from its plan of up to two seconds ago: messages may only be lost, or late. If it circled, it stands at the end
+of that plan until it leaves. A one-way peer, whose plans list this drone as not heard, never gives way, and does not take part.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ from agent.navigation.unheard.viewer import Viewer
 from protocol.messages import Stage
 from protocol.stages import CIRCLING
 
-# Two places of a drone nearer to each other than this are one: steering has room for three half-planes in each step.
+# Distance below which two positions of a drone are one: steering has room for three half-planes in each step.
 _SAME_M = 0.3
-_STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
+_STOPPED_NS = 2_000_000_000  # time to the stop of a vehicle whose agent is lost: older sightings show it still in flight
 
 
 class Neighbour(Struct, frozen=True):
-    """Another drone in the air. ``takes_part``: it searches and tracks too, and counts when area and circle are divided."""
+    """Another drone in the air. ``takes_part``: it searches and tracks too, and gets a share of area and circle."""
 
     id: str
     plan: PeerPlan
@@ -59,11 +59,11 @@ class Neighbour(Struct, frozen=True):
 
 
 class Neighbourhood:
-    """The drones that fly around one drone.
+    """Drones that fly around one drone.
 
-    ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none,
-    and none returns unheard while this drone does. ``listens``: for less than a second it has known that others may fly that it
-    has never heard. ``unheard``: those that are not heard, and may fly, also on their way home.
+    ``absence``: consequences of missing drones, as of the last ``around``; None without missing drones, and without a lost peer
+    that returns while this drone does. ``listens``: for less than a second this drone has known of drones that may fly, and were
+    never heard. ``unheard``: drones with a lost link that may fly, also on their way home.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -73,15 +73,15 @@ class Neighbourhood:
         self._heard = Heard(mission, self.frames, self._following)
         self._silent, self._heard_again = Silent(mission, drone), HeardAgain()
         self._id, self._fastest_mps = drone, mission.limits.speed_mps
-        # The stage of each that hears this drone, and the circle of this one then.
+        # Stage of each peer with a two-way link, and the circle of this drone then.
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
-        self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
-        self._before: dict[str, LastNews] = {}  # the news of before a restart of this agent, of those not heard since
+        self._unheard_ns: dict[str, int] = {}  # drones never heard: first stamp at which they may fly
+        self._before: dict[str, LastNews] = {}  # messages from before a restart of this agent, of drones without a link since
         self.absence: Absence | None = None
         self.listens, self.unheard = False, tuple[str, ...]()
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """What is known of the others that fly, or may, for an agent that is restarted in flight."""
+        """Return the knowledge about flying drones, certain or possible, for a restart of this agent in flight."""
         found = {}
         for name in peers.names:
             told = peers[name].last_news(now_ns)
@@ -94,11 +94,11 @@ class Neighbourhood:
         return self._before | found
 
     def remember(self, before: Mapping[str, LastNews]) -> None:
-        """Take what was known of the others before this agent was restarted."""
+        """Restore the knowledge about the other drones from before a restart of this agent."""
         self._before = dict(before)
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
-        """All drones that are not on the ground and can be located, by id; then as they lie to it if it is elsewhere."""
+        """Return all drones in the air with a known position, by id; then as seen from the alternative position of this drone."""
         self._silent.keep_time(peers.set_ns)
         if not me.resumed:
             self._before.clear()
@@ -120,7 +120,7 @@ class Neighbourhood:
         return found
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
-        """All drones as they lie to this one if its frame is right; and who is missing."""
+        """Return all drones relative to this one, if its frame is right; and the missing drones."""
         found: list[Neighbour] = []
         missing = []
         for name in peers.names:
@@ -130,7 +130,7 @@ class Neighbourhood:
         return found, missing
 
     def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
-        """One drone, at each place where it may be; and whether it is missing."""
+        """Return one drone, at each possible position; and whether it is missing."""
         if peer.is_on_ground(me.now_ns):
             self._before.pop(name, None)
             self._forget(name)
@@ -151,17 +151,17 @@ class Neighbourhood:
         return list(self._of_silent(other, me)), is_missing
 
     def _forget(self, name: str) -> None:
-        """It is on the ground, or has not told yet where it is."""
+        """Forget a drone on the ground, or without a position so far."""
         self._silent.forget(name)
         self._heard_again.forget(name)
 
     def _of_heard(self, other: Other, me: Self) -> tuple[list[Neighbour], bool]:
-        """One that is heard; it is missing if it does not hear this drone."""
+        """Return a heard drone at each possible position; it is missing if it does not hear this drone."""
         name, pose = other.name, other.pose
         is_carried = name in self.frames.epochs
         self._heard_again.follow(name, pose.stamp_ns, self._silent.agentless(name), is_carried=is_carried)
         apart: list[PeerPlan] | None = []
-        if me.revoked:  # it returns: there is no side to keep to
+        if me.revoked:  # a return needs no separation line
             self._silent.ignores(name)
         else:
             apart = self._unhearing(other, me)
@@ -179,13 +179,13 @@ class Neighbourhood:
         return found, other.may_take_part and apart is not None
 
     def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
-        """Where else one may be that was heard again, and is not placed (``heardagain``), by its error (1 sigma)."""
+        """Return further positions of a peer with a new link and an uncertain place (``heardagain``), by its error (1 sigma)."""
         if me.local_from_mission is not None and sigma_m >= WORST_SIGMA_M:
             for one in self._heard_again.plans(name, me.viewer(me.local_from_mission)):
                 yield Neighbour(name, one, False)
 
     def _unhearing(self, other: Other, me: Self) -> list[PeerPlan] | None:
-        """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
+        """Return the side left to a one-way peer; None for a two-way link, according to its plans."""
         name, pose, plan, status = other.name, other.pose, other.peer.plan, other.peer.status
         known = self._silent.last_contact(name)
         if known is not None and not _hears(other.peer, self._id, known.stamp_ns):
@@ -199,7 +199,7 @@ class Neighbourhood:
             return None
         if status is None or other.mission_from_theirs is None:
             return [] if is_known else None
-        stamp_ns = plan.stamp_ns - SILENT_NS  # it has noticed then
+        stamp_ns = plan.stamp_ns - SILENT_NS  # the stamp at which it noticed, less the delay of noticing
         poses = (one for one in other.peer.poses if one.epoch == pose.epoch)
         last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
         stage, circle = self._while_heard.get(name, (status.stage, me.circle))
@@ -208,22 +208,22 @@ class Neighbourhood:
         return self._apart(other, contact, me)
 
     def _apart(self, other: Other, contact: Contact, me: Self) -> list[PeerPlan]:
-        """The side that is left to a drone that does not hear this one since this contact."""
+        """Return the side left to a peer that has not heard this drone since this contact."""
         frame = other.mission_from_theirs
         sigma_m = WORST_SIGMA_M if frame is None else between_sigma_m(other.pose, frame, me)
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(other.name, contact, sigma_m, viewer)
 
     def obeys(self, name: str, now_ns: int) -> None:
-        """It is revoked, and on its way home."""
+        """Note that a revoked drone obeys, and is on its way home."""
         self._silent.obeys(name, now_ns)
 
     def _is_missing(self, name: str, me: Self) -> bool:
-        """Whether one that was never heard may fly, for long enough; its measurements may come before its first pose does."""
+        """Whether a drone never heard has been able to fly for long enough: its measurements may precede its first pose."""
         return me.may_fly(name) and not 0 <= me.now_ns - self._unheard_ns.setdefault(name, me.now_ns) < SILENT_NS
 
     def _recall(self, name: str, peer: Peer, now_ns: int) -> None:
-        """It has not been heard since a restart of this agent, which knows of it, and of its frame, from before."""
+        """Restore the last messages of a drone without a link since a restart of this agent, which knows its frame from before."""
         news = self._before[name]
         if self.frames.of(name, news.pose) is not None:
             pose, status = news.told_before(now_ns - SILENT_NS - 1)
@@ -231,15 +231,15 @@ class Neighbourhood:
             self._silent.recall(name, pose.stamp_ns, news.wall)
 
     def follow(self, peers: Peers) -> None:
-        """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
+        """Update the frames of the other drones while this drone plans nothing: a jump is bridged only as it happens."""
         for name in peers.names:
             peer = peers[name]
             if peer.pose is not None and not peer.is_on_ground(peer.pose.stamp_ns):
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, me: Self) -> Iterator[Neighbour]:
-        """One that was never heard: where it is seen to fly, or where it may come down; also if it was revoked before this agent
-        was started, on the ground.
+        """Return a drone never heard: in flight at its sightings, or descending over its home; also a drone revoked on the ground
+        before the start of this agent.
         """
         if me.local_from_mission is None:
             return
@@ -253,7 +253,7 @@ class Neighbourhood:
         yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
 
     def _of_silent(self, other: Other, me: Self) -> Iterator[Neighbour]:
-        """A drone not heard any more: by sightings since then, or wherever it may be."""
+        """Return a lost peer: by sightings since the last pose, or at all possible positions."""
         name, peer, pose = other.name, other.peer, other.pose
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
@@ -266,7 +266,7 @@ class Neighbourhood:
             yield from self._of_unseen(other, viewer, me)
 
     def _of_unseen(self, other: Other, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
-        """One that is neither heard nor seen: wherever it may be, at first also where its last plan leads."""
+        """Return a lost peer without sightings: at all possible positions, at first also along its last plan."""
         name, peer, pose, frame = other.name, other.peer, other.pose, other.mission_from_theirs
         if frame is None:
             return
@@ -282,7 +282,7 @@ class Neighbourhood:
         yield from self._of_unplaced(name, sigma_m, me)
 
     def _stop(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Where one comes to rest if its agent is gone; nowhere as long as its poses come."""
+        """Return the stop of a quiet peer whose agent may be lost; nothing while its poses arrive."""
         if other.mission_from_theirs is None or me.local_from_mission is None:
             return
         if me.now_ns - other.pose.stamp_ns >= QUIET_NS + other.peer.usual_delay_ns:
@@ -291,12 +291,12 @@ class Neighbourhood:
 
 
 def _hears(peer: Peer, me: str, contact_ns: int) -> bool:
-    """Whether a drone has told since the last contact that it hears this one, ``me``: by its newest plan, or where it publishes
-    none any more, by its status.
+    """Whether a drone has reported since the last contact that it hears this one, ``me``: by its newest plan, or by its status if
+    it publishes no plans any more.
 
-    After a silence the first pose comes before a plan or status of after it. What it told before tells nothing: taken for word
-    that it hears this drone, the last contact was forgotten, and the line that follows from it, on this side only (0.61 m). A
-    plan lists whom it has not heard for a second, a status whom it has heard in the last three.
+    After a silence the first pose arrives before any newer plan or status. An older report proves nothing: if it counted, the
+    last contact would be forgotten, and with it the separation line, on this side only. A plan lists the drones not heard for
+    a second, a status the drones heard in the last three.
     """
     plan, status = peer.plan, peer.status
     newest_ns = contact_ns if plan is None else max(contact_ns, plan.stamp_ns)
@@ -308,7 +308,7 @@ def _hears(peer: Peer, me: str, contact_ns: int) -> bool:
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:
-    """Whether both are the same drone at the same place, as one that is seen: it lies there wherever this drone is."""
+    """Whether both are the same drone at the same position, as with sightings: independent of the own position estimate."""
     if one.id != other.id or one.plan.away is not None or other.plan.away is not None:
         return False
     return dist(one.plan.at(now_ns), other.plan.at(now_ns)) < _SAME_M
