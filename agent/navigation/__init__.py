@@ -1,1 +1,1 @@
-"""Where a drone flies: guidance by stage, search, neighbours; fence, ground and home in its own local frame."""
+"""Navigation of one drone: guidance by stage, search, neighbours; fence, ground and home in its own local frame."""

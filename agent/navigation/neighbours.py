@@ -223,7 +223,7 @@ class Neighbourhood:
         return me.may_fly(name) and not 0 <= me.now_ns - self._unheard_ns.setdefault(name, me.now_ns) < SILENT_NS
 
     def _recall(self, name: str, peer: Peer, now_ns: int) -> None:
-        """Restore the last messages of a drone without a link since a restart of this agent, which knows its frame from before."""
+        """Restore the last messages of a drone without a link since a restart of this agent; its frame is known from before."""
         news = self._before[name]
         if self.frames.of(name, news.pose) is not None:
             pose, status = news.told_before(now_ns - SILENT_NS - 1)

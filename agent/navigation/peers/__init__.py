@@ -1,1 +1,3 @@
-"""The other drones, one by one: what they tell, whether it is of one source and true, and where each is by it or by sightings."""
+"""The other drones, one by one: their messages, checks for a single and true source, and their positions by messages or
+sightings.
+"""

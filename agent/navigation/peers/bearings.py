@@ -1,4 +1,4 @@
-"""The directions in which a drone sees others: one whose frame is not known can still move away from them."""
+"""Directions in which a drone sees others: a drone with an unknown frame can still move away from them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from protocol.entries import Sighting
 
 
 def seen_bearings(peers: Peers, epoch: int, now_ns: int) -> list[float]:
-    """Horizontal directions (rad) of the others that this drone has seen of late, in its own local frame of this epoch."""
+    """Return the horizontal directions (rad) of drones seen lately by this one, in its own local frame of this epoch."""
     found = (_usual(_bearings(peers[name].sightings, epoch, now_ns)) for name in peers.names)
     return sorted(bearing for bearing in found if bearing is not None)
 
 
 def freest_bearing(seen: Sequence[float]) -> float:
-    """The middle of the widest gap between directions (rad, ascending); pi without any."""
+    """Return the middle of the widest gap between directions (rad, ascending); pi without any."""
     if not seen:
         return pi
     width, first = max((after - before, before) for before, after in pairwise((*seen, seen[0] + 2.0 * pi)))
@@ -32,5 +32,5 @@ def _bearings(sightings: Sequence[Sighting], epoch: int, now_ns: int) -> list[fl
 
 
 def _usual(bearings: Sequence[float]) -> float | None:
-    """The direction that is nearest to all others, as some are of something else; None without any."""
+    """Return the direction nearest to all others, because some may be of other objects; None without any."""
     return min(bearings, key=lambda one: sum(abs(wrapped(one - other)) for other in bearings), default=None)

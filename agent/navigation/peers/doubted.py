@@ -1,12 +1,11 @@
-"""Where else a drone of an exactly known frame may be whose localisation has jumped unannounced (``localization.ownpose``).
+"""Alternative position hypothesis of a drone with an exactly known frame after an unannounced jump (``localization.ownpose``).
 
-It flies on by continuity; if its localisation is right, its poses are of the launch's frame as before. So it is in either of two
-places, not anywhere around them: separation is kept from each, and not for the sake of the doubt. Kept from the one it flies by
-as far as the doubt reaches, too, four drones in doubt by 8.8 m held each other off their homes for two minutes.
+The drone flies on by continuity; if its localisation is right, its poses are of the launch's frame as before. Both hypotheses are
+points, with no possible position around them. Separation is kept from each, without the position uncertainty, which equals their
+distance. If the uncertainty counted as well, drones with hypotheses 8.8 m apart would hold each other off their homes.
 
-One that is in doubt itself is in either of two places to all others, too, and keeps clear of them as seen from both
-(``myself.Self.elsewhere``). So two drones reckon with the same of each other: with two ways in which they may lie where one of
-them is in doubt, with four where both are.
+The drone itself has two hypotheses about all others, and keeps clear of them as seen from both (``myself.Self.elsewhere``). So
+two drones make the same assumptions: two relative positions if one of them has jumped, four if both have.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from protocol.messages import Pose
 
 
 def doubt_m(pose: Pose, mission_from_theirs: Transform, other: Transform) -> float:
-    """Distance between the two places of a drone, as it tells with its frame; 0 without that doubt.
+    """Return the distance between both hypotheses of a drone, if it matches the uncertainty published with its frame; else 0.
 
     Args:
         pose: of an epoch after the first.
         mission_from_theirs: its frame of that epoch.
-        other: the frame by which it is elsewhere: that of its first epoch, gone on by continuity where jumps were announced.
+        other: the frame of the alternative hypothesis: of its first epoch, continued through announced jumps.
     """
     apart_m = dist(mission_from_theirs.apply_point(pose.position_m)[:2], other.apply_point(pose.position_m)[:2])
     told_m = sqrt(2.0) * mission_from_theirs.sigmas_at(pose.position_m)[0]

@@ -1,4 +1,4 @@
-"""Whether another drone follows its plans, and how well, by its poses; both are in its own frame, known or not."""
+"""Agreement of another drone's poses with its plans; both are in its own frame, known or not."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation 
 
 
 class Following:
-    """How each of the others has followed its plans so far."""
+    """Record of the other drones' deviations from their plans so far."""
 
     def __init__(self) -> None:
         self._deviations: dict[str, Deviation] = {}
-        self._departed: set[str] = set()  # whose poses do not follow their plans
-        self._doubted: set[str] = set()  # of these, whom their agents steered: their poses are false, or their plans
+        self._departed: set[str] = set()  # drones with poses off their plans
+        self._doubted: set[str] = set()  # of these, drones steered by their agents: their poses are false, or their plans
 
     def compare(self, name: str, peer: Peer, pose: Pose) -> None:
         """Compare a drone's pose with its plan.
 
-        Deviations beyond the margin of plans are no part of how well it follows them.
+        Deviations beyond the margin of plans are left out of the RMS deviation.
         """
         deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
         plan = peer.plan
         if plan is None or (pose.stamp_ns - plan.stamp_ns > OLDEST_NS and not _comes_down(peer)):
-            self._doubted.discard(name)  # nothing tells any more where it would be by its plans
+            self._doubted.discard(name)  # no plan gives its position any more
         if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + _PLAN_AGE_NS <= 2 * _PLAN_AGE_NS:
             return
         x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
@@ -46,18 +46,18 @@ class Following:
             deviation.add(pose.stamp_ns, dx, dy)
 
     def deviation_m(self, name: str) -> float:
-        """RMS of a compared drone's deviation from its plans."""
+        """Return the RMS deviation of a compared drone from its plans."""
         return self._deviations[name].rms_m
 
     def plan(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = _PLAN_AGE_NS) -> Plan | None:
-        """The plan that a drone follows; None where it follows none that is recent enough."""
+        """Return the plan in agreement with a drone's poses; None without a recent one."""
         return None if self._contradicts(name, peer, now_ns) else _recent(peer, pose, now_ns, oldest_ns)
 
     def contradicted(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
-        """The recent plan of a drone whose agent steers it, as it says, but whose poses are elsewhere; None without one.
+        """Return the recent plan of a steered drone, by its own word, whose poses contradict it; None without one.
 
-        Once it is steered no more, its last plan for two seconds, and until it is down if it lands: it stands where that has led,
-        if its poses are false. Its status, a second later at most, tells that it lands.
+        Once it is steered no more: its last plan for two seconds, and until it is down if it lands. If its poses are false, it
+        stands at the end of that plan. Its status, a second later at most, reports the landing.
         """
         plan = peer.plan
         if not pose.steered and name in self._doubted:
@@ -65,7 +65,7 @@ class Following:
         return _recent(peer, pose, now_ns, _PLAN_AGE_NS) if self._contradicts(name, peer, now_ns) else None
 
     def is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
-        """Whether a drone has published plans, and follows none now: it is not steered by its agent."""
+        """Whether a drone has published plans, and follows none now: its agent does not steer it."""
         return peer.plan is not None and self.plan(name, peer, pose, now_ns) is None
 
     def _contradicts(self, name: str, peer: Peer, now_ns: int) -> bool:
@@ -80,4 +80,4 @@ def _recent(peer: Peer, pose: Pose, now_ns: int, oldest_ns: int) -> Plan | None:
 
 
 def _comes_down(peer: Peer) -> bool:
-    return peer.status is not None and peer.status.stage in DESCENDING  # where they are, without plans
+    return peer.status is not None and peer.status.stage in DESCENDING  # an old plan still gives its position, without newer ones

@@ -1,4 +1,4 @@
-"""The newest pose, plan and status of every other drone, and this drone's relative observations of it."""
+"""Newest pose, plan and status of every other drone, and this drone's relative observations of it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from protocol.stages import ON_GROUND
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
-_MOST_DELAYS = 8  # of a second: ten poses, and as many plans
-_MOST_SIGHTINGS = 256  # kept, whatever their stamps
-FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
+_MOST_DELAYS = 8  # of the last messages of a second: ten poses, and as many plans
+_MOST_SIGHTINGS = 256  # maximum number, whatever their stamps
+FUTURE_NS = 100_000_000  # limit of a stamp ahead of now: beyond, it is forged, or of a clock not yet known to be wrong
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
-_LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set: the watchdog ends an agent that stands still for as long
+_LONGEST_STEP_NS = 2_000_000_000  # limit of a step of a correct clock: the watchdog ends an agent that stands still for as long
 
 
 M = TypeVar("M", Pose, Plan, Status)
@@ -29,10 +29,10 @@ M = TypeVar("M", Pose, Plan, Status)
 
 @dataclass(slots=True)
 class Peer:
-    """The newest of each kind; None until heard. ``sources``: all stories of where it is; ``sightings`` (by this drone): of the
-    last seconds. ``launch``: its last pose on the ground.
-    ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
-    the last messages that were kept, by both clocks as they are.
+    """Newest message of each kind; None until heard. ``sources``: all stories of its position; ``sightings`` (by this drone): of
+    the last seconds. ``launch``: its last pose on the ground.
+    ``ahead_ns``: lead of its clock over the own one, as corrected in its stamps; ``delays_ns``: apparent delays of the last
+    messages that were kept, by both clocks without correction.
     """
 
     plan: Plan | None = None
@@ -45,39 +45,39 @@ class Peer:
 
     @property
     def poses(self) -> deque[Pose]:
-        """Of the last seconds, by the first story; empty until one is heard."""
+        """Poses of the last seconds, by the first story; empty until one is heard."""
         return self.sources.stories[0].poses if self.sources.stories else deque()
 
     @property
     def pose(self) -> Pose | None:
-        """The newest of them; None until heard."""
+        """The newest pose; None until heard."""
         return self.sources.stories[0].newest if self.sources.stories else None
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether it is by its statuses and poses, and has published no plan since: a status may be lost."""
+        """Whether statuses and poses say so, without a plan since: a status may be lost."""
         flies = self.plan is not None and self.status is not None and self.plan.stamp_ns > self.status.stamp_ns
         return not flies and self.sources.is_on_ground(now_ns)
 
     def last_news(self, now_ns: int) -> tuple[Pose, Status] | None:
-        """Its last pose and status; None where one of these was never heard, or it is on the ground."""
+        """Return the last pose and status; None if one of these was never heard, or the drone is on the ground."""
         if self.pose is None or self.status is None or self.is_on_ground(now_ns):
             return None
         return self.pose, self.status
 
     def recall(self, pose: Pose, status: Status) -> None:
-        """Take the news of before a restart of this agent; no pose has been heard since."""
+        """Restore the messages from before a restart of this agent; no pose has been heard since."""
         self.sources.stories.append(Story.of(pose))
         self.status = self.status or status
 
     @property
     def usual_delay_ns(self) -> int:
-        """Of its newest messages, by their stamps (median); 0 without any."""
+        """Median delay of the newest messages, by their stamps; 0 without any."""
         if not self.delays_ns:
             return 0
         return max(0, sorted(self.delays_ns)[len(self.delays_ns) // 2] + self.ahead_ns)
 
     def shift(self, by_ns: int) -> None:
-        """Move all stamps: the own clock was set."""
+        """Move all stamps after a step of the own clock."""
         self._shift_news(by_ns)
         self.ahead_ns -= by_ns
         self.delays_ns = deque((one_ns + by_ns for one_ns in self.delays_ns), _MOST_DELAYS)
@@ -86,13 +86,13 @@ class Peer:
         self.sightings.extend(sightings)
 
     def reckon_clock(self, ahead_ns: int, delay_ns: int, now_ns: int) -> None:
-        """Its clock is that far ahead, as a message tells with this apparent delay, at ``now_ns`` by the own clock.
+        """Apply a new lead of its clock, from a message with this apparent delay, at ``now_ns`` by the own clock.
 
-        Where another estimate of the same clock is the reason, what it told before moves along, or its next pose would seem to be
-        a jump. Where its clock has been set, what it told before stays: its stamps were right by the former clock. A set clock
-        changes the apparent delays by as much as the estimate; a new estimate alone does not. Of the delays before, the smallest
-        counts, because queueing only ever makes a message later. Nor does anything move into the future: all later news would be
-        older than known.
+        Two causes: a new estimate of the same clock, or a step of that clock. After a new estimate, its earlier messages move
+        along, or its next pose would seem to be a jump. After a step they stay: their stamps were right by the former clock. A
+        step changes the apparent delays by as much as the estimate; a new estimate alone does not. The smallest earlier delay
+        counts, because queueing only ever makes a message later. Nothing moves into the future: all later messages would be older
+        than known.
         """
         by_ns = self.ahead_ns - ahead_ns
         if by_ns == 0:
@@ -111,7 +111,7 @@ class Peer:
         self.sources.shift(by_ns)
 
     def take(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
-        """Keep a message if it is newer than known; an older one still counts for ``sources``. Returns why it was not kept."""
+        """Keep a message if it is newer than known; an older one still counts for ``sources``. Return the reason of a refusal."""
         if isinstance(message, Pose):
             is_newest = self.sources.hear_pose(message, now_ns)
             if self.pose is message and not message.in_air:
@@ -131,16 +131,16 @@ class Peer:
         return None
 
     def is_refuted(self, status: Status) -> bool:
-        """Whether a status says that it is on the ground, and its poses do not allow that.
+        """Whether a status on the ground is in contradiction to its poses.
 
-        It has only just landed; or the agent was started anew in flight and does not know of it yet; or it is of a second source.
+        Causes: a landing just now; a restart of its agent in flight, before it knows of the flight; or a second source.
         """
         flew = self.status is not None and self.status.stage not in ON_GROUND
         return flew and status.stage in ON_GROUND and not self.sources.rests(status.stamp_ns)
 
 
 def is_present(stamp_ns: int, now_ns: int) -> bool:
-    """Whether news of that stamp is neither too old nor of the future."""
+    """Whether a stamp is neither too old nor in the future."""
     return now_ns - OLDEST_NS <= stamp_ns <= now_ns + FUTURE_NS
 
 
@@ -151,7 +151,7 @@ def _shifted(message: M | None, by_ns: int) -> M | None:
 class Peers:
     """The other drones of the mission, by id.
 
-    What was heard stays as old as it is when the own clock is set: all stamps move along, by ``set_ns`` in sum so far.
+    Messages keep their age after a step of the own clock: all stamps move along, by ``set_ns`` in sum so far.
     """
 
     def __init__(self, ids: list[str]) -> None:
@@ -168,9 +168,9 @@ class Peers:
         return sorted(self._peers)
 
     def keep_time(self, now_ns: int, *, runs: bool = True) -> None:
-        """Look at the own clock, before it is used: it was set if it goes back, or on by more than a step can take.
+        """Check the own clock before it is used: a step backward, or forward by more than an agent's step can take.
 
-        ``runs``: the agent makes its steps; before the first one more time may pass without news.
+        ``runs``: the agent makes its steps; before the first one more time may pass without messages.
         """
         step_ns = 0 if self._now_ns is None else now_ns - self._now_ns
         self._now_ns = now_ns
@@ -181,9 +181,9 @@ class Peers:
             peer.shift(step_ns)
 
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
-        """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None.
+        """Keep a message, stamped by the own clock, if its stamp is newer. Return the reason of a refusal, or None.
 
-        ahead_ns: the correction in that stamp, how far the sender's clock is ahead of the own one; None: as before.
+        ahead_ns: the correction in that stamp, the lead of the sender's clock over the own one; None: as before.
         """
         peer = self._peers.get(message.drone)
         if peer is None:
@@ -209,7 +209,7 @@ class Peers:
             sightings.popleft()
 
     def disowned(self, drone: str, now_ns: int) -> None:
-        """A drone says that it has not sent all that is sent under its id."""
+        """Note a drone's statement that some messages under its id are not its own."""
         if drone in self._peers:
             self._peers[drone].sources.disowned(now_ns)
 
@@ -218,7 +218,7 @@ class Peers:
         return drone in self._peers and self._peers[drone].sources.are_two(now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """The drones under whose id two sources send."""
+        """Problems of drones with two sources under one id, as texts."""
         told = (self._peers[name].sources.problem(name, now_ns) for name in self.names)
         return tuple(text for text in told if text is not None)
 
@@ -231,8 +231,8 @@ class Peers:
         }
 
     def begun_ns(self, mission: str, now_ns: int) -> int | None:
-        """When that mission began: the stamp of a start command that most of those that fly it tell, the earliest of several;
-        None: no drone tells one. The majority counts, as one false start would change which entries a restarted drone counts.
+        """Return the begin of that mission: the stamp of a start command reported by most drones in it, the earliest of several;
+        None: no drone reports one. A majority, because one false start would change which entries a restarted drone counts.
         """
         told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
         known = Counter(began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS)

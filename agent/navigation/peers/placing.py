@@ -1,4 +1,4 @@
-"""Where one other drone is, in the own local frame, by its poses or by the own sightings of it: as a plan to keep clear of."""
+"""Position of another drone in the own local frame, by its poses or by the own sightings of it: as a plan to keep clear of."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap betw
 def placed_by_sightings(
     name: str, sightings: Sequence[Sighting], speed_mps: float, epoch: int, now_ns: int, *, former: bool = False
 ) -> PeerPlan | None:
-    """From this drone's sightings alone. ``speed_mps``: its speed, or the most that it may be where only a ``former`` one is
-    known; ``epoch``: of the own frame.
+    """Return the position from this drone's sightings alone. ``speed_mps``: the peer's speed, or its upper bound if only a
+    ``former`` one is known; ``epoch``: of the own frame.
     """
     seen = places(sightings, epoch, now_ns, _nowhere)
     alone = placed_alone(seen, now_ns, speed_mps, former=former)
@@ -33,20 +33,18 @@ def placed_by_sightings(
 
 
 def speed_of_mps(pose: Pose) -> float:
-    """Its horizontal speed, which is the same in every frame."""
+    """Return the horizontal speed, which is the same in every frame."""
     return hypot(*pose.velocity_mps[:2])
 
 
 def contradicts(seen: PeerPlan, told: PeerPlan, sigma_m: float) -> bool:
-    """Whether a drone is seen elsewhere than at the place, of that error, where its pose and frame have it at the same time: then
-    the frame is wrong.
-    """
+    """Whether sightings contradict the position, of that error, by pose and frame at the same time: then the frame is wrong."""
     (x, y, _), (told_x, told_y, _) = seen.positions[0], told.positions[0]
     return hypot(x - told_x, y - told_y) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
 
 
 def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Vector3 | None:
-    """Position of a drone at a stamp by its poses; own local frame."""
+    """Return the position of a drone at a stamp by its poses; own local frame."""
     poses = peer.poses
     place = bisect_right(poses, stamp_ns, key=_stamp)
     before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
@@ -65,23 +63,23 @@ def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int
 
 
 def bare(transform: Transform) -> Transform:
-    """The same without the covariance, whose propagation costs more than the transform."""
+    """Return the transform without the covariance, whose propagation costs more than the transform."""
     return Transform(transform.yaw_rad, transform.translation)
 
 
 def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
-    """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
-    value, which is larger where it has lost its satellites."""
+    """Return the 1 sigma of a drone's position in the mission frame: by its frame, if estimated, and at least its own published
+    value, which is larger after a loss of its satellites."""
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
 
 
 def unexplained_m(sigma_m: float, doubt_m: float) -> float:
-    """What is left of a stated error (1 sigma) of which a part is a doubt between two places, so far apart, that count both."""
+    """Return the rest of a published error (1 sigma) without the share of two position hypotheses at distance ``doubt_m``."""
     return sqrt(max(0.0, sigma_m**2 - 0.5 * doubt_m**2))
 
 
 def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:
-    """A drone that goes on as its pose says, and gives no way."""
+    """Return the plan of a drone that continues by its pose, and gives no way."""
     state = PeerState(
         local_from_theirs.apply_point(pose.position_m),
         local_from_theirs.rotate_direction(pose.velocity_mps),
@@ -91,19 +89,19 @@ def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> P
 
 
 def planned(name: str, plan: Plan, local_from_theirs: Transform, sigma_m: float, now_ns: int) -> PeerPlan:
-    """A drone that follows its last plan, and is not known to hear anybody; where that has led within two seconds it stands."""
+    """Return the plan of a drone that follows its last plan for two seconds, and then stands, without a known link to others."""
     ahead = local_from_theirs.apply_points(plan.positions_m)
     way = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, blind=True)
     return way if now_ns - plan.stamp_ns <= OLDEST_NS else way.ended(OLDEST_NS)
 
 
 def held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
-    """A drone that stays where it is, with the uncertainty of that position."""
+    """Return the plan of a drone that stays at its position, with the uncertainty of that position."""
     return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), doubt_m(sigma_m))
 
 
 def doubt_m(sigma_m: float) -> float:
-    """By how much even the bare separation grows for a position of that error."""
+    """Return the growth of the minimum separation for a position of that error."""
     return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
 
 
@@ -124,8 +122,8 @@ def blind_plan(
     away: Array | None = None,
     radius_m: float = inf,
 ) -> PeerPlan:
-    """Places (K, 3) where a drone may be that does not know of this one; ``away``: (K, 2), it may be anywhere beyond these, or
-    beyond the circle of that radius that they touch (``PeerPlan``).
+    """Return a plan at positions (K, 3) of a non-cooperative drone; ``away``: (K, 2), the drone may be anywhere beyond these
+    positions, or beyond the circle of that radius through them (``PeerPlan``).
     """
     flat = list(map(tuple, places.tolist()))
     return PeerPlan(name, now_ns, step_s, flat, sigma_m, blind=True, away=away, radius_m=radius_m)

@@ -1,4 +1,4 @@
-"""The position of another drone from this one's sightings: in the own local frame, so that no other frame has to be known."""
+"""Position of another drone from this one's sightings, in the own local frame: independent of all other frames."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SHARE = 0.6  # at least this share of all in the window must agree
 _SIGMAS = 3.0
 _FLOOR_M = 0.2  # common error of one sensor's sightings
 _SPAN_S = 0.8  # sightings must span this time to give a velocity
-_CHANGE_MPS = 3.0  # so far a velocity of the window is off at its end: half of what a vehicle changes until then
-_NEAR_NS = 1_200_000_000  # the longer before, the farther from it a false sighting may be and yet agree
-UNKNOWN_MPS = 0.5  # growth of the error (1 sigma) of a place whose velocity is known
+_CHANGE_MPS = 3.0  # error of a velocity of the window at its end: half of a vehicle's change until then
+_NEAR_NS = 1_200_000_000  # time within which agreement counts as confirmation: over longer ones a false sighting may agree, too
+UNKNOWN_MPS = 0.5  # growth of the error (1 sigma) of a position with known velocity
 _STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Placed(Struct, frozen=True):
-    """A position of the other drone, m in the own local frame, with the 1-sigma horizontal error, m."""
+    """Position of the other drone, m in the own local frame, with the 1-sigma horizontal error, m."""
 
     stamp_ns: int
     position: Vector3
@@ -41,7 +41,7 @@ class Offset(Struct, frozen=True):
 
 
 def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Callable[[int], Vector3 | None]) -> list[Placed]:
-    """Positions of the other drone by the sightings of the last seconds.
+    """Return the positions of the other drone by the sightings of the last seconds.
 
     A range without a direction is applied along the expected one, which matters little for the distance between the two. A
     direction without a range gives no distance and is not used.
@@ -50,7 +50,7 @@ def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Cal
         sightings: of one drone by this one.
         epoch: of the own frame; sightings of another epoch are not used.
         now_ns: UTC.
-        expected: expected position at a stamp, own local frame; None where it is not known.
+        expected: expected position at a stamp, own local frame; None if it is not known.
     """
     found = []
     for sighting in sightings:
@@ -77,7 +77,7 @@ def _towards(there: Vector3, here: Vector3) -> Vector3:
 
 
 def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) -> Offset | None:
-    """The offset that most sightings agree on; None where too few do."""
+    """Return the offset on which most sightings agree; None if too few agree."""
     known = [(one.position, there, one.sigma_m) for one in seen if (there := expected(one.stamp_ns)) is not None]
     if len(known) < FEWEST:
         return None
@@ -100,12 +100,12 @@ def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) ->
 def placed_alone(
     seen: Sequence[Placed], now_ns: int, speed_mps: float, *, former: bool = False
 ) -> tuple[PeerState, float] | None:
-    """Position, velocity and sigma (m) of a drone of which only the speed is known besides; None while that is uncertain.
+    """Return position, velocity and sigma (m) of a drone with only a known speed; None while that is uncertain.
 
-    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity. Where only
-    a ``former`` speed is known, of before all these sightings, ``speed_mps`` is the most it may be, and they are held against the
-    straight flight that most of them tell: at 6 m/s they did not confirm each other by a speed of 2 m/s, and the drone seemed
-    to be where it had been slower, 7 m behind. Too few of them to tell that are held against ``speed_mps``.
+    The newest sighting confirmed by others is used; false ones agree with none. Enough sightings also give the velocity. A
+    ``former`` speed is older than all these sightings, and ``speed_mps`` an upper bound; then they are compared with the straight
+    flight that most of them indicate. Compared by a former speed of 2 m/s, sightings at 6 m/s would not confirm each other, and
+    the position would lag by 7 m. With too few sightings for a straight flight, ``speed_mps`` applies.
     """
     straight = _velocity(seen) if former else None
     slack_mps, near_ns = (speed_mps, WINDOW_NS) if straight is None else (_CHANGE_MPS, _NEAR_NS)
@@ -117,7 +117,7 @@ def placed_alone(
         return None
     age_s = (now_ns - place.stamp_ns) * 1e-9
     velocity = straight
-    if straight is not None or speed_mps > 0.5:  # else it hovers
+    if straight is not None or speed_mps > 0.5:  # otherwise the drone hovers
         velocity = _velocity(agreeing) or straight
     unknown_mps = UNKNOWN_MPS if velocity is not None else speed_mps
     state = PeerState(place.position, velocity or _STILL, age_s)
@@ -125,7 +125,7 @@ def placed_alone(
 
 
 def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> bool:
-    """Whether both may be of one drone that flies with a velocity that is known to ``slack_mps``."""
+    """Whether both may be of one drone in flight with a velocity that is known to ``slack_mps``."""
     elapsed_s = (other.stamp_ns - one.stamp_ns) * 1e-9
     (x, y, _), (u, v, _) = one.position, other.position
     apart_m = hypot(x + elapsed_s * velocity[0] - u, y + elapsed_s * velocity[1] - v)
@@ -133,7 +133,7 @@ def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> b
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:
-    """Horizontal velocity of a straight flight through the positions: the median over all pairs (Theil-Sen estimator), which is
+    """Return the horizontal velocity of a straight flight through the positions: the median over all pairs (Theil-Sen estimator),
     robust against a few false ones.
     """
     times = np.array([place.stamp_ns - places[0].stamp_ns for place in places]) * 1e-9

@@ -1,12 +1,12 @@
-"""What is told under one id: all the stories of where that drone is, and whether it flies.
+"""Sources under one id: all stories of that drone's position, and whether it flies.
 
-Nothing in a message tells its source: whoever has the key writes what it likes, and Zenoh's source ids are its own words too.
-So no message removes what another one has told, however its stamp lies: it can only add a place, or an end of the flight that
-all others allow. A pose that no known story leads to begins another one, and every story counts until it has been silent for
-two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
+No message proves its source: any holder of the key can write anything, and Zenoh's source ids are not authenticated either.
+Therefore no message removes the content of another one, however its stamp lies: it can only add a position, or an end of the
+flight that all others allow. A pose that continues no known story begins another one, and every story counts until it has been
+silent for two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
 
-That a story begins is no proof of a second source: a localisation jumps, a clock is set. Proofs are two stories that go on side
-by side, two boots of which each goes on, and the word of the drone itself that it has heard news under its id that it never sent.
+A new story is no proof of a second source: a localisation jumps, a clock is stepped. Proofs are two stories that continue side
+by side, two boots that both continue, and the drone's own report of messages under its id that it never sent.
 The last one can be forged, but only by a second source.
 """
 
@@ -24,24 +24,24 @@ from msgspec.structs import replace
 from protocol.messages import Pose, Status
 from protocol.stages import ON_GROUND
 
-FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
+FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a safety pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
-SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0  # of place and velocity by the last pose: beyond, it is another story
+SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0  # deviation from the last pose's prediction: beyond, another story
 RECENT_NS = 3_000_000_000  # poses are kept for this long
-RIVAL_NS = 2_000_000_000  # for how long a second place is kept clear of
-SILENT_NS = 500_000_000  # a place from which nothing has come for so long gives way to the other one
-SHOWN_NS = 10_000_000_000  # two sources are told for this long, and believed to be two
+RIVAL_NS = 2_000_000_000  # separation is kept from a second position for this long
+SILENT_NS = 500_000_000  # a story without poses for so long gives way to the other one
+SHOWN_NS = 10_000_000_000  # two sources are reported for this long, and assumed to be two
 FRESH_NS = 2_500_000_000  # a status counts for this long beside later ones: two periods and a half
-REST_NS = 2_000_000_000  # for which no pose says that a drone flies, before it is on the ground
-DOWN_NS = 120_000_000_000  # by then a vehicle that goes home without its agent has landed
+REST_NS = 2_000_000_000  # without a pose in flight, before a drone is on the ground
+DOWN_NS = 120_000_000_000  # by then a vehicle on a failsafe return has landed
 MAX_REST_MPS = 1.0  # apparent speed of a drone on the ground
-MAX_BOOTS = 4  # that are remembered
+MAX_BOOTS = 4  # in memory
 MAX_STORIES = 4
 MIN_TURNS = 3  # from one story to another that contradicts it: a localisation that jumps, and back again, makes two
 
 
 def contradict(one: Pose, other: Pose) -> bool:
-    """Whether no vehicle can have been in both poses. Of epochs it is only known that no older one follows."""
+    """Whether no vehicle can have been in both poses. Between epochs only their order is known."""
     if one.epoch != other.epoch:
         return (one.epoch < other.epoch) != (one.stamp_ns <= other.stamp_ns)
     doubt_m = min(SLACK_M + SIGMAS * max(map(_sigma_m, (one, other))), MAX_DOUBT_M)
@@ -60,7 +60,7 @@ class Story:
 
     @classmethod
     def of(cls, *poses: Pose) -> Story:
-        """The story of some poses, in the order of their stamps."""
+        """Return the story of some poses, in the order of their stamps."""
         return cls(deque(poses), poses[0].stamp_ns)
 
     @property
@@ -69,13 +69,13 @@ class Story:
         return self.poses[-1]
 
     def fits(self, pose: Pose) -> bool:
-        """Whether a pose lies between those before and after it."""
+        """Whether a pose is consistent with the poses before and after it."""
         place = bisect_right(self.poses, pose.stamp_ns, key=_stamp)
         before = place == 0 or _leads(self.poses[place - 1], pose)
         return before and (place == len(self.poses) or _leads(pose, self.poses[place]))
 
     def take(self, pose: Pose) -> bool:
-        """Add a pose that fits, if it is newer than all before. Returns whether it is."""
+        """Add a consistent pose, if it is newer than all before. Return whether it is."""
         if pose.stamp_ns <= self.newest.stamp_ns:
             return False
         self.poses.append(pose)
@@ -84,9 +84,9 @@ class Story:
         return True
 
     def split(self, pose: Pose) -> Story | None:
-        """Where a pose of an earlier epoch goes on beside those of a later one, divide them: they are of another story.
+        """Divide the poses if an earlier epoch continues beside a later one: they are of two stories.
 
-        Returns the later part; None where the pose does not fit to the earlier one either.
+        Return the later part; None if the pose is not consistent with the earlier one either.
         """
         earlier = [one for one in self.poses if one.epoch <= pose.epoch]
         later = [one for one in self.poses if one.epoch > pose.epoch]
@@ -98,20 +98,20 @@ class Story:
 
 @dataclass(slots=True)
 class Sources:
-    """The sources of one drone's news. ``stories``: the first one is that by which it flies, unless it falls silent."""
+    """Sources of one drone's messages. ``stories``: the first one gives its flight, unless it falls silent."""
 
     stories: list[Story] = field(default_factory=list)
     _told: Story | None = None  # the story of the last pose
     _turns_ns: deque[int] = field(default_factory=partial(deque, maxlen=MIN_TURNS))
     _shown_ns: int | None = None  # when two sources were last seen
-    _boots_ns: dict[str, int] = field(default_factory=dict)  # stamp of the first status of each boot, in the order of these
-    _aloft_ns: int | None = None  # stamp of the last pose that is of a vehicle in flight
-    _rests_ns: int | None = None  # stamp of the first one since then that is not
-    _flew_ns: int | None = None  # stamp of the last status that is of a flight
-    _down_ns: int | None = None  # stamp of the last status that is of none
+    _boots_ns: dict[str, int] = field(default_factory=dict)  # stamp of the first status of each boot, in the order of the boots
+    _aloft_ns: int | None = None  # stamp of the last pose of a vehicle in flight
+    _rests_ns: int | None = None  # stamp of the first pose at rest since then
+    _flew_ns: int | None = None  # stamp of the last status in flight
+    _down_ns: int | None = None  # stamp of the last status on the ground
 
     def hear_pose(self, pose: Pose, now_ns: int) -> bool:
-        """Take a pose, whatever its stamp. Returns whether it is the newest of its story."""
+        """Process a pose, whatever its stamp. Return whether it is the newest of its story."""
         if pose.in_air or hypot(*pose.velocity_mps) > MAX_REST_MPS:
             self._aloft_ns, self._rests_ns = max(pose.stamp_ns, self._aloft_ns or 0), None
         elif self._rests_ns is None:
@@ -128,10 +128,10 @@ class Sources:
         return True
 
     def hear_status(self, status: Status, now_ns: int) -> None:
-        """Take a status, whatever its stamp."""
+        """Process a status, whatever its stamp."""
         newest = next(reversed(self._boots_ns), status.boot)
         if status.boot != newest and status.boot in self._boots_ns and status.stamp_ns > self._boots_ns[newest]:
-            self._shown_ns = now_ns  # a boot that goes on after another one has followed it
+            self._shown_ns = now_ns  # a boot that continues after a later one
         self._boots_ns.setdefault(status.boot, status.stamp_ns)
         if len(self._boots_ns) > MAX_BOOTS:
             del self._boots_ns[next(iter(self._boots_ns))]
@@ -141,26 +141,26 @@ class Sources:
             self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)
 
     def disowned(self, now_ns: int) -> None:
-        """The drone says that not all of this is its own. Its word counts until its next statuses should have come."""
+        """Note the drone's report of messages that are not its own. It counts until its next statuses should have come."""
         self._shown_ns = max(self._shown_ns or 0, now_ns - SHOWN_NS + FRESH_NS)
 
     def second_places(self, now_ns: int) -> list[Pose]:
-        """Where the drone may be as well, by the other stories."""
+        """Return further possible positions of the drone, by the other stories."""
         return [one.newest for one in self.stories[1:] if now_ns - one.newest.stamp_ns < RIVAL_NS]
 
     def are_two(self, now_ns: int) -> bool:
-        """Whether two sources have shown themselves lately."""
+        """Whether two sources have been evident lately."""
         return self._shown_ns is not None and now_ns - self._shown_ns < SHOWN_NS
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether a status says so, none of the last seconds says that it flies, and its poses allow it."""
+        """Whether a status says so, no status of the last seconds is in flight, and the poses allow it."""
         if self._down_ns is None or not self.rests(now_ns):
             return False
         flew_ns = self._flew_ns
         return flew_ns is None or (self._down_ns > flew_ns and now_ns - flew_ns >= FRESH_NS)
 
     def rests(self, now_ns: int) -> bool:
-        """Whether all poses have been of a vehicle at rest for seconds; or the last other one is so old that it must be down."""
+        """Whether all poses have been at rest for seconds; or the last one in flight is so old that the vehicle must be down."""
         if self._aloft_ns is None or now_ns - self._aloft_ns >= DOWN_NS:
             return True
         if self._rests_ns is None:
@@ -168,7 +168,7 @@ class Sources:
         return max(one.newest.stamp_ns for one in self.stories) - self._rests_ns >= REST_NS
 
     def problem(self, drone: str, now_ns: int) -> str | None:
-        """The line for the operator; None with one source."""
+        """Return the line for the operator; None with one source."""
         if not self.are_two(now_ns):
             return None
         return f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
@@ -185,7 +185,7 @@ class Sources:
         self._flew_ns, self._down_ns = _moved(self._flew_ns, by_ns), _moved(self._down_ns, by_ns)
 
     def _divided(self, pose: Pose) -> Story | None:
-        """The story that a pose goes on, once what contradicts it is made one of its own."""
+        """Return the story that a pose continues, after contradictory poses are split off as a story of their own."""
         for place, story in enumerate(self.stories):
             if (later := story.split(pose)) is not None:
                 self.stories.insert(place + 1, later)
@@ -194,7 +194,7 @@ class Sources:
         return None
 
     def _begun(self, pose: Pose) -> Story:
-        """A new story; of too many others the one with the fewest poses ends."""
+        """Return a new story; beyond the maximum number, the story with the fewest poses ends."""
         story = Story.of(pose)
         self.stories[1:] = [one for one in self.stories[1:] if pose.stamp_ns - one.newest.stamp_ns < RIVAL_NS]
         if len(self.stories) >= MAX_STORIES:
@@ -203,9 +203,9 @@ class Sources:
         return story
 
     def _note_turn(self, story: Story, pose: Pose, now_ns: int) -> None:
-        """Note that another story goes on than before; two sources are shown where that happens again and again.
+        """Note a change to another story; frequent changes show two sources.
 
-        Poses of before the other story began are only late.
+        Poses from before the begin of the other story are only late.
         """
         before, self._told = self._told, story
         if before is None or before is story or pose.stamp_ns <= before.began_ns:
@@ -218,15 +218,15 @@ class Sources:
 
 
 def _leads(before: Pose, after: Pose) -> bool:
-    """Whether a vehicle is on the way on which its velocity has led it, or its localisation has jumped, as it says.
+    """Whether a pose lies on the way given by the velocity of the pose before, or its localisation has reported a jump.
 
-    Anywhere on that way: how much time has passed is not known exactly where a clock has just been set.
+    Anywhere on that way: after a step of a clock the elapsed time is not known exactly.
     """
     if before.epoch != after.epoch:
         return before.epoch < after.epoch
     elapsed_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
     if dist(before.velocity_mps, after.velocity_mps) > SAME_MPS + MAX_ACCELERATION_MPS2 * elapsed_s:
-        return False  # who tells the place, but another velocity, would have it expected elsewhere
+        return False  # a source with the right position, but another velocity, would shift the prediction
     moved = [x - y for x, y in zip(after.position_m, before.position_m, strict=True)]
     way = [elapsed_s * v for v in before.velocity_mps]
     share = min(1.0, max(0.0, sum(map(mul, moved, way)) / (sum(map(mul, way, way)) or 1.0)))
@@ -242,5 +242,5 @@ def _stamp(pose: Pose) -> int:
 
 
 def _sigma_m(pose: Pose) -> float:
-    """1 sigma of its position, with what a wrong clock adds: by how much a clock was set is known only a moment later."""
+    """Return the 1 sigma of a position, with the share of a wrong clock: the size of a clock step is known a moment later."""
     return hypot(pose.position_sigma_m, pose.clock_sigma_m)

@@ -1,4 +1,4 @@
-"""The frames of the other drones as one drone flies by them: as the log tells them, or continued until it does."""
+"""Frames of the other drones, as one drone applies them: as in the log, or continued until the log contains them."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class TheirFrames:
         self._graph, self._drift = graph, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._otherwise: dict[str, list[Transform]] = {}  # by which those that have jumped may be elsewhere
-        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
+        self._otherwise: dict[str, list[Transform]] = {}  # frames of alternative position hypotheses after jumps
+        self._carried: dict[str, int] = {}  # epoch with a frame by continuity, or from before a restart
         self._remembered: Mapping[str, KeptFrame] = {}
 
     @property
     def kept(self) -> dict[str, KeptFrame]:
-        """The frames of the others, for an agent that is restarted in flight; while one is not heard again, that of before."""
+        """Frames of the others, for a restart of the agent in flight; without a new link, the frame stored before."""
         found = {
             name: KeptFrame.of(
                 pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame), self.elsewhere(name, pose, frame)
@@ -45,12 +45,12 @@ class TheirFrames:
 
     @property
     def epochs(self) -> dict[str, int]:
-        """The epochs of those whose frames nobody tells, but the continuity of their motion."""
+        """Epochs of drones whose frames are known by the continuity of their motion only."""
         return dict(self._carried)
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
-        """Take the plausible frames stored before the agent was restarted: each holds for its epoch until the log tells it, and
-        drifts. One that was in doubt is as before where else it may be.
+        """Restore the plausible frames stored before a restart of the agent: each holds for its epoch until the log contains it,
+        and drifts. Alternative position hypotheses are restored, too.
         """
         self._remembered = frames
         for name, kept in frames.items():
@@ -59,12 +59,12 @@ class TheirFrames:
                 self._otherwise[name] = [other]
 
     def told(self, name: str, epoch: int) -> Transform | None:
-        """Its frame in an epoch, as the log tells it."""
+        """Return a frame in an epoch, as in the log."""
         return self._graph.mission_from_local(name, epoch)
 
     def of(self, name: str, pose: Pose) -> Transform | None:
-        """Its frame at this pose; after a jump one by the continuity of its motion, after a restart of this agent the one of
-        before, until the log tells it; one that has become unknown with a large covariance.
+        """Return a frame at this pose, as in the log. Until the log contains it: after a jump, a frame by the continuity of the
+        motion; after a restart of this agent, the stored one. A frame that has become unknown gets a large covariance.
         """
         known = self.told(name, pose.epoch)
         self._note_jump(name, pose)
@@ -87,9 +87,9 @@ class TheirFrames:
         return transform
 
     def elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
-        """The frame by which a drone that is in doubt is elsewhere (``doubted``): the one that its jumps leave, and that explains
-        the doubt of which it tells with its frame; until it has told that, its pose tells that it may be anywhere. None without a
-        doubt, or where the mission does not know its frame.
+        """Return the frame of a drone's alternative position hypothesis (``doubted``): a frame of before its jumps that explains
+        the uncertainty published with its present frame. Until that is published, its pose reports an unbounded uncertainty. None
+        without a second hypothesis, or if the mission does not give its frame.
         """
         launch = self.told(name, LAUNCH_EPOCH)
         if launch is None or not self._members[name].is_exact or pose.epoch == LAUNCH_EPOCH:
@@ -99,8 +99,8 @@ class TheirFrames:
         return next(told, otherwise[0] if pose.position_sigma_m >= WORST_SIGMA_M else None)
 
     def _note_jump(self, name: str, pose: Pose) -> None:
-        """Where its localisation jumps, the frame by which it is elsewhere stays what it is; or goes on by continuity as well, if
-        the jump was announced. Nobody but itself knows that, but the doubt of which it tells shows it.
+        """Note a jump: the frame of the alternative hypothesis stays the same, or continues as well if the jump was announced.
+        The announcement is not published, but the uncertainty published afterwards shows it.
         """
         before, frame = self._placed.get(name, (pose, None))
         if before.epoch == pose.epoch or frame is None or not self._members[name].is_exact:
@@ -110,7 +110,7 @@ class TheirFrames:
         self._otherwise[name] = [other, carried_on(other, before, pose)]
 
     def _of_before_restart(self, name: str, pose: Pose) -> tuple[Pose, Transform] | None:
-        """The frame stored before this agent was restarted, with a pose of then; None where the other one has jumped since."""
+        """Return the frame stored before a restart of this agent, with a pose of then; None if the peer has jumped since."""
         kept = self._remembered.get(name)
         frame = kept.mission_from_local if kept is not None and kept.epoch == pose.epoch else None
         if kept is None or frame is None:
@@ -119,7 +119,7 @@ class TheirFrames:
         return replace(pose, stamp_ns=kept.stamp_ns), frame
 
     def _as_told(self, name: str, epoch: int, frame: Transform) -> Transform:
-        """The frame in which one was placed last, as the log tells it now; where the log tells it no more, with great doubt."""
+        """Return the frame of the last position, as in the log now; with great uncertainty if the log contains it no more."""
         known = self.told(name, epoch)
         if known is None and self._carried.get(name) != epoch:
             return Transform(frame.yaw_rad, frame.translation, _DOUBTED)

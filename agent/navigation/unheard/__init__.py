@@ -1,1 +1,1 @@
-"""Drones that are not heard: where they may be, and the circle and the ways of the others, clear of them."""
+"""Lost and one-way peers: their possible positions, and the circles and ways of the other drones clear of them."""
