@@ -1,8 +1,8 @@
-"""What the swarm has covered, kept up to date in small portions: the cost of a step does not depend on what is published.
+"""Area covered by the swarm, updated in small portions: the cost of a step does not depend on the published entries.
 
 Each drone's swaths are united in windows of time, windows in pairs, and so on up to the whole mission, so that a new entry
-changes a few shapes of bounded size. Once there is nothing left to do, the result is a function of the entries alone. Of one
-drone and window only the first ``MOST_ENTRIES`` count, and what no drone of this mission can have flown does not count at all.
+changes a few shapes of bounded size. Once the work is complete, the result is a function of the entries alone. Per drone and
+window only the first ``MOST_ENTRIES`` count. An entry that no drone of this mission can have flown does not count at all.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from agent.motion.survey import MOST_POINTS, covered
 from protocol.entries import Coverage, EntryId
 
 WINDOW_NS = 20_000_000_000
-MOST_ENTRIES = 8  # of a drone in a window: one each 5 s, and some more at jumps of its frame and restarts of its agent
-MOST_WINDOWS = 4_320  # of a drone: a day
-_LEVELS = 13  # 2^13 windows: all of a day, whichever window it begins in
-_TANGLED = 3.0  # length of a path over its extent, from which on only some of its points count
+MOST_ENTRIES = 8  # per drone and window: one each 5 s, and some more at jumps of its frame and restarts of its agent
+MOST_WINDOWS = 4_320  # per drone: a day
+_LEVELS = 13  # 2^13 windows: all of a day, from any first window
+_TANGLED = 3.0  # ratio of a path's length to its extent above which only some of its points count
 _FEW_POINTS = 12
-_TOLERANCE, _COARSE = 0.003, 0.05  # of the swath: simplification of shapes, and of those with more points than MOST_POINTS
-_CHEAP = 0.05  # cost of passing a shape on, against that of uniting two
+_TOLERANCE, _COARSE = 0.003, 0.05  # shares of the swath: simplification of shapes, and of shapes above MOST_POINTS
+_CHEAP = 0.05  # cost of a shape that is passed on, relative to the union of two
 
 Path: TypeAlias = NDArray[np.float64]  # (K, 2), mission frame
 Area: TypeAlias = Polygon | MultiPolygon
@@ -52,8 +52,8 @@ class _Drone:
 class Covered:
     """The union of all swaths, by drone.
 
-    ``path_of``: an entry's path in the mission frame; None while its frame is not known. ``swath_m``: width of all swaths, as the
-    mission gives it. ``longest_m``: way that a drone can fly between two entries.
+    ``path_of``: an entry's path in the mission frame; None while its frame is not known. ``swath_m``: width of all swaths, by
+    the mission. ``longest_m``: longest way of a drone between two entries.
     """
 
     def __init__(self, path_of: Callable[[Coverage], Path | None], swath_m: float, longest_m: float) -> None:
@@ -64,7 +64,7 @@ class Covered:
         self._turn = 0
 
     def begin(self, since_ns: int) -> None:
-        """Only what is measured from this stamp on counts: what was searched before may hold the source by now."""
+        """Count only entries measured from this stamp on: areas searched before may hold the source by now."""
         self._since_ns = since_ns
         kept = [entry for drone in self._drones.values() for held in drone.windows.values() for _, entry in held]
         self._drones = {}
@@ -72,7 +72,7 @@ class Covered:
             self.take(entry)
 
     def take(self, entry: Coverage) -> None:
-        """Add an entry of the log, in any order; one of the same identity is replaced."""
+        """Add an entry of the log, in any order; an entry of the same identity is replaced."""
         if entry.stamp_ns < self._since_ns or not self._plausible(entry):
             return
         drone, window = self._drones.setdefault(entry.drone, _Drone()), entry.stamp_ns // WINDOW_NS
@@ -90,19 +90,19 @@ class Covered:
         drone.stale[0].add(window)
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Only these entries of a drone count, and those taken from now on."""
+        """Count only these entries of a drone, and later additions."""
         self._drones.pop(drone, None)
         for entry in entries:
             self.take(entry)
 
     def moved(self, drone: str, from_ns: int) -> None:
-        """The frame of a drone has changed from that stamp on."""
+        """Note a change of a drone's frame from that stamp on."""
         found = self._drones.get(drone)
         if found is not None:
             found.stale[0].update(window for window in found.windows if window >= from_ns // WINDOW_NS)
 
     def work(self, portion: float) -> None:
-        """Bring about so many shapes up to date, of one drone after the other; each takes a millisecond or two."""
+        """Update so many shapes, of one drone after the other; each takes a millisecond or two."""
         names = sorted(self._drones)
         idle = 0
         while portion > 0.0 and idle < len(names):
@@ -118,12 +118,12 @@ class Covered:
 
     @property
     def area(self) -> Area:
-        """What is covered as far as the work is done."""
+        """The covered area, as far as the work is complete."""
         found: Area = shapely.union_all([self._drones[name].whole for name in sorted(self._drones)])
         return found
 
     def end(self, drone: str) -> tuple[float, float] | None:
-        """Where a drone's newest path ends; None where it has none, or where that is not known."""
+        """Return the end of a drone's newest path; None without a path, or while its frame is not known."""
         found = self._drones.get(drone)
         path = self._path_of(found.newest[1]) if found is not None and found.newest is not None else None
         return (float(path[-1, 0]), float(path[-1, 1])) if path is not None else None
@@ -134,7 +134,7 @@ class Covered:
         return abs(entry.swath_m - self._swath_m) < 1e-6 and length_m <= self._longest_m and len(entry.path_m) <= length_m + 2.0
 
     def _renew(self, drone: _Drone) -> float:
-        """Compute one shape anew, from the windows upwards. Returns the cost; 0 where all are up to date."""
+        """Compute one shape anew, from the windows upwards. Return the cost; 0 if all are up to date."""
         level = next((level for level, stale in enumerate(drone.stale) if stale), None)
         if level is None:
             return 0.0
@@ -163,7 +163,7 @@ class Covered:
 
 
 def _untangled(path: Path) -> Path:
-    """The path; of one that goes to and fro only a few points, because the cost of its shape grows with its crossings."""
+    """Return the path; for a path to and fro, a few points only, because the cost of its shape grows with its crossings."""
     steps = np.diff(path, axis=0)
     extent_m = float(np.hypot(*np.ptp(path, axis=0)))
     if len(path) <= _FEW_POINTS or float(np.hypot(*steps.T).sum()) <= _TANGLED * extent_m:

@@ -1,11 +1,11 @@
-"""Identification of the drag from the tilt: thrust that does not show in the velocity is lost to the air.
+"""Identification of the drag from the tilt: thrust without an effect on the velocity is lost to the air.
 
 Over a short time T in level flight, horizontally
 
     change of velocity - integral of g tan(tilt) dt = -D (way) + c T + noise,
 
-D: drag per velocity (1/s), c: wind times D plus accelerometer bias (m/s2). A Kalman filter of the state (D, c_x, c_y). No command
-enters, so it does not matter who flies the vehicle, with which gains, and what its integrators contain.
+D: drag per velocity (1/s), c: wind times D plus accelerometer bias (m/s2). A Kalman filter of the state (D, c_x, c_y). Commands
+are no input: the result is independent of the pilot or autopilot, its gains, and the state of its integrators.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from math import hypot, sqrt
 from agent.vehicle.interface import VehicleState
 
 GRAVITY_MPS2 = 9.80665
-_PART_S = 0.5  # of flight for one measurement: long against attitude noise, short against manoeuvres
+_PART_S = 0.5  # duration of flight for one measurement: long against attitude noise, short against manoeuvres
 _GAP_S = 0.25  # longer gaps in telemetry interrupt the integral
 _STEEPEST = 0.5  # cosine of the largest tilt of level flight
 _VELOCITY_NOISE_MPS = 0.15  # 1 sigma of a change of velocity in that time; errors of 0.3 m/s are correlated over seconds
-_SLOWEST_MPS = 1.0  # below it, drift of the estimate would be taken for motion: the drag is not updated
+_SLOWEST_MPS = 1.0  # below it, drift of the estimate would pass for motion: the drag is not updated
 _DRAG_SIGMA_PS = 0.4  # prior 1 sigma of the drone file's value
 _DRAG_WALK_PS = 0.02  # random walk: the drag grows with the speed
 _CONSTANT_SIGMA_MPS2 = 1.0  # wind of some m/s
@@ -34,14 +34,14 @@ class DragFilter:
     """Estimates the drag of one vehicle: ``drag_ps`` with 1 sigma ``sigma_ps``."""
 
     def __init__(self, drag_ps: float, sigma_ps: float = _DRAG_SIGMA_PS, walk_ps: float = _DRAG_WALK_PS) -> None:
-        """The prior with its 1 sigma, and the random walk of the drag in 1 s (it grows with the root of the time)."""
+        """Set the prior with its 1 sigma, and the random walk of the drag in 1 s (it grows with the root of the time)."""
         self._walk_square = walk_ps**2
         self._state = [drag_ps, 0.0, 0.0]
         square = _CONSTANT_SIGMA_MPS2**2
         self._covariance = [[sigma_ps**2, 0.0, 0.0], [0.0, square, 0.0], [0.0, 0.0, square]]
         self._misfit = 1.0
         self._fits = True
-        self._begun: VehicleState | None = None  # the telemetry with which the present measurement began
+        self._begun: VehicleState | None = None  # first telemetry of the present measurement
         self._last: VehicleState | None = None
         self._thrust = (0.0, 0.0)  # acceleration by thrust then, horizontal
         self._integral = (0.0, 0.0)
@@ -62,7 +62,7 @@ class DragFilter:
         return self._fits and _LEAST_PS <= self._state[0] <= _MOST_PS
 
     def interrupt(self, turned: bool = False) -> None:
-        """The next telemetry does not continue the last. ``turned``: the frame's axes have changed, too."""
+        """Note a gap before the next telemetry. ``turned``: the frame's axes have changed, too."""
         self._begun = self._last = None
         if turned:
             square = _CONSTANT_SIGMA_MPS2**2
@@ -71,10 +71,10 @@ class DragFilter:
             self._state[1] = self._state[2] = 0.0
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Take telemetry of the flight."""
+        """Process telemetry of the flight."""
         thrust = horizontal_thrust(vehicle.quaternion)
         last = self._last
-        follows = last is None or 0 <= vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9  # or the clock was set back
+        follows = last is None or 0 <= vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9  # or after a clock step backward
         if last is not None and (vehicle.epoch != last.epoch or not follows):
             self.interrupt(turned=vehicle.epoch != last.epoch)
         if thrust is None:
@@ -106,7 +106,7 @@ class DragFilter:
             self._update((-ways[axis], duration_s * (1 - axis), duration_s * axis), gained, moves)
 
     def _update(self, row: tuple[float, float, float], measured: float, moves: bool) -> None:
-        """A scalar Kalman update; ``moves``: the drag is updated, too."""
+        """Apply a scalar Kalman update; ``moves``: the drag is updated, too."""
         state, covariance = self._state, self._covariance
         gain = [sum(entry * part for entry, part in zip(line, row, strict=True)) for line in covariance]
         variance = sum(part * entry for part, entry in zip(row, gain, strict=True)) + _VELOCITY_NOISE_MPS**2
@@ -126,7 +126,7 @@ class DragFilter:
 
 
 def horizontal_thrust(quaternion: tuple[float, float, float, float]) -> tuple[float, float] | None:
-    """Horizontal acceleration by the thrust of a level flight with this attitude; None if it is too steep for one."""
+    """Return the horizontal acceleration by the thrust of a level flight with this attitude; None if it is too steep."""
     w, x, y, z = quaternion
     up = 1.0 - 2.0 * (x * x + y * y)
     if up < _STEEPEST:

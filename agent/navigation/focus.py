@@ -1,6 +1,6 @@
-"""Which of several sources the swarm circles, and where it looks whether one moves.
+"""Choice among several sources: the source to circle, and verification passes over a source that may move.
 
-It follows from the hypothesis alone, so drones with equal logs choose alike.
+The choice follows from the hypothesis alone, so drones with equal logs choose alike.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from agent.fusion.estimator import Hypothesis
 
 
 def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis | None:
-    """The source to circle; where there is but one, the hypothesis itself.
+    """Return the source to circle; a single source is the hypothesis itself.
 
-    Each has its turns of ``track.each_s`` with every drone: a source that has had fewer than another comes first, and of those
-    the one whose turn has begun. The policy begins when each has had one. Before all of that comes a look at one that may move.
+    Each source has turns of ``track.each_s`` with every drone. The source with the fewest turns comes first; among equals, the
+    source whose turn has begun. The policy begins when each source has had one turn. A verification pass over a source that may
+    move precedes all of this.
     """
     if hypothesis is not None and hypothesis.look is not None:
         return replace(hypothesis.look, evidence=hypothesis.evidence, others=())
@@ -32,7 +33,7 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
 
 
 def looks(hypothesis: Hypothesis | None) -> bool:
-    """Whether a source may move, and is looked at until that is clear."""
+    """Whether a source may move, and verification passes go on until that is clear."""
     return hypothesis is not None and hypothesis.look is not None
 
 
@@ -42,10 +43,10 @@ def have_had_turns(hypothesis: Hypothesis, mission: MissionConfig) -> bool:
 
 
 def is_in_second_half(source: Hypothesis, mission: MissionConfig) -> bool:
-    """Whether the present turn of a source that is circled is half over; never of one that has no turns."""
+    """Whether the present turn of a circled source is half over; never without turns."""
     return source.watched_s is not None and source.watched_s / mission.turn_s % 1.0 >= 0.5
 
 
 def _turns(hypothesis: Hypothesis, mission: MissionConfig) -> list[int]:
-    """That the hypothesis and the other sources have had."""
+    """Return the number of turns of the hypothesis and of each other source."""
     return [int((one.watched_s or 0.0) / mission.turn_s) for one in (hypothesis, *hypothesis.others)]

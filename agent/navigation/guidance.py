@@ -241,8 +241,8 @@ class Guidance:
     ) -> Reference:
         """Return a search in the own altitude layer, above all low flight: drones without a separation line to this one may be
         anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
-        first, because other drones on the way to their layers may be pushed along during the climb: a search that began earlier
-        would meet them in its layer (they expect each other elsewhere).
+        first, because drones that expect each other elsewhere may be pushed along during the climb: they would meet an
+        earlier search in its layer.
         """
         self._above_ns = begun(self._above_ns, moment.now_ns)
         all_are_there = moment.now_ns - self._above_ns >= self._climb_ns

@@ -1,4 +1,4 @@
-"""Where a return leads: the place of the takeoff, in the drone's present local frame."""
+"""Destination of a return: the position of the takeoff, in the drone's present local frame."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ AT_HOME_M = 0.5
 AT_HOME_MPS = 0.8  # the estimate of a vehicle that stands still shows up to 0.5
 SETTLED_NS = 2_000_000_000  # the drone must have been at home for this long
 NEAR_M = 1.5
-LONGEST_NS = 5_000_000_000  # being near for this long counts too: an estimate that wanders by 0.4 m may never settle
+LONGEST_NS = 5_000_000_000  # near for this long counts too: an estimate that wanders by 0.4 m may never settle
 _GAP_NS = 1_000_000_000  # after a longer gap in the approach, all times start again
-NO_NEARER_S = 60.0  # a return that has not come a metre nearer for this long ends where the drone is
-REVOKED_NO_NEARER_S = 20.0  # that of one that is revoked
+NO_NEARER_S = 60.0  # a return without a metre of progress for this long ends at the drone's position
+REVOKED_NO_NEARER_S = 20.0  # the same for a revoked drone
 _NEARER_M = 1.0
-_ARRIVED_M = 3.0  # from here on it has that time to come down, whether it gets nearer or is driven away again by others
+_ARRIVED_M = 3.0  # from here on that time applies to the descent, with or without further progress
 
 
 class Launch(Struct, frozen=True):
-    """Where the drone took off, in the local frame of that epoch, and when (UTC)."""
+    """Position of the takeoff, in the local frame of that epoch, and its stamp (UTC)."""
 
     epoch: int
     stamp_ns: int
@@ -31,8 +31,8 @@ class Launch(Struct, frozen=True):
 
 
 class KeptHome(Struct, frozen=True):
-    """For an agent that is restarted in flight. ``place_m``: mission frame, None where it was not known; ``sigma_m``: 1 sigma of
-    it as the log told it, None where it did not; ``launch``: None where that was not known.
+    """Home, for a restart of the agent in flight. ``place_m``: mission frame, None if it was not known; ``sigma_m``: its 1 sigma
+    by the log, None without one; ``launch``: None if it was not known.
     """
 
     place_m: Vector3 | None = None
@@ -41,7 +41,7 @@ class KeptHome(Struct, frozen=True):
 
 
 class Home:
-    """Home of one drone, and how long the drone has been there."""
+    """Home of one drone, and the time that the drone has been there."""
 
     def __init__(self, own: OwnPose) -> None:
         self._own = own
@@ -50,20 +50,20 @@ class Home:
         self._watched_ns = 0
         self._near_since_ns: int | None = None
         self._there_since_ns: int | None = None
-        self._nearest_m, self._nearest_ns = inf, 0  # how near the return has come, and when
+        self._nearest_m, self._nearest_ns = inf, 0  # least distance of the return so far, and its stamp
 
     def took_off(self, vehicle: VehicleState) -> None:
-        """The drone takes off here."""
+        """Note the takeoff of the drone."""
         self._launch = Launch(vehicle.epoch, vehicle.stamp_ns, vehicle.position_m)
         self._remembered = KeptHome()
 
     def remember(self, kept: KeptHome) -> None:
-        """Take what was stored before the agent was restarted."""
+        """Restore the home stored before a restart of the agent."""
         self._remembered, self._launch = kept, kept.launch
 
     @property
     def kept(self) -> KeptHome:
-        """What to store; not what JSON cannot hold."""
+        """The home to store, without numbers that JSON cannot hold."""
         place_m, launch = self.in_mission, self._launch
         known = self._own.surest(launch.epoch, launch.stamp_ns, launch.position_m) if launch is not None else None
         sigma_m = self._remembered.sigma_m if known is None or known[0] != place_m else round(known[1], 2)
@@ -72,8 +72,8 @@ class Home:
 
     @property
     def in_mission(self) -> Vector3 | None:
-        """The place in the mission frame; None while that is not known. After a restart the stored one counts until the log tells
-        that of the launch more surely: while it fills again it tells less than was known.
+        """Home in the mission frame; None while it is not known. After a restart the stored position counts until the log gives
+        the position of the launch with less uncertainty: while the log fills again, it contains less than was known.
         """
         launch, before = self._launch, self._remembered
         if launch is None:
@@ -86,7 +86,7 @@ class Home:
 
     @property
     def in_local(self) -> Vector3 | None:
-        """The place in the present local frame; also where only that frame is known, if the drone took off in it."""
+        """Home in the present local frame; known from that frame alone if the drone took off in it."""
         place, frame, vehicle = self.in_mission, self._own.frame, self._own.vehicle
         if frame is not None and place is not None:
             return frame.local_from_mission.apply_point(place)
@@ -95,24 +95,24 @@ class Home:
 
     @property
     def is_reached(self) -> bool:
-        """Whether the drone hovers over home, near enough to land there, by what ``watch`` has seen."""
+        """Whether the drone hovers over home, near enough to land there, according to ``watch``."""
         settled = _lasts(self._there_since_ns, self._watched_ns, SETTLED_NS)
         return settled or _lasts(self._near_since_ns, self._watched_ns, LONGEST_NS)
 
     @property
     def is_near(self) -> bool:
-        """Whether the drone is near home, by what ``watch`` has seen last."""
+        """Whether the drone is near home, according to the last ``watch``."""
         return self._near_since_ns is not None
 
     @property
     def no_nearer_s(self) -> float:
-        """For how long a return has got no nearer: home is not known, or others or the fence keep the drone away from it."""
+        """Time without progress of a return: home is not known, or other drones or the fence keep the drone away from it."""
         return (self._watched_ns - self._nearest_ns) * 1e-9
 
     def watch(self, vehicle: VehicleState) -> None:
-        """Take the newest telemetry of a return: note since when the drone has been near home, and over it."""
+        """Process the newest telemetry of a return: note the time near home, and over it."""
         place, now_ns = self.in_local, vehicle.stamp_ns
-        interrupted = not 0 <= now_ns - self._watched_ns <= _GAP_NS  # or the clock was set back
+        interrupted = not 0 <= now_ns - self._watched_ns <= _GAP_NS  # or after a clock step backward
         self._watched_ns = now_ns
         if interrupted:
             self._nearest_m, self._nearest_ns = inf, now_ns
@@ -129,7 +129,7 @@ class Home:
 
 
 def _since(before_ns: int | None, now_ns: int, holds: bool) -> int | None:
-    """Since when a condition has held; None while it does not."""
+    """Return the stamp from which on a condition has held; None while it does not hold."""
     if not holds:
         return None
     return now_ns if before_ns is None else before_ns

@@ -13,7 +13,7 @@ from agent.navigation.drag import DragFilter
 from agent.vehicle.interface import VehicleState
 
 BAD_M = 1.2  # RMS deviation: twice that of a vehicle on a well flown circle
-_RAMP_PS2 = 0.5  # rate limit of the drag used in flight: the autopilot's integrator has to follow
+_RAMP_PS2 = 0.5  # rate limit of the applied drag: the autopilot's integrator has to follow
 _REMEMBERED_SIGMA_PS = 0.1  # 1 sigma of a drag identified before a restart
 _SURE_PS = 0.12  # 1 sigma of the drag below which the remaining lag is identified
 _LAG_S = 15.0  # averaging time of the lag
@@ -23,7 +23,7 @@ _LEAST_LAG_S, _MOST_LAG_S = 0.0, 0.6
 
 
 class FoundResponse(Struct, frozen=True):
-    """The identified response: see ``ResponseConfig``. A restarted agent continues with it.
+    """Identified response: see ``ResponseConfig``. A restarted agent continues with it.
 
     A state file has null for a number that is not finite.
     """
@@ -33,7 +33,7 @@ class FoundResponse(Struct, frozen=True):
     tracking_error_m: float | None
 
     def of(self, config: ResponseConfig) -> ResponseConfig | None:
-        """The configured response with what was identified; None where that cannot be a vehicle's."""
+        """Return the configured response with the identified values; None if a vehicle cannot have it."""
         try:
             return msgspec.convert(msgspec.structs.asdict(config) | msgspec.structs.asdict(self), ResponseConfig)
         except msgspec.ValidationError:
@@ -41,7 +41,7 @@ class FoundResponse(Struct, frozen=True):
 
 
 class ResponseEstimator:
-    """Identifies the response of one vehicle. ``response``: the one to fly by."""
+    """Identification of the response of one vehicle. ``response``: the applied one."""
 
     def __init__(self, config: ResponseConfig) -> None:
         """``config``: the drone file's values."""
@@ -52,7 +52,7 @@ class ResponseEstimator:
         self._stamp_ns: int | None = None
 
     def remember(self, found: FoundResponse) -> None:
-        """Continue with the response identified before a restart; with the drone file's where that cannot be a vehicle's."""
+        """Continue with the response identified before a restart; with the drone file's if a vehicle cannot have it."""
         response = found.of(self._config)
         if response is None:
             return
@@ -62,21 +62,21 @@ class ResponseEstimator:
 
     @property
     def found(self) -> FoundResponse | None:
-        """The present response for a restarted agent, rounded; None where it cannot be a vehicle's."""
+        """The present response for a restarted agent, rounded; None if a vehicle cannot have it."""
         now = self.response
         found = FoundResponse(round(now.drag_ps, 2), round(now.lag_s, 3), round(now.tracking_error_m, 2))
         return None if found.of(self._config) is None else found
 
     @property
     def problem(self) -> str | None:
-        """What is wrong with the vehicle's response, or None."""
+        """Problem of the vehicle's response, or None."""
         rms_m = self._deviation.rms_m
         if rms_m <= BAD_M:
             return None
         return f"the vehicle does not follow its plans: RMS deviation {rms_m:.1f} m over {DEVIATION_S:.0f} s"
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Take telemetry, whoever flies."""
+        """Process telemetry, under any control."""
         if not (vehicle.armed and vehicle.in_air):
             self._drag.interrupt()
             self._stamp_ns = None
@@ -85,12 +85,12 @@ class ResponseEstimator:
         elapsed_s = (vehicle.stamp_ns - self._stamp_ns) * 1e-9 if self._stamp_ns is not None else 0.0
         self._stamp_ns = vehicle.stamp_ns
         wanted = min(max(self._drag.drag_ps, 0.0), 3.0) if self._drag.fits else self._config.drag_ps
-        known, most = self.response.drag_ps, _RAMP_PS2 * min(max(elapsed_s, 0.0), 1.0)  # or the clock was set back
+        known, most = self.response.drag_ps, _RAMP_PS2 * min(max(elapsed_s, 0.0), 1.0)  # or after a clock step backward
         if wanted != known:
             self.response = replace(self.response, drag_ps=known + min(max(wanted - known, -most), most))
 
     def compare(self, vehicle: VehicleState, planned: PeerState) -> None:
-        """Take the vehicle's state and its planned one at the same time; only while it flies by setpoints."""
+        """Compare the vehicle's state with its planned one at the same time; only while it flies by setpoints."""
         x, y = (vehicle.position_m[axis] - planned.position[axis] for axis in (0, 1))
         elapsed_s = self._deviation.add(vehicle.stamp_ns, x, y)
         u, v, _ = planned.velocity

@@ -12,12 +12,12 @@ from protocol.messages import Stage
 
 STEP_S = 0.2  # of the tracker's horizon
 HORIZON = 20
-_OLDEST_S = 1.0  # by older telemetry nobody flies
+_OLDEST_S = 1.0  # limit of the prediction from older telemetry
 
 
 class Moment(Struct, frozen=True):
-    """``since_ns``: when the stage began; ``hypothesis``: mission frame; ``took_part_ns``: since when this drone takes part
-    without a break; of no meaning while it does not.
+    """``since_ns``: begin of the stage; ``hypothesis``: mission frame; ``took_part_ns``: begin of this drone's participation
+    without a break; without meaning outside of it.
     """
 
     now_ns: int
@@ -30,12 +30,13 @@ class Moment(Struct, frozen=True):
     @property
     def stage_s(self) -> float:
         """Duration of the stage so far."""
-        return max(0.0, (self.now_ns - self.since_ns) * 1e-9)  # or the clock was set back
+        return max(0.0, (self.now_ns - self.since_ns) * 1e-9)  # or after a clock step backward
 
     @property
     def here(self) -> PeerState:
-        """Where the vehicle is now, and how fast, local frame: while telemetry is lost it flies on, towards others that were as
-        far away as they seem when it was heard last. Stamps of the future are from before the clock was set back.
+        """Position and velocity of the vehicle now, local frame. While telemetry is lost the vehicle flies on, towards other
+        drones whose predicted distance would otherwise stay that of the last telemetry. Stamps of the future precede a clock step
+        backward.
         """
         (x, y, z), (u, v, w) = self.vehicle.position_m, self.vehicle.velocity_mps
         age_s = min(max(0.0, 1e-9 * (self.now_ns - self.vehicle.stamp_ns)), _OLDEST_S)

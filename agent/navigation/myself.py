@@ -1,4 +1,4 @@
-"""The own drone, as the reckoning with the others needs it."""
+"""State of the own drone for the prediction of the other drones."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from agent.navigation.peers.placing import bare, unexplained_m
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.viewer import Viewer
 
-# So long one that is revoked, and returns, gives way to all that may be there if it is not where it takes itself to be. Kept for
-# longer from its own home by the homes of others, as they lie to it then, it came down when they took it to have landed.
+# Limit, during the return of a revoked drone, for its alternative position hypothesis. Beyond it, the homes of other drones as
+# seen from there would keep the drone from its own home, until the others take it to have landed.
 PATIENT_S = 20.0
 
 
@@ -25,19 +25,19 @@ def _nowhere_ahead() -> Array:
 
 
 def _no_motion(_: int) -> None:
-    """Not known."""
+    """Return None: no motion is known."""
 
 
 class Self(Struct, frozen=True):
     """The own drone: epoch of its frame, and that frame; None while it is not known.
 
-    ``otherwise``: the same frame, mission from local, if the own localisation that has jumped is right; None without that doubt;
-    ``doubt_m``: distance between the places by the two. ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal
-    distance), that doubt included. ``ahead``: gives its planned positions (K, 3) from now on, ``step_s`` apart, local frame;
-    ``motion_at``: where it was at a stamp, and how fast, mission frame, if it took part then; ``circle``: None where it does not
-    track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it;
-    ``excluded``: the others that are revoked.
+    ``otherwise``: the same frame, mission from local, if the own localisation after a jump is right; None without a jump;
+    ``doubt_m``: distance between both position hypotheses. ``sigma_m``: 1 sigma of the own position in the mission frame
+    (horizontal distance), both hypotheses included. ``ahead``: returns the planned positions (K, 3) from now on, ``step_s``
+    apart, local frame; ``motion_at``: position and velocity at a stamp, mission frame, if the drone took part then; ``circle``:
+    None outside of tracking; ``height_m``: above ground; ``returning_s``: since the begin of the return, None without a return;
+    ``resumed``: in-flight start of the agent; ``measured``: the drones that may fly, by the measurements in the log; ``revoked``:
+    no drone hears this one; ``excluded``: the other revoked drones.
     """
 
     now_ns: int
@@ -59,15 +59,15 @@ class Self(Struct, frozen=True):
 
     @property
     def place_sigma_m(self) -> float:
-        """1 sigma of the own position, of either of the two places where it is in doubt between them."""
+        """1 sigma of the own position, of either hypothesis if there are two."""
         return unexplained_m(self.sigma_m, self.doubt_m)
 
     def may_fly(self, name: str) -> bool:
-        """Whether one that has never told its stage may be in flight."""
+        """Whether a drone without any known stage may be in flight."""
         return self.resumed or name in self.measured
 
     def elsewhere(self) -> Self | None:
-        """The same drone if its localisation that has jumped is right; None without that doubt, and where it counts no more."""
+        """Return the drone at its alternative position hypothesis; None without one, or once it no longer counts."""
         if self.otherwise is None or self.local_from_mission is None:
             return None
         if self.revoked and self.returning_s is not None and self.returning_s >= PATIENT_S:
@@ -77,6 +77,6 @@ class Self(Struct, frozen=True):
         return replace(self, local_from_mission=frame, otherwise=None)
 
     def viewer(self, local_from_mission: Transform) -> Viewer:
-        """As one that keeps clear of drones that are not heard; its frame is known."""
+        """Return the state for the rules of lost peers; its frame is known."""
         moves = self.ahead, self.motion_at, self.circle, self.height_m, self.returning_s, self.revoked
         return Viewer(self.now_ns, self.epoch, self.step_s, bare(local_from_mission), *moves, excluded=self.excluded)

@@ -1,4 +1,4 @@
-"""The fence in one drone's own local frame; while that frame is not known, a circle around the waiting drone."""
+"""Fence in one drone's own local frame; while that frame is not known, a circle around the waiting drone."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from agent.vehicle.interface import VehicleState
 
 _LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
 _MOVED_M = 0.3  # smaller shifts of the fence in the local frame, or of its heights, are not applied
-_WAITING_M = 12.0  # radius of the fence around a drone that does not know its frame
+_WAITING_M = 12.0  # radius of the fence around a drone with an unknown frame
 _ROOM_M = 4.0  # a fence within which no circle of this radius fits leaves no room to fly
 
 
 class OwnFence:
-    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves, or its height drifts.
+    """Fence at the area's position in the local frame, moved as the estimate of that frame improves, or its height drifts.
 
-    While the drone may be in either of two places, both must be inside.
+    With two position hypotheses of the drone, both must be inside.
     """
 
     def __init__(self, area: AreaConfig, own: OwnPose) -> None:
@@ -33,12 +33,12 @@ class OwnFence:
         self._level_m = 0.0
 
     def put(self, vehicle: VehicleState, level_m: float) -> Fence:
-        """The fence for a flight that begins here; ``level_m``: local z from which its heights count."""
+        """Return the fence for a flight from here on; ``level_m``: local z of its height 0."""
         self._level_m = level_m
         return self._made(vehicle)
 
     def moved(self, vehicle: VehicleState, level_m: float) -> Fence | None:
-        """The fence for the newest frame and ground; None while the present one still fits.
+        """Return the fence for the newest frame and ground; None while the present one still fits.
 
         An autopilot's height drifts, and the ground in its frame with it: by metres in a long flight.
         """
@@ -57,10 +57,12 @@ class OwnFence:
         return self._made(vehicle)
 
     def _outline(self, frame: LocalFrame) -> tuple[Array, float]:
-        """The area's corners (N, 2) in the local frame; and the fence's margin, less the uncertainty of the own position."""
+        """Return the area's corners (N, 2) in the local frame; and the fence's margin, less the position uncertainty."""
         margin_m = self._area.fence_margin_m
         if frame.mission_from_local.covariance is not None:
-            sigma_m = self._own.sigma_m if self._own.otherwise is None else 0.0  # the other fence allows for the doubt
+            sigma_m = (
+                self._own.sigma_m if self._own.otherwise is None else 0.0
+            )  # the other fence accounts for a second hypothesis
             doubted_m = margin_m - DOUBT_SIGMAS * sigma_m
             margin_m = max(doubted_m, min(margin_m, _LEAST_MARGIN_M))
         return frame.local_from_mission.apply(self._corners)[:, :2], margin_m

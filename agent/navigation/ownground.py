@@ -1,4 +1,4 @@
-"""The ground below and around one drone, in its own local frame."""
+"""Ground below and around one drone, in its own local frame."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ class OwnGround:
         self._low_m, self._high_m = area.floor_m + HEIGHT_INSIDE_M, area.ceiling_m - HEIGHT_INSIDE_M
 
     def level_m(self, vehicle: VehicleState) -> float:
-        """Local z of the ground below, from which the heights of references and fence count.
+        """Return the local z of the ground below, the zero of the heights of references and fence.
 
-        0 where the ground is not level: there the tracker adds the height of the ground under its plan.
+        0 for ground that is not level: there the tracker adds the height of the ground under its plan.
         """
         return _below_m(vehicle) if self._ground.level else 0.0
 
     def relief(self, vehicle: VehicleState) -> Relief | None:
-        """The ground around the vehicle; None where it is level."""
+        """Return the ground around the vehicle; None if it is level."""
         if self._ground.level:
             return None
         (x, y, _), frame = vehicle.position_m, self._own.frame
         return self._ground.around(frame.mission_from_local if frame is not None else None, (x, y), _below_m(vehicle))
 
     def kept_off(self, reference: Reference, vehicle: VehicleState) -> Reference:
-        """The reference, higher or lower by as much as the vehicle is nearer to floor or ceiling than plans come.
+        """Return the reference, raised or lowered by the vehicle's distance beyond the vertical limits of plans.
 
-        An autopilot that errs in its climb rate stays off its setpoint for some seconds, by a metre at worst; its rangefinder
-        tells.
+        An autopilot with an error in its climb rate stays off its setpoint for some seconds, by a metre at worst; its rangefinder
+        shows that.
         """
         lacking_m = max(0.0, self._low_m - vehicle.height_m) - max(0.0, vehicle.height_m - self._high_m)
         if lacking_m == 0.0:
@@ -48,7 +48,7 @@ class OwnGround:
         return replace(reference, positions=reference.positions + np.array([0.0, 0.0, lacking_m]))
 
     def above_level(self, state: PeerState, vehicle: VehicleState) -> PeerState:
-        """A state near the vehicle with z above ground, as in references."""
+        """Return a state near the vehicle with z above ground, as in references."""
         relief, (x, y, z) = self.relief(vehicle), state.position
         if relief is None:
             return state
@@ -56,5 +56,5 @@ class OwnGround:
 
 
 def _below_m(vehicle: VehicleState) -> float:
-    """Local z of the ground below the vehicle, by its rangefinder."""
+    """Return the local z of the ground below the vehicle, by its rangefinder."""
     return vehicle.position_m[2] - vehicle.height_m

@@ -1,6 +1,6 @@
-"""Drones that fly past one on the ground: it must not take off below them.
+"""Drones that fly past a drone on the ground: it must not take off below them.
 
-They cannot know of it before it is armed, and need some seconds to make room for one that rises in their way.
+They have no knowledge of it before it is armed, and need some seconds to make room for a drone that rises in their way.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from agent.navigation.peers.newest import Peers
 from protocol.messages import Stage
 from protocol.stages import DESCENDING
 
-_AHEAD_S = 2.0  # from the command to rotors that lift
+_AHEAD_S = 2.0  # from the command to lift
 _MARGIN_M = 1.0  # beyond the separation
-_MOST_DOUBT_M = 2.0  # more would keep a drone on the ground whose frame is hardly known
-_CLOSE = 0.8  # of the separation, from one that lands: it stays over its place, and others stand beside it
+_MOST_DOUBT_M = 2.0  # more would keep a drone with a very uncertain frame on the ground
+_CLOSE = 0.8  # of the separation, from a landing drone: it stays over its place, and others stand beside it
 
 
 def passing(position_m: Vector3, others: Iterable[Neighbour], peers: Peers, separation_m: float) -> tuple[str, ...]:
-    """Ids of those among ``others`` that are, or will be within two seconds, too near to a place in the same frame."""
+    """Return the ids of ``others`` that are, or will be within two seconds, too near to a position in the same frame."""
     found = []
     for other in others:
         status, state = peers[other.id].status, other.plan.measured

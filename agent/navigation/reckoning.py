@@ -1,4 +1,4 @@
-"""What a plan was made with: where the others were expected, and the room it flies in. The simulation judges it by the truth."""
+"""Context of a plan: predictions of the other drones, and the room for the flight. The simulation compares it with the truth."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from agent.motion.separation import PeerPlan
 
 
 class End(Struct, frozen=True):
-    """Where another drone is expected when a plan ends, seen from that end: how far away, at least, and in which direction (rad).
-    ``blind``: it does not know of the planning one, and may turn up within any distance.
+    """Prediction of another drone at the end of a plan, as seen from there: least distance, and direction (rad).
+    ``blind``: it does not know of the planning drone, and may appear within any distance.
     """
 
     id: str
@@ -26,11 +26,11 @@ class End(Struct, frozen=True):
 
 
 class Reckoning(Struct, frozen=True):
-    """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
+    """Context of a plan, own local frame: position of the drone, predictions of the other drones, room for the flight.
 
     ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone. ``planned``:
-    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ... ``divided``: the places on the shared circle
-    that are kept free for drones that are not heard.
+    (H + 1, 3) m, the resulting plan, at stamp_ns, stamp_ns + step_s, ... ``divided``: the places on the shared circle that stay
+    free for missing drones.
     """
 
     stamp_ns: int
@@ -43,10 +43,10 @@ class Reckoning(Struct, frozen=True):
     divided: Sequence[PeerPlan] = ()
 
     def distance_m(self, drone: str, sigmas: float, place_m: Vector3, before_m: float = 0.0) -> float:
-        """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
+        """Return the least horizontal distance to another drone: to its prediction, less so many sigmas; infinite without one.
 
-        ``place_m``: where it really is, mission frame. A line or circle that is kept from for the sake of one keeps from all
-        beyond it, or so little before it.
+        ``place_m``: its true position, mission frame. A line or circle to be kept clear of covers all drones beyond it, and up to
+        ``before_m`` before it, whatever drone is the reason.
         """
         frame = self.mission_from_local
         place = None if frame is None else frame.inverse().apply_point(place_m)
@@ -55,15 +55,15 @@ class Reckoning(Struct, frozen=True):
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
     def keeps_from_circle(self, place_m: Vector3, before_m: float) -> bool:
-        """Whether a place, mission frame, lies beyond a circle that is kept from, for whomever, or so little before it."""
+        """Whether a position, mission frame, lies beyond a circle to be kept clear of, or at most ``before_m`` before it."""
         if self.mission_from_local is None:
             return False
         place = self.mission_from_local.inverse().apply_point(place_m)
         return any(_is_beyond(place, one, self.stamp_ns, before_m) for one in self.others if not isinf(one.radius_m))
 
     def ends(self, sigmas: float) -> list[End]:
-        """Where others are expected when the plan ends, as seen from there, less so many sigmas; those that are somewhere beyond
-        a line, where it is nearest.
+        """Return the predictions of other drones at the end of the plan, as seen from there, less so many sigmas; for drones
+        somewhere beyond a line, its nearest point.
         """
         end_s, (x, y, z) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
         found = []
@@ -86,7 +86,7 @@ class Reckoning(Struct, frozen=True):
 
 
 def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> float:
-    """Distance from a place to where a plan expects another drone, or to the line or circle that it is beyond, less its doubt."""
+    """Return the distance from a position to the prediction by a plan, or to its line or circle, less the uncertainty."""
     if plan.away is not None:
         return max(0.0, _in_front_m(place, plan, now_ns)) - sigmas * plan.sigma_m
     x, y = plan.at(now_ns)
@@ -94,13 +94,13 @@ def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> f
 
 
 def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int, before_m: float) -> bool:
-    """Whether a place, where it is known, lies beyond the line or circle of a plan, or at most ``before_m`` before it."""
+    """Whether a position, if known, lies beyond the line or circle of a plan, or at most ``before_m`` before it."""
     return place is not None and plan.away is not None and _in_front_m(place, plan, now_ns) <= before_m
 
 
 def _in_front_m(place: Vector3, plan: PeerPlan, now_ns: int, after_s: float = 0.0) -> float:
-    """How far a place lies in front of the line of a plan, or of the circle that it touches: seen from elsewhere, the tangent
-    would leave out a part of the circle, or hold what is inside. ``after_s``: seconds from now on, 0 or to the plan's end.
+    """Return the distance of a position in front of the line of a plan, or of its circle: off the point of contact, the tangent
+    would leave out a part of the circle, or hold its inside. ``after_s``: seconds from now on, 0 or to the plan's end.
     """
     assert plan.away is not None
     x, y = plan.at(now_ns, after_s)

@@ -1,4 +1,4 @@
-"""The survey of one drone: lanes over what the swarm has not covered, or informative waypoints; and its coverage entries."""
+"""Survey of one drone: lanes over the area not covered by the swarm, or informative waypoints; and its coverage entries."""
 
 from __future__ import annotations
 
@@ -26,24 +26,25 @@ COVERAGE_S = 5.0  # period of the coverage reports
 POINT_M = 1.0  # distance between the points of a coverage path
 LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoint
 _PORTION = 3.0  # of the work on new coverage, in a step
-_LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: no longer path is believed
+_LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: a longer path is refused
 _INSIDE_M = 5.0  # from the fence to the waypoints of a search for a source outside the area
-_OUTSIDE = 0.2  # probability of a source outside the area, if more than inside, from which on waypoints may lie up to the fence
+_OUTSIDE = 0.2  # probability of a source outside the area, if more than inside, that moves the waypoints up to the fence
 _TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
-# Beside a corner where its path turns round, or behind another drone, one may come to a standstill, moving by less than this in a
-# step: then it is taken to go on by so much in each. What it leaves out so is covered when the rest of the area is divided.
+# Beside a corner where its path turns round, or behind another drone, a drone may come to a standstill, with less than the first
+# distance in a step: its progress then grows by the second one. A gap left by that is covered after the next division of the
+# area.
 _STILL_M, _ONWARD_M = 0.02, 0.05
 
 
 class Search:
-    """Divides the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
+    """Division of the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
 
-    A division follows from the log's coverage alone, and so does whether all of the area is covered: drones with the same log
+    A division follows from the log's coverage alone, and so does the completeness of the search: drones with the same log
     divide alike, and end the search alike. Mission frame throughout.
     """
 
     def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:
-        """For one drone of a mission, of which no coverage is known yet."""
+        """Begin for one drone of a mission, without any known coverage."""
         self._area = Polygon(mission.area.polygon_m)
         self._survey = mission.survey
         self._drone = drone
@@ -55,22 +56,22 @@ class Search:
         self._follower: PathFollower | None = None
         self._progress = 0.0
         self._position: Point2 | None = None  # at the last step
-        self._again = False  # the division is of less than is known by now
-        self._judged = False  # whether is_complete is of all that is known
+        self._again = False  # the division is older than the known coverage
+        self._judged = False  # is_complete accounts for all known coverage
         self.is_complete = False  # all of the area has been covered
 
     def begin(self, started_ns: int) -> None:
-        """A mission begins: only what is covered since its start counts."""
+        """Begin a mission: only coverage since its start counts."""
         self._covered.begin(started_ns)
         self._follower, self._judged, self.is_complete = None, False, False
 
     def take(self, entry: Coverage) -> None:
-        """Take a new entry of the log, in any order."""
+        """Add a new entry of the log, in any order."""
         self._covered.take(entry)
         self._judged = False
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Only these entries of a drone count: what is left is divided anew."""
+        """Count only these entries of a drone: the uncovered area is divided anew."""
         self._covered.recount(drone, entries)
         self._judged = self.is_complete = False
         self.divide_anew()
@@ -78,11 +79,11 @@ class Search:
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions and velocities (steps + 1, 2) to follow from here.
+        """Return the positions and velocities (steps + 1, 2) to follow from here.
 
         Args:
             active: the drones that share the area, this one included, sorted.
-            position: where this drone is.
+            position: of this drone.
             steps: of the reference.
             step_s: between its points.
         """
@@ -97,11 +98,11 @@ class Search:
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def divide_anew(self) -> None:
-        """Discard the present division, once all that is known is counted: more has been covered than it assumes."""
+        """Discard the present division, once all known coverage is counted: it assumes less coverage."""
         self._again = True
 
     def _keep_up(self) -> None:
-        """Count new coverage, a bounded part of it in each step; until that is done the present division serves."""
+        """Count new coverage, a bounded part of it in each step; until that is complete the present division serves."""
         for (drone, _), from_ns in self._frames.changes(self._revision).items():
             self._covered.moved(drone, from_ns)
         self._revision = self._frames.revision
@@ -127,13 +128,13 @@ class Search:
         ends = {drone: self._covered.end(drone) or self._launch[drone] for drone in active}  # positions that all drones know
         spacing_m = self._survey.lane_spacing_m
         path = survey_path(self._area, self._left(), self._drone, active, spacing_m, ends)
-        if len(path) == 0:  # all is covered and nothing was found: start again
+        if len(path) == 0:  # all is covered without a source: start again
             path = survey_path(self._area, self._area, self._drone, active, spacing_m, ends)
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
 
 
 class Prospect:
-    """The outlook, computed once a second because it is costly."""
+    """Search state, computed once a second because it is costly."""
 
     def __init__(self, outlook: Callable[[], Outlook | None]) -> None:
         self._outlook = outlook
@@ -141,7 +142,7 @@ class Prospect:
         self._due_ns = 0
 
     def at(self, now_ns: int) -> Outlook | None:
-        """The present outlook; None where there is a hypothesis of one source, or the estimator has no outlook."""
+        """Return the present search state; None with a hypothesis of one source, or if the estimator has no search state."""
         if now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:
             self._due_ns = now_ns + LOOK_NS
             self._known = self._outlook()
@@ -149,7 +150,7 @@ class Prospect:
 
 
 class InformedSearch:
-    """Flies to the most informative waypoint, chosen again and again. Mission frame throughout."""
+    """Flight to the most informative waypoint, chosen again and again. Mission frame throughout."""
 
     def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
         survey, area = mission.survey, Polygon(mission.area.polygon_m)
@@ -178,18 +179,18 @@ class InformedSearch:
         walls: Sequence[Wall] = (),
         covered: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
+        """Return the positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
 
         Args:
             now_ns: UTC.
-            position: where this drone is.
+            position: of this drone.
             velocity: its velocity.
             others: positions of the other searching drones.
             steps: of the reference.
             step_s: between its points.
-            walls: what this drone keeps behind, away from drones that it does not hear.
-            covered: all of the area has been covered by lanes: these come first with an estimator of several sources, whose
-                outlook follows the flight too slowly to lead it from place to place.
+            walls: separation lines to missing drones; this drone keeps to its own side.
+            covered: all of the area has been covered by lanes. Lanes come first with an estimator of several sources, because its
+                search state follows the flight too slowly for waypoints.
         """
         outlook = self._prospect.at(now_ns) if self._regions else None
         outlook = outlook.lead if outlook is not None and outlook.lead is not None else outlook
@@ -198,13 +199,13 @@ class InformedSearch:
         if outlook is None:
             self._follower = None
             return None
-        if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # the clock was set back
+        if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # or after a clock step
             self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
             self._follower = self._way(outlook, position, velocity, others, walls)
         length_m = self._follower.length_m
         self._progress = min(self._follower.advance(self._progress, position), length_m)
         travelled = self._progress + self._speed_mps * step_s * np.arange(steps + 2.0)
-        points = self._follower.at(np.minimum(travelled, length_m))  # and waits there for the next waypoint
+        points = self._follower.at(np.minimum(travelled, length_m))  # then a wait for the next waypoint
         return points[:-1], np.diff(points, axis=0) / step_s
 
     def _way(
@@ -215,7 +216,7 @@ class InformedSearch:
         others: Sequence[Point2],
         walls: Sequence[Wall],
     ) -> PathFollower:
-        """The way to the most informative waypoint: of the area, or up to the fence if the source is probably outside."""
+        """Return the way to the most informative waypoint: in the area, or up to the fence if the source is probably outside."""
         weight = outlook.weight if outlook.exclusion is None else outlook.weight * outlook.exclusion.left
         inside = float(weight[outlook.inside].sum())
         is_outside = float(weight.sum()) - inside > max(inside, _OUTSIDE)
@@ -232,8 +233,8 @@ class InformedSearch:
 
 
 def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> str:
-    """The result of the search: "" while it goes on, else that nothing was found, and the activity that is excluded, or the
-    bearing of a source that is probably beyond the fence.
+    """Return the result of the search: "" while it continues. Otherwise: nothing found, and the exclusion limit, or the bearing
+    of a source that is probably beyond the fence.
     """
     excluded_bq = outlook.excluded_bq if outlook is not None else None
     survey, least_bq = mission.survey, mission.survey.least_activity_bq
@@ -252,7 +253,7 @@ def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | Non
 
 
 class CoverageLog:
-    """Collects where this drone has searched, in its local frame, until the next report is due."""
+    """Collects the own path, in the local frame, until the next coverage report is due."""
 
     def __init__(self, swath_m: float) -> None:
         self.swath_m = swath_m
@@ -261,7 +262,7 @@ class CoverageLog:
         self._epoch = 0
 
     def add(self, now_ns: int, epoch: int, position: Point2) -> tuple[int, int, tuple[Point2, ...]] | None:
-        """Take the own position; every few seconds returns the stamp, epoch and path of a report, else None.
+        """Add the own position; return the stamp, epoch and path of a report every few seconds, else None.
 
         A new epoch ends a path: no path leads from one frame into another.
         """

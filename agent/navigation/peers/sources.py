@@ -1,6 +1,6 @@
 """Sources under one id: all stories of that drone's position, and whether it flies.
 
-No message proves its source: any holder of the key can write anything, and Zenoh's source ids are not authenticated either.
+No message proves its source: any holder of the key can write anything, and Zenoh's source ids are its own statements, too.
 Therefore no message removes the content of another one, however its stamp lies: it can only add a position, or an end of the
 flight that all others allow. A pose that continues no known story begins another one, and every story counts until it has been
 silent for two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
@@ -153,7 +153,7 @@ class Sources:
         return self._shown_ns is not None and now_ns - self._shown_ns < SHOWN_NS
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether a status says so, no status of the last seconds is in flight, and the poses allow it."""
+        """Whether a status says so, no status of the last seconds reports a flight, and the poses allow it."""
         if self._down_ns is None or not self.rests(now_ns):
             return False
         flew_ns = self._flew_ns
