@@ -23,7 +23,7 @@ TREES = (
 )
 KINDS = {".py": "", ".js": "//", ".sh": "#"}  # suffix -> mark of a comment; Python has docstrings
 _LIBRARIES = "leaflet"  # a folder of files as released by their authors
-_DOCSTRING = re.compile(r'(?:#.*\n|\s)*r?"""(.*?)"""', re.DOTALL)  # many times faster than a parser
+_DOCSTRING = re.compile(r'(?:#[^\n]*\n|\s)*r?"""(.*?)"""', re.DOTALL)  # many times faster than a parser
 _END = re.compile(r"(?<!\bSec)(?<!\bEq)(?<!\bal)\.(?=\s|$)")
 
 _INTRO = """# Files

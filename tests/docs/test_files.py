@@ -50,6 +50,7 @@ def test_every_package_says_what_it_owns(files):
             "Cones (paper, Sec. V-A; Baca et al. 2021)",
         ),
         ("word.py", '"""Errors on the terminal. More."""\n', "Errors on the terminal"),
+        ("commented.py", "# a note\n" * 1000 + "x = 1\n", ""),
         ("bare.py", 'text = """Not a docstring."""\n', ""),
         ("page.js", "// The map: x east,\n// y north. More.\nlet a\n", "The map: x east, y north"),
         ("run.sh", "#!/bin/sh\n# Start of a container.\nset -eu\n# Later.\n", "Start of a container"),
