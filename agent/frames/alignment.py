@@ -1,11 +1,11 @@
 """One drone's pose from relative observations between it and the others, without a prior: every heading is tried.
 
-For each of a set of headings a position is guessed (the median of what single sightings with a range imply; where the bearings
-cross; places around the others where there are only ranges). All these starts are refined at once by Gauss-Newton with variances
+For each of a set of headings a position is guessed: the median of the positions by single sightings with a range, the crossing of
+the bearings, or, with ranges alone, places around the others. All these starts are refined at once by Gauss-Newton with variances
 that begin wide and shrink to their stated values (graduated non-convexity, as in Yang et al. 2020): false positives lose their
-weight, and neighbouring starts run into the same optimum. A false sighting of the one drone whose place is well known outweighs
-all others at first, and would take every start along; so starts of directions with ranges are also refined from narrow variances
-on. The result is reliable only where every other heading explains the data clearly worse.
+weight, and neighbouring starts run into the same optimum. A false sighting of the only drone with a well-known place outweighs
+all others at first, and would attract every start; starts of directions with ranges are therefore also refined from narrow
+variances on. The result is reliable only if every other heading explains the data clearly worse.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ HEADINGS = 16
 _FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # start positions around the others where there are only ranges
 _WIDTHS = (400.0, 400.0, 100.0, 100.0, 25.0, 9.0, 4.0, 1.0, 1.0, 1.0, 1.0)  # factors on the variances, one per iteration
 _NARROW = _WIDTHS[5:]
-_DISTINCT_YAW = 0.35  # rad; solutions whose headings differ by more are distinct
+_DISTINCT_YAW = 0.35  # rad; larger differences in heading make solutions distinct
 _DISTINCT_M = 1.0
 _FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # prior information that keeps every fit solvable
 
@@ -61,7 +61,7 @@ class Views:
 
     @property
     def with_both(self) -> NDArray[np.bool_]:
-        """(M,) those with a direction and a range."""
+        """(M,) true for sightings with a direction and a range."""
         return np.isfinite(self.direction_var) & np.isfinite(self.range_var)
 
 

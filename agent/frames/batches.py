@@ -1,4 +1,4 @@
-"""When entries that come late by seconds are taken, and whose: in batches, at fixed times, the same for all agents."""
+"""Schedule of entries that come late by seconds: in batches, by drone, at fixed times that are the same for all agents."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from collections.abc import Collection, Mapping
 
 from protocol.bucket import Bucket
 
-LATE_NS = 5_000_000_000  # an entry that changes what was computed longer ago than this waits for others of its kind
+LATE_NS = 5_000_000_000  # entries that change older results than this wait for a batch
 _EVERY_NS = 2_000_000_000  # mostly longer than a batch takes to be computed
 _AFTER_NS = 500_000_000  # keyframes become due with full seconds, and take some calls: the borders lie behind them
 _MOST_CALLS = 40  # where time stands still, as after the flight
-_CALL_NS = 20_000_000  # so long does a call last at least: no agent makes more, and where time stands still the quotas do not
-# Of each drone: its late entries may have so many seconds of the log computed again at once, and so many in a second. A batch
-# counts as a minute at most. After a partition, or the start of an agent in flight, a drone's late entries are one batch or two.
+_CALL_NS = 20_000_000  # least duration of a call: no agent calls more often, and the quotas grow even while time stands still
+# For each drone: seconds of the log that its late entries may have computed again at once, and per second. A batch counts as a
+# minute at most. After a partition, or the start of an agent in flight, a drone's late entries are one batch or two.
 _QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 120.0, 4.0, 60.0
 
 
 class Batches:
-    """Tells when the next batch of late entries is due.
+    """Decides when the next batch of late entries is due.
 
-    What such an entry changes takes many calls to compute again, so that where they keep coming there is hardly a moment at which
-    none is missing. But at a border all that came before it are taken, and all agents have the borders at the same times: what
-    they compute follows from the same entries, but for one that is on its way at the border. An agent that is busy at a border
-    takes them as soon as it is free. The next batch rests for as many calls as the last one took, so that late entries never cost
-    more than half of the time.
+    The results that such an entry changes take many calls to compute again, so that during a stream of late entries hardly a
+    moment is complete. At a border, however, all earlier entries are taken, and all agents have the borders at the same times:
+    their results follow from the same entries, except for entries on their way at the border. An agent that is busy at a border
+    takes the batch as soon as it is free. The next batch rests for as many calls as the last one took, so that late entries never
+    cost more than half of the time.
 
-    A drone whose late entries have much of the log computed again and again has a quota. Beyond it its late entries are put off,
-    for a quarter of the seconds that its last batch reached back; those of the others are not. Whether they count is not decided
-    by it, but only when.
+    A drone whose late entries have much of the log computed again and again has a quota. Beyond the quota its late entries, and
+    no others, are put off for a quarter of the seconds that its last batch reached back. The quota decides when entries count,
+    not whether.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Batches:
         return self._rest > 1
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
-        """Whether a batch is to be taken now, asked in each call; ``free``: whether one can be."""
+        """Whether a batch is to be taken now, asked in each call; ``free``: whether a batch can be taken."""
         self._elapsed_ns += max(now_ns - self._now_ns, _CALL_NS) if self._now_ns else 0
         self._now_ns = now_ns
         border = (now_ns - _AFTER_NS) // _EVERY_NS
@@ -62,7 +62,7 @@ class Batches:
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
-        """The drones, of these, whose quota has room for late entries now."""
+        """Return the drones, of these, with quota left for late entries."""
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:

@@ -1,7 +1,7 @@
-"""Frames of drones whose localisation the mission knows exactly, after a jump: as their own motion has carried them on.
+"""Frames of drones with exactly known localisation after a jump, carried on by the drones' own motion.
 
-The mission tells the frame of the first epoch. How that of a later one lies in it the drone tells itself, with every exposure of
-that epoch (``agent.localization.knownframe``). So these frames are a function of the log, too.
+The mission gives the frame of the first epoch. The drone publishes the pose of each later frame in the first one, with every
+exposure of that epoch (``agent.localization.knownframe``). These frames are therefore a function of the log, too.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 
 def told(frame: Transform) -> CarriedFrame:
-    """A frame in that of the launch, as it is published."""
+    """A frame in the launch frame, as published."""
     return CarriedFrame(frame.translation, frame.yaw_rad, frame.covariance_rows)
 
 
 def launch_from_local(carried: CarriedFrame) -> Transform:
-    """The frame that ``told`` made it from."""
+    """The frame that ``told`` has published."""
     covariance = None if carried.covariance is None else np.array(carried.covariance).reshape(4, 4)
     return Transform(carried.yaw_rad, carried.translation_m, covariance)
 
 
 class CarriedFrames:
-    """Puts these frames into the graph. Of several that a drone tells of one epoch that of the first entry counts, in whatever
-    order they arrive; who flies one epoch in two frames lies anyway.
+    """Puts these frames into the graph. If a drone publishes several frames of one epoch, the frame of the first entry counts,
+    for any order of arrival; a drone with two frames in one epoch is faulty anyway.
     """
 
     def __init__(self, mission: MissionConfig, graph: FrameGraph) -> None:
@@ -49,8 +49,8 @@ class CarriedFrames:
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget what was told before that stamp, and ignore what comes of it: in the flight before, an epoch of the same number
-        was another frame.
+        """Forget frames published before that stamp, and ignore later arrivals of that time: in an earlier flight, an epoch of
+        the same number was another frame.
         """
         self._earliest_ns = stamp_ns
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])

@@ -15,8 +15,8 @@ Emission = tuple[int, int, Placement | None]  # drone, first stamp, placement of
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Why a drone's frame is not trusted, the stamp of the last keyframe that found so, whether the suspicion is permanent, and
-    whether the other drone of the pair may be the faulty one instead.
+    """Reason for distrust in a drone's frame, stamp of the last keyframe with that finding, whether the suspicion is permanent,
+    and whether the other drone of the pair may be faulty instead.
     """
 
     reason: str
@@ -31,9 +31,9 @@ class Member:
 
     launched: bool = False  # its layout has been used, or must not be used any more
     sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame and none contradicted it
-    since: int = -1  # first keyframe whose sightings refer to its present frame
+    since: int = -1  # first keyframe with sightings in its present frame
     contradicted: int = 0  # consecutive keyframes
-    missed: int = 0  # consecutive fixes whose probability of being right is below the prior
+    missed: int = 0  # consecutive fixes less likely right than by the prior
     lost_ns: int | None = None  # stamp since which its frame is unknown; None while it is known
     attempted: int = -1  # keyframe of the last attempt to align its frame
     trusted: bool = True  # whether its layout and compass are used

@@ -1,9 +1,9 @@
-"""By how much the clock of one drone was wrong, as far as it has told with its exposures.
+"""Clock error of one drone, as published with its exposures.
 
-At the stamp of a sighting by it, or of it, the other one of the two was somewhere else then.
+With a wrong clock, the other drone of a sighting was at another place at the sighting's stamp.
 
-A drone learns only after a few seconds that its clock has been set, from the statuses of the others; what it measures until then
-has wrong stamps, too. So what all its exposures of a while later tell counts for the time before.
+A drone learns of a step of its clock only after a few seconds, from its peers' statuses; measurements until then have wrong
+stamps, too. The error in all its exposures of a while later therefore also counts for the time before.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from math import dist
 
 from protocol.entries import LONGEST_EXPOSURE_NS, Exposure
 
-# A status a second and its answer, with some of them lost; and the time, two exposures and more, in which all must tell it.
+# A status a second and its answer, with some of them lost; and the time, two exposures and more, in which all must state it.
 _LEARNED_NS, _TOLD_NS = 4_000_000_000, 1_200_000_000
-_SLOWEST_MPS = 0.5  # of a drone that hovers the told error of the position says little of the clock's
+_SLOWEST_MPS = 0.5  # for a hovering drone the published error of the position says little about the clock's
 _Told = tuple[int, int, float]  # begin and end of an exposure, and the error in seconds
 
 
 class ClockErrors:
-    """Of one drone, by its exposures in order of time."""
+    """Clock errors of one drone, by its exposures in order of time."""
 
     def __init__(self) -> None:
         self._told: list[_Told] = []
-        self._wrong = 0  # how many of them tell an error
+        self._wrong = 0  # number of exposures with an error
 
     def add(self, exposure: Exposure) -> None:
-        """Take what an exposure tells."""
+        """Take the error of an exposure."""
         told = _told(exposure)
         insort(self._told, told)
         self._wrong += told[2] > 0.0
 
     def remove(self, exposure: Exposure) -> None:
-        """Take it back."""
+        """Remove the error of an exposure."""
         told = _told(exposure)
         place = bisect_left(self._told, told)
         if self._told[place : place + 1] == [told]:
@@ -46,8 +46,8 @@ class ClockErrors:
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
     def reach_ns(self, exposure: Exposure) -> int:
-        """How long before an exposure that is held the error that ``at`` tells may depend on it: only where it tells an error, or
-        one does that is told with it by all of a while.
+        """Time (ns) before a held exposure in which the result of ``at`` may depend on it. 0 if neither this exposure nor another
+        one within ``_TOLD_NS`` has an error.
         """
         if not self._wrong:
             return 0
@@ -55,15 +55,15 @@ class ClockErrors:
         return _LEARNED_NS + _TOLD_NS if any(error_s > 0.0 for _, _, error_s in beside) else 0
 
     def at(self, stamp_ns: int) -> float:
-        """The error (s) at a stamp, as told with the exposures of its time or of a while later; 0 where none was told."""
+        """The error (s) at a stamp, as published with the exposures of its time or of a while later; 0 without one."""
         if not self._wrong:
             return 0.0
         learned_ns = stamp_ns + _LEARNED_NS
         return max(self._least(stamp_ns, stamp_ns), self._least(learned_ns, learned_ns + _TOLD_NS))
 
     def content(self, after_ns: int, until_ns: int) -> tuple[object, ...]:
-        """By value, all that the errors in (after_ns, until_ns] follow from; empty where there are none. For simulations, whose
-        agents share what they compute.
+        """By value, all inputs of the errors in (after_ns, until_ns]; empty without errors. For simulations with results shared
+        between agents.
         """
         if not self._wrong:
             return ()
@@ -72,15 +72,15 @@ class ClockErrors:
         return told if any(error_s > 0.0 for _, _, error_s in told) else ()
 
     def _least(self, from_ns: int, until_ns: int) -> float:
-        """The least error (s) told in any exposure of that time.
+        """The least error (s) in any exposure of that time.
 
-        Of several exposures at one time the least error counts: else one that lies could spare itself all sightings by
-        exposures of its own for that, while its measurements come with others. One with a wrong clock tells it with all.
+        Of several exposures at one time the least error counts: otherwise a malicious drone could void all its sightings by
+        additional exposures, while its measurements come with others. A drone with a wrong clock states the error in all.
         """
         return min((error_s for _, _, error_s in self._within(from_ns, until_ns)), default=0.0)
 
     def _within(self, from_ns: int, until_ns: int) -> list[_Told]:
-        """What the exposures tell that lie in that time, at least partly."""
+        """Errors of the exposures that overlap that time."""
         first = bisect_left(self._told, (from_ns - LONGEST_EXPOSURE_NS,))
         begun = self._told[first : bisect_right(self._told, until_ns, key=_begin_ns)]
         return [told for told in begun if from_ns <= told[1]]
@@ -91,7 +91,7 @@ def _begin_ns(told: _Told) -> int:
 
 
 def clock_error_s(exposure: Exposure) -> float:
-    """The error (s) that an exposure tells; 0 where it tells none."""
+    """The error (s) published in an exposure; 0 without one."""
     if exposure.clock_sigma_m == 0.0:
         return 0.0
     first, last = exposure.poses[0], exposure.poses[-1]

@@ -1,7 +1,7 @@
-"""Which pairs of drones have sightings that agree with their estimated poses.
+"""Agreement of the sightings between each pair of drones with their estimated poses.
 
 A wrong frame (a spoofed or faulty pose, an unreported jump) turns nearly all sightings of that drone into outliers; correct
-drones have one outlier in ten. With three or more drones the pairs identify the faulty one: it disagrees with everybody.
+drones have one outlier in ten. With three or more drones the pairs identify the faulty drone: it disagrees with all others.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def agreeing(one: Tally) -> Flags:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """agree, disagree: (N, N), symmetric, for pairs of drones whichever was the observer. blind: (N,) true for drones whose own
-    sightings are nearly all outliers.
+    """agree, disagree: (N, N), symmetric, for pairs of drones whichever was the observer. blind: (N,) true for drones with nearly
+    all own sightings outliers.
     """
 
     agree: Flags
@@ -67,10 +67,10 @@ class Verdict:
     blind: Flags
 
     def faulty_drone(self) -> int | None:
-        """The drone whose frame must be wrong; None without a contradiction, or where it cannot be told which one is wrong.
+        """The drone with a certainly wrong frame; None without a contradiction, or without a unique culprit.
 
-        It is a drone that disagrees with more drones than it agrees with, and more so than those that it disagrees with (there
-        may be several faulty ones: they are found one after another).
+        The faulty drone disagrees with more drones than it agrees with, and more so than the drones in disagreement with it.
+        Several faulty drones are found one after another.
         """
         score = self.disagree.sum(1) - self.agree.sum(1)
         for drone in np.argsort(-score, kind="stable"):
@@ -89,7 +89,7 @@ def verdict(tallies: Sequence[Tally]) -> Verdict:
     believed, seen = sum(one.believed for one in tallies), sum(one.seen for one in tallies)
     assert isinstance(believed, np.ndarray)
     assert isinstance(seen, np.ndarray)
-    # One agreeing direction is enough: a drone with a faulty camera is still seen where it is.
+    # One agreeing direction is enough: a drone with a faulty camera is still seen at its true place.
     good = (seen >= _FEW) & (believed >= _AGREE * seen)
     bad = (seen >= _ENOUGH) & (believed <= _DISAGREE * seen)
     both = seen + seen.T

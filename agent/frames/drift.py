@@ -13,10 +13,10 @@ from agent.frames.tracks import LONGEST_SLOPE_S, Track
 from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 
-_LONGEST_S = 60.0  # longest interval without data whose drift is added in one step
+_LONGEST_S = 60.0  # longest interval without data with drift added in one step
 _GAP_S = 10.0  # the same for the gap of a jump
 _SPEED_MPS, _TURNING_RPS = 3.0, 0.5  # of a vehicle, while its motion is not known
-_EXACT = 1e-3  # metres and radians: sigma of what is configured as exact
+_EXACT = 1e-3  # metres and radians: sigma of poses configured as exact
 _HEADING_KNOWN = math.radians(60.0)  # a heading with a larger sigma counts as unknown
 
 
@@ -71,7 +71,7 @@ class Drift:
         for gap_s in track.gaps_s(after_ns, until_ns):
             total[:3] += (self._frames.jump_m * (1.0 + min(gap_s, _GAP_S))) ** 2
             total[3] += math.radians(self._frames.jump_yaw_deg) ** 2
-            if gap_s > LONGEST_SLOPE_S:  # then nothing tells of the motion
+            if gap_s > LONGEST_SLOPE_S:  # then the motion is unknown
                 total[:2] += (_SPEED_MPS * min(gap_s, _GAP_S)) ** 2
                 total[3] += min(_TURNING_RPS * gap_s, math.pi) ** 2
         return total

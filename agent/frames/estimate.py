@@ -27,7 +27,7 @@ _TOO_WIDE_M = 25.0  # sigma of a position beyond which it counts as unknown
 
 
 class KeyframeEstimate(Protocol):
-    """What estimates the frames of a swarm, as ``Estimate`` does."""
+    """Interface of ``Estimate``, the estimator of a swarm's frames."""
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
         """The checkpoint after keyframe ``index``."""
@@ -81,9 +81,9 @@ def _correct(keyframe: Keyframe) -> None:
     """Apply the measurements since the last keyframe.
 
     Sightings by and of a drone count from the keyframe after its launch on. The launch falls somewhere in its keyframe interval,
-    so that there may be a single sighting of each pair: as long as a place is uncertain by nearly the distance between two
-    drones, a false one fits as well as a true one, and it takes several to tell which it is. Fixes that lead a track do not
-    count: they and the track cannot both be right, and a frame that moves would follow them. Nor do those of one that slides.
+    so that there may be a single sighting of each pair. While a place is uncertain by nearly the distance between two drones, a
+    false sighting fits as well as a true one, and only several tell them apart. Fixes that lead a track do not count: they and
+    the track cannot both be right, and a moving frame would follow them. Fixes of a sliding track do not count either.
     """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
@@ -107,7 +107,7 @@ def _correct(keyframe: Keyframe) -> None:
 
 
 def _due_for_alignment(keyframe: Keyframe) -> list[int]:
-    """Drones whose frames are to be aligned now: those whose last attempt is the oldest."""
+    """Drones due for alignment now, by the oldest last attempt."""
     known = set(keyframe.joint.drones.tolist())
     lost = [
         drone

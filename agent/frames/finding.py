@@ -1,4 +1,4 @@
-"""Alignment of a drone whose frame is unknown or not trusted, by recent sightings between it and the others."""
+"""Alignment of a drone with an unknown or untrusted frame, by recent sightings between it and the others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agent.geometry import Array
 
 _MOST_VIEWS = 120  # most sightings used in an alignment; of more, every n-th
 _FEWEST_VIEWS = 4
-_SHARE = 0.35  # share of the sightings that an alignment must explain: one of two observers may be faulty
+_SHARE = 0.35  # share of the sightings that an alignment must explain: half of the observers may be faulty
 _WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: an uninformative prior
 _OUTSIDE = 16.3  # chi-square of three degrees of freedom, exceeded by one in a thousand
 
@@ -32,9 +32,7 @@ class Found:
 
 
 def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
-    """Align a drone whose frame is unknown, by the sightings since it was lost. ``conflicting``: drones that contradict each
-    other.
-    """
+    """Align a drone with an unknown frame, by the sightings since the loss. ``conflicting``: drones in mutual contradiction."""
     member = keyframe.members[drone]
     first = max(member.since, keyframe.index - keyframe.setting.window)
     found = _found(keyframe, drone, first, conflicting)
@@ -77,8 +75,8 @@ def insert(keyframe: Keyframe, drone: int, found: Found) -> None:
 
 
 def _found(keyframe: Keyframe, drone: int, first: int, conflicting: set[int]) -> Found | None:
-    """The pose from drones that agree with each other. Of two drones that contradict each other, the one is used whose sightings
-    alone are consistent with the drone's launch position in the mission file.
+    """The pose from drones that agree with each other. Of two contradicting drones, only the drone with sightings consistent with
+    the aligned drone's launch position in the mission file is used.
     """
     trusted = keyframe.members[drone].trusted
     sides = sorted(conflicting & set(keyframe.joint.drones.tolist()))
@@ -105,8 +103,8 @@ def _fits_layout(keyframe: Keyframe, drone: int, alignment: Alignment) -> bool:
 
 
 def _aligned(keyframe: Keyframe, drone: int, others: Joint, first: int, use_own_data: bool) -> Found | None:
-    """A drone's pose by sightings between it and ``others`` since keyframe ``first``, and by its own data (layout, fixes) where
-    those are trusted; None while the solution is ambiguous.
+    """A drone's pose by sightings between it and ``others`` since keyframe ``first``, and by its own data (layout, fixes) if
+    trusted; None while the solution is ambiguous.
     """
     slots, config = others.slots(), keyframe.config
     seen = keyframe.intake.sightings(first, keyframe.index)

@@ -18,7 +18,7 @@ from agent.geometry import Array, Vector3
 
 
 def mission_from_geodetic(datum: DatumConfig, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector3:
-    """One place on Earth (height above the ellipsoid) in the frame of a datum: east, north, up, metres."""
+    """A place on Earth (height above the ellipsoid) in the frame of a datum: east, north, up, metres."""
     x, y, z = mission_from_geodetics(datum, np.array([latitude_deg, longitude_deg, altitude_m])).tolist()
     return x, y, z
 
@@ -30,7 +30,7 @@ def mission_from_geodetics(datum: DatumConfig, places: Array) -> Array:
 
 
 def geodetic_from_mission(datum: DatumConfig, place_m: Vector3) -> Vector3:
-    """One place in the frame of a datum (east, north, up, metres) as latitude and longitude (degrees) and height above the
+    """A place in the frame of a datum (east, north, up, metres) as latitude and longitude (degrees) and height above the
     ellipsoid (metres).
     """
     latitude_deg, longitude_deg, altitude_m = pymap3d.enu2geodetic(*place_m, *_place(datum))
@@ -44,7 +44,7 @@ def mission_from_launch(mission: DatumConfig, origin: DatumConfig, launch_m: Vec
 
     Args:
         mission: datum of the mission frame.
-        origin: geodetic origin of the vehicle, wherever its autopilot was switched on.
+        origin: geodetic origin of the vehicle, at the place of its autopilot's start.
         launch_m: launch place (east, north, up; metres) in the frame at ``origin``; the local frame begins there.
 
     Returns:

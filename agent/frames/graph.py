@@ -13,7 +13,7 @@ from agent.geometry import Vector3
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
 
-_LATER_NS = 10_000_000_000  # by then others have been seen, as far as they are near
+_LATER_NS = 10_000_000_000  # by then near peers have been seen
 _DRIFT_MPS = 0.2  # of a local frame after the launch, at most
 
 Known = tuple[int, Transform | None]  # first stamp of validity, transform; None: lost
@@ -21,7 +21,7 @@ Known = tuple[int, Transform | None]  # first stamp of validity, transform; None
 
 @dataclass(slots=True)
 class _Line:
-    """One epoch of one drone: transforms by their first stamps, and the stamps from which each revision changed them."""
+    """An epoch of a drone: transforms by their first stamps, and the first stamp changed by each revision."""
 
     stamps_ns: list[int] = field(default_factory=list)
     transforms: list[Transform | None] = field(default_factory=list)
@@ -92,11 +92,11 @@ class FrameGraph:
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
     def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
-        """By which transform a place of that epoch, reached at ``stamp_ns``, lies most surely in the mission frame: the one of
-        then, or one of the next seconds, although the frame may have drifted by then; and 1 sigma of that place, m. None while
-        the frame is unknown.
+        """The transform that places a position of that epoch, reached at ``stamp_ns``, most surely in the mission frame, and 1
+        sigma of that place, m. It is the transform of ``stamp_ns`` or of the next seconds, although the frame may have drifted by
+        then. None while the frame is unknown.
 
-        Until others are seen a frame lies as the launch layout says, and its error of then stays in the transforms of then.
+        Until peers are seen a frame follows the launch layout, and the layout's error stays in the transforms of that time.
         """
         revision, found = self._surest.get((drone, epoch, stamp_ns), (-1, None))
         if revision != self.revision:
@@ -115,7 +115,7 @@ class FrameGraph:
         return [(stamp_ns, one) for stamp_ns, one in held if one is not None]
 
     def changes(self, revision: int) -> dict[tuple[str, int], int]:
-        """By drone and epoch: the stamp from which its transform differs from the one at ``revision``."""
+        """By drone and epoch: the first stamp of a transform that differs from the transform at ``revision``."""
         found = {}
         for key, line in self._lines.items():
             newer = line.changes[bisect_right(line.changes, revision, key=lambda change: change[0]) :]

@@ -21,11 +21,11 @@ from protocol.codec import decode_as
 from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
 READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
-_MOST = 64  # measurements of a kind that count of a drone in a keyframe: a member may publish a minute's for one moment
-_OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
+_MOST = 64  # measurements of a kind and drone that count in a keyframe: a member may publish a minute's for one moment
+_OUTAGE_NS = 5_000_000_000  # time without a fix after which an autopilot is assumed to navigate by other means
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
-# Of the other drone, if the clock of one of the two is wrong. Where that may be farther away than it can be seen, a sighting says
-# nothing, and would be taken for a contradiction.
+# Of the other drone, if either clock is wrong. A sighting with a larger possible offset carries no information, and would count
+# as a contradiction.
 _SPEED_MPS, _FARTHEST_OFF_M = 3.0, 10.0
 
 
@@ -43,9 +43,9 @@ class _Bucket:
 
 
 class Intake:
-    """Holds what was received. Keyframe k covers the interval ((k - 1) g, k g], with the keyframe interval g.
+    """Holds the received measurements. Keyframe k covers the interval ((k - 1) g, k g], with the keyframe interval g.
 
-    ``indices``: keyframes with any data, ascending. ``dirty``: the earliest keyframe affected by what was received since the last
+    ``indices``: keyframes with any data, ascending. ``dirty``: the earliest keyframe affected by entries received since the last
     call of ``taken``.
     """
 
@@ -125,11 +125,11 @@ class Intake:
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
     def content(self, after: int, until: int) -> tuple[object, ...]:
-        """By value, all that the keyframes after ``after`` up to ``until`` follow from, besides what those up to ``after`` do.
+        """By value, all inputs of the keyframes after ``after`` up to ``until``, besides the inputs of earlier keyframes.
 
-        For simulations, whose agents share what they compute.
+        For simulations with results shared between agents.
 
-        ``after``: -1: from the first one on.
+        ``after``: -1: from the first keyframe on.
         """
         buckets = [self._buckets[index] for index in self._between(after + 1, until)]
         seen = frozenset(payload for bucket in buckets for payload in bucket.sightings.values())
@@ -240,7 +240,7 @@ class Intake:
         return bucket.seen
 
     def _sighting(self, entry: Sighting) -> tuple[object, ...] | None:
-        """One row of ``Sightings``; None while a track is unknown at its time, or where wrong clocks leave nothing of it."""
+        """One row of ``Sightings``; None while a track is unknown at its time, or if wrong clocks make it void."""
         observer, target = self._number[entry.drone], self._number[entry.target]
         off_m = _SPEED_MPS * sum(self._clock_errors[drone].at(entry.stamp_ns) for drone in (observer, target))
         if off_m > _FARTHEST_OFF_M:
@@ -284,7 +284,7 @@ class Intake:
         return number, entry.stamp_ns, at, place, var, self._inflation(number, entry.stamp_ns)
 
     def _inflation(self, number: int, stamp_ns: int) -> float:
-        """Factor on the variance of a fix whose error is correlated with that of the fix before.
+        """Factor on the variance of a fix with an error correlated with the previous fix's.
 
         For an error with correlation time tau, the mean of fixes over T >> tau has the variance 2 sigma^2 tau / T whatever their
         rate, so a fix every dt counts with the factor 2 tau / dt. The track of an autopilot that follows its receiver has the
@@ -304,7 +304,7 @@ def _stamp_ns(identity: EntryId) -> int:
 
 
 def _counted(held: dict[EntryId, bytes]) -> Iterator[bytes]:
-    """Those that count, in the order of their identities: the first ``_MOST`` of each drone."""
+    """Measurements that count, in the order of their identities: the first ``_MOST`` of each drone."""
     seen: Counter[str] = Counter()
     for identity in sorted(held):
         seen[identity.drone] += 1

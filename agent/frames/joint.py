@@ -27,13 +27,13 @@ from agent.frames.residuals import (
 )
 from agent.geometry import Array
 
-# Most iterations, of which those after the first ones take half steps, as they may go to and fro. Three are usual, and 15 where
-# drones in one row see each other by direction only: bearings hardly tell how far they are apart, but seem to on the way there.
+# Most iterations, and the number of full steps; later steps are halved, as they may oscillate. Three are usual, and 15 for drones
+# in one row with directions only: bearings hardly determine distances, but seem to during the iteration.
 _ROUNDS, _WHOLE = 40, 10
 _STILL = 0.02  # convergence: the step in units of sigma
-_WIDE_M = 1.5  # sigma of a place from which on there may be several optima: drones start 5 to 10 m apart
-_FALSE, _FEWEST_FALSE = 0.35, 3  # share and number of sightings that are not believed from which on, too: one in ten is false
-_WIDTHS = (25.0, 5.0)  # factors on all variances in the first iterations towards another one
+_WIDE_M = 1.5  # sigma of a place beyond which several optima are possible: drones start 5 to 10 m apart
+_FALSE, _FEWEST_FALSE = 0.35, 3  # likewise the share and number of rejected sightings: one in ten is false
+_WIDTHS = (25.0, 5.0)  # factors on all variances in the first iterations towards another optimum
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,12 +150,12 @@ def corrected(
     """The posterior after sightings between drones in the estimate, and their fixes and headings.
 
     older_var: (M,) m^2 added to the uncertainty of the displacement between the two (drift since the sighting). doubt: covariance
-    for weighting the first iteration, instead of the prior's, where the prior's mean is better than its covariance states.
+    for weighting the first iteration, instead of the prior's, if the prior's mean is better than its covariance states.
 
-    Where places are not known well, as at the launch, nearly all sightings count in the first step, the false ones too, and what
-    they make of it may decide which are believed from then on. A second way begins with larger variances, and therefore smaller
-    steps; the better of the two optima counts. So it is where many sightings are not believed: the first one of a pair may have
-    been false, and believed, and true ones since then are too far from what it said.
+    With uncertain places, as at the launch, nearly all sightings count in the first step, also false ones, and their result may
+    decide which sightings are accepted from then on. A second run begins with larger variances, and therefore smaller steps; the
+    better of the two optima counts. The second run is also made if many sightings are rejected: the first sighting of a pair may
+    have been false but accepted, with all true ones since then too far from it.
     """
     if not len(sightings) and not len(fixes) and not len(headings.drone):
         return Corrected(prior, np.zeros(0), np.zeros(0))
@@ -219,10 +219,10 @@ class _Batch:
         return total - 0.5 * float((turned_by**2 / self.headings.var).sum())
 
     def _linearised(self, pose: Array, covariance: Array, width: float) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes, whose variances are
+        """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes, with their variances
         multiplied by ``width``.
 
-        The innovation covariance of a datum is its own error plus what ``covariance`` leaves to its prediction.
+        The innovation covariance of a datum is its own error plus its prediction's share by ``covariance``.
         """
         count = len(pose)
         information, pull = np.zeros((4 * count, 4 * count)), np.zeros(4 * count)
@@ -245,7 +245,7 @@ class _Batch:
         )
 
     def _sighting_vars(self, residual: Array) -> tuple[Array, Array]:
-        """Variances (M,) of directions and ranges, with what is older of the way between the two."""
+        """Variances (M,) of directions and ranges, with the drift since older sightings."""
         data = self.sightings
         distance = np.maximum(residual[:, 3] + data.range_m, 1.0)
         return data.direction_var + self.older_var / distance**2, data.range_var + self.older_var
@@ -301,7 +301,7 @@ def _pose_difference(a: Array, b: Array) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverse of a positive definite matrix whose scales differ widely."""
+    """Inverse of a positive definite matrix with widely different scales."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
     inverse = scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale
     symmetric: Array = 0.5 * (inverse + inverse.T)

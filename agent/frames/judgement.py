@@ -15,11 +15,11 @@ from agent.frames.slides import FEWEST, MEMORY_S, place_anew
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
-_ELSEWHERE_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # of one drone, or of all where some have slid: that turns nobody
+_ELSEWHERE_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])  # of one drone, or of all if some have slid, which turns no drone
 _DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
-_RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
-_OUT, _BELIEVED = 2, 2  # or so many that were not believed, with so many that still are
-_TRIED = 8  # drones of which each may be the one that is wrong
+_RECEIVERS = 3  # agreeing receivers that are right: single faults scatter, a spoofer puts all in one place
+_OUT, _BELIEVED = 2, 2  # or so many rejected receivers, with so many accepted ones
+_TRIED = 8  # drones tried in turn as the only wrong one
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
@@ -71,13 +71,13 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
 
 
 def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
-    """Put the swarm where most of its fixes are if all of these are in one other place of it, and several receivers are not
-    believed any more. ``joint``: before any of them was given up.
+    """Move the swarm to the place of most of its fixes if these agree on one other place, and several receivers are rejected.
+    ``joint``: before any receiver was given up.
 
-    Sightings tell how drones lie to each other, and nothing of where all of them are: after most receivers had been wrong for a
-    while, and were right again, sightings that agreed kept all where the wrong ones had been; so they did where one that was
-    dragged away had led all the others by more than exact receivers err, and by less than the others do. One that is believed
-    where the swarm is, and in the other place too, as it errs by as much, is no witness; two are taken for one, although those
+    Sightings determine relative positions, not the place of the whole swarm. After most receivers had been wrong for a while and
+    were right again, agreeing sightings kept all drones at the wrong place. The same followed when a drone that was dragged away
+    had led all others by more than the error of exact receivers, and by less than the error of the others. A receiver with an
+    error large enough to fit both places is no witness; two such receivers together count as a witness, although receivers
     without corrections may err alike, by a metre or two.
     """
     drones, members = joint.drones.tolist(), keyframe.members
@@ -99,8 +99,8 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
 
 
 def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
-    """Put the swarm where the fixes of all tracks that do not slide have it, if others slide, and some of these fixes are not
-    believed any more: the slide has moved all. One receiver alone tells that only during the slide, or it may be wrong itself.
+    """Move the swarm to the place by the fixes of all steady tracks, if other tracks slide and some of these fixes are rejected:
+    the slide has moved all. A single receiver is evidence only during the slide, as it may be wrong itself.
     """
     drones = keyframe.joint.drones.tolist()
     sliding = [drone for drone in drones if keyframe.slides(drone)]
@@ -119,14 +119,14 @@ def _check_fixes_of_the_steady(keyframe: Keyframe) -> None:
 
 
 def _recent_fixes(keyframe: Keyframe, drones: list[int]) -> Fixes:
-    """The last fixes of these drones, without those that lead their tracks."""
+    """The last fixes of these drones, without drones with fixes that lead their track."""
     leading = keyframe.fixes.drone[keyframe.leads_m > 0.0]
     fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
     return fixes.take(np.isin(fixes.drone, drones) & ~np.isin(fixes.drone, leading))
 
 
 def _follow(keyframe: Keyframe, displaceable: Joint, fixes: Fixes, out: set[int]) -> bool:
-    """Put the swarm where these fixes have it, if all of them fit one displacement of it; those ``out`` count again."""
+    """Move the swarm by the displacement that all these fixes fit, if there is one; the drones ``out`` count again."""
     displaced = corrected(displaceable, Sightings.empty(), np.zeros(0), fixes)
     if (displaced.fixes < 0.5).any():
         return False

@@ -11,8 +11,8 @@ from agent.frames.graph import LAUNCH_EPOCH
 from agent.frames.transform import Transform
 from agent.geometry import Array
 
-_Number = float | None  # JSON has no number that is not finite: one that is becomes null
-_LARGEST = np.array([7.0, 1e5, 1e5, 1e5])  # of a yaw (rad) and a translation (m): that of a position in a message
+_Number = float | None  # JSON has finite numbers only: others become null
+_LARGEST = np.array([7.0, 1e5, 1e5, 1e5])  # of a yaw (rad) and a translation (m): the limit of positions in messages
 _LARGEST_VARIANCE = 1e10  # m^2
 
 

@@ -22,7 +22,7 @@ SPEED_MPS = 3.0  # assumed speed for the distance-dependent SLAM drift of sighti
 
 
 class Setting:
-    """What all keyframes of a mission share. exact: by drone. window: in keyframes."""
+    """Settings shared by all keyframes of a mission. exact: by drone. window: in keyframes."""
 
     def __init__(self, mission: MissionConfig, intake: Intake) -> None:
         self.names = [drone.id for drone in mission.drones]
@@ -108,8 +108,8 @@ class Keyframe:
             self.members[drone] = replace(self.members[drone], suspicion=None)
 
     def _led(self, joint: Joint) -> tuple[Fixes, Array, Array]:
-        """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the most
-        by which fixes of this interval or the one before lead each drone's track: its frame may have moved as far since.
+        """The fixes since the previous keyframe, and the metres (F,) by which they lead their drones' tracks; and (N,) the
+        largest lead over each drone's track in this interval or the previous one: its frame may have moved as far since.
         """
         fixes = self.intake.fixes(self.index - self.setting.window, self.index)
         leads = np.zeros(len(fixes))
@@ -139,7 +139,7 @@ class Keyframe:
                 slide_m = _SLIDE_MPS * self.seconds if self.slides(drone) else 0.0
                 loose[row] = led_m[drone] ** 2 + slide_m**2
             noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)  # of an exact one, too
-        # What a slide moves a track by is no drift: it must not widen the gate by which the slide is found.
+        # The displacement by a slide is no drift: it must not widen the gate that detects the slide.
         drifted = np.zeros(len(self.members))
         drifted[joint.drones] = noise[:, :2].mean(1)
         noise[:, :2] += loose[:, None]

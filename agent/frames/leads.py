@@ -1,7 +1,7 @@
-"""By how much the satellite fixes of a drone lead the track of its autopilot.
+"""Lead of a drone's satellite fixes over its autopilot's track.
 
-An autopilot that follows its receiver does not jump with it: its position slides after it, within some seconds. Where fixes lead
-the track, the receiver is wrong or has just been, and the local frame moves faster than it ever drifts.
+An autopilot that follows its receiver does not jump with it: its position slides after the fixes, within some seconds. If fixes
+lead the track, the receiver is wrong or has just been, and the local frame moves faster than any drift.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ _FEWEST = 4  # fixes that tell where a frame lies by most of them
 
 
 def leads_m(fixes: Fixes, yaw_rad: float, yaw_sigma_rad: float) -> Array:
-    """(F,) horizontal distances (m) by which fixes of one drone lead its track; 0 for those that do not.
+    """(F,) horizontal distances (m) by which fixes of one drone lead its track; 0 for fixes without a lead.
 
-    fixes: within one epoch. yaw_rad, with its 1 sigma: heading of the drone's continuous frame in the mission frame. By each fix
-    the frame lies somewhere, which does not change while the track follows; a lead is the distance from where most have it.
+    fixes: within one epoch. yaw_rad, with its 1 sigma: heading of the drone's continuous frame in the mission frame. Each fix
+    gives a place of the frame, constant while the track follows; a lead is the distance from the median of these places.
     """
     if len(fixes) < _FEWEST:
         return np.zeros(len(fixes))

@@ -22,7 +22,7 @@ from agent.geometry import Array
 
 Ints = NDArray[np.int64]
 
-OUTLIER_SHARE = 0.1  # prior share of sightings of something else than the target
+OUTLIER_SHARE = 0.1  # prior share of sightings of other objects than the target
 FIX_OUTLIER_SHARE = 0.02  # prior share of wrong fixes (multipath, spoofing, a faulty drone)
 _FARTHEST_M = 60.0  # outlier ranges are uniform up to here
 _SPREAD_M = 100.0  # outlier fixes are uniform in a cube of this edge
@@ -162,7 +162,7 @@ def sighting_evidence(
 ) -> tuple[Array, Array]:
     """Log likelihoods of sightings (...,) as inliers and as outliers. Direction and range are inliers or outliers together.
 
-    The variances are those of each of the direction's two axes and of the range, infinite where not measured.
+    Variances: of each of the direction's two axes and of the range, infinite if not measured.
     """
     has_direction, has_range = np.isfinite(direction_var), np.isfinite(range_var)
     direction_var = np.where(has_direction, direction_var, 1.0)

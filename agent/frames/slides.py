@@ -1,8 +1,8 @@
-"""Which tracks slide: those that the sightings move against most others by more than they drift.
+"""Detection of sliding tracks: tracks moved by the sightings against most others by more than their drift.
 
-A receiver that is spoofed slowly, or a SLAM that loses its way, moves a track by little in each keyframe, as far as drift and
-sightings allow. As sightings tie all frames to each other, those of all follow: each track is moved by a share of the slide. What
-each has been moved by in the last while tells them apart: those that do not slide have all been moved by the same.
+A slowly spoofed receiver, or a lost SLAM, moves a track by little in each keyframe, within the limits of drift and sightings.
+Sightings tie all frames to each other, so that all frames follow: each track is moved by a share of the slide. The accumulated
+correction of each track tells them apart: steady tracks have all been corrected by the same vector.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from agent.frames.joint import Joint
 from agent.frames.keyframe import Keyframe, listed
 from agent.geometry import Array
 
-FEWEST = 2  # tracks that have been moved by the same
-MEMORY_S = 15.0  # time constant of what a track has been moved by
-# Squared differences in units of their variance: chi-square of two degrees of freedom, exceeded by 1 in 20 and 1 in 3000. What is
-# between tells nothing.
+FEWEST = 2  # tracks with the same correction
+MEMORY_S = 15.0  # time constant of a track's accumulated correction
+# Squared differences in units of their variance: chi-square of two degrees of freedom, exceeded by 1 in 20 and 1 in 3000. Values
+# in between are no evidence.
 _ALIKE, _APART = 6.0, 16.0
 
 
 def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
-    """Add by how much the correction of this keyframe has moved each track from ``prior``.
+    """Add this keyframe's correction of each track, relative to ``prior``.
 
-    observed: (N,) drones with sightings or fixes. What the track of another has drifted by is still to be corrected.
+    observed: (N,) drones with sightings or fixes. The drift of other tracks is still to be corrected.
     """
     kept = math.exp(-keyframe.seconds / MEMORY_S)
     moved = keyframe.joint.pose[:, :2] - prior.pose[:, :2]
@@ -40,8 +40,8 @@ def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
 
 
 def find_slides(keyframe: Keyframe) -> None:
-    """Mark the drones whose tracks slide against the largest group of those that do not slide against each other, and take back
-    what these have been moved by. Of groups that are equally large each may be the one that slides.
+    """Mark the drones with tracks that slide against the largest group of mutually steady tracks, and take back that group's
+    correction. Of equally large groups each may be sliding.
     """
     drones = keyframe.joint.drones.tolist()
     for drone in drones:
@@ -65,7 +65,7 @@ def find_slides(keyframe: Keyframe) -> None:
 
 
 def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
-    """Forget by how much the tracks of these drones have been moved, as they are placed by other means."""
+    """Reset the accumulated corrections of these drones' tracks, which have been placed by other means."""
     rows = keyframe.joint.slots()
     for drone in drones:
         var = float(keyframe.joint.block(int(rows[drone])).diagonal()[:2].mean())
@@ -79,7 +79,7 @@ def _is_settled(keyframe: Keyframe, drone: int) -> bool:
 
 
 def _groups(keyframe: Keyframe, alike: Flags, sliding: Flags) -> list[Flags]:
-    """Each (n,): the largest groups of tracks that have been moved by the same; with one that is exact, where there is any."""
+    """The largest groups of tracks with the same correction, (n,) each; with an exact drone, if there is one."""
     among = alike & ~sliding & ~sliding[:, None]
     exact = np.array([keyframe.setting.exact[drone] for drone in keyframe.joint.drones.tolist()], dtype=np.bool_)
     if exact.any():
@@ -89,7 +89,7 @@ def _groups(keyframe: Keyframe, alike: Flags, sliding: Flags) -> list[Flags]:
 
 
 def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
-    """Move the swarm back by what these drones have been moved by, as the slide of others did so; none that is exact has been."""
+    """Move the swarm back by the mean correction of these drones, caused by the others' slide; exact drones are never moved."""
     for drone in steady:
         keyframe.clear(drone)
     if any(keyframe.setting.exact[drone] for drone in keyframe.joint.drones.tolist()):
@@ -104,7 +104,7 @@ def _take_back(keyframe: Keyframe, steady: list[int]) -> None:
 
 
 def _differences(keyframe: Keyframe) -> Array:
-    """(n, n) squared differences of what two tracks have been moved by, in units of the variance by which they drift apart."""
+    """(n, n) squared differences of two tracks' corrections, in units of the variance of their relative drift."""
     members = [keyframe.members[drone] for drone in keyframe.joint.drones.tolist()]
     moved = np.array([member.moved_m for member in members]).reshape(-1, 2)
     placed = keyframe.joint.covariance.diagonal().reshape(-1, 4)[:, :2].mean(1)

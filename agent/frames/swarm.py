@@ -19,27 +19,27 @@ from agent.frames.transform import Transform
 from protocol.entries import Entry, EntryId
 
 BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
-_PORTION = 50  # entries that are taken back per call of ``advance``: 10 ms
+_PORTION = 50  # entries taken back per call of ``advance``: 10 ms
 _SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 ms
-_RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
+_RECENT = 64  # number of recent checkpoints, all kept; of older ones every 8th
 _EVERY = 8
 
 Received = tuple[Entry, bytes]  # and the bytes that it was decoded from
 
 
 class SwarmFrames:
-    """``mission_from_local`` of every drone whose localisation is not exact, in ``graph``.
+    """``mission_from_local`` of every drone without exact localisation, in ``graph``.
 
-    The graph is a pure function of what was received (in any order) and of the last keyframe that is due. Checkpoints are kept; a
-    late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed again. The
-    graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the last minute.
-    Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in ``Batches``,
-    with a pause in between, so that they never keep the graph from the new ones. Where all drones are
-    exact, nothing is computed. Their frames after a jump are in the graph, too, as they tell them (``carried``).
+    The graph is a pure function of the received entries (in any order) and of the last keyframe that is due. Checkpoints are
+    kept; a late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed
+    again. The graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the
+    last minute. Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in
+    ``Batches``, with a pause in between, so that they never keep the graph from the new ones. If all drones are exact, nothing is
+    computed. Their frames after a jump are in the graph, too, as published (``carried``).
     """
 
     def __init__(self, mission: MissionConfig, estimates: FrameEstimates = Estimate) -> None:
-        """``estimates``: makes what estimates the frames."""
+        """``estimates``: factory of the frame estimate."""
         self.graph = FrameGraph.from_launch_layout(mission)
         self._carried = CarriedFrames(mission, self.graph)
         self._names = [drone.id for drone in mission.drones]
@@ -60,26 +60,26 @@ class SwarmFrames:
         self._retracted: list[EntryId] = []  # late ones
         self._forgotten: list[EntryId] = []
         self._batches = Batches()
-        self._batch_of, self._took = frozenset[str](), 0  # whose late entries are being estimated, and calls for it
-        self._put_ns: int | None = None  # when last nothing waited, but to be estimated
-        self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the graph
+        self._batch_of, self._took = frozenset[str](), 0  # drones with late entries in the current batch, and its calls
+        self._put_ns: int | None = None  # last time without entries waiting outside the estimate
+        self.complete_ns = 0  # time of an ``advance``: all entries received before are in the graph
         self._started_ns: int | None = None
         self._due = self._wanted = -1  # the newest keyframe that is estimated, and that is due at the newest time
 
     @property
     def pending(self) -> bool:
-        """Whether the graph lacks something that was received, or a keyframe that is due; further calls of ``advance`` add it."""
+        """Whether the graph lacks received entries, or a keyframe that is due; further calls of ``advance`` add them."""
         behind = self._estimating or self._due != self._wanted or bool(self._forgotten) or bool(self._retracted)
         return behind or self._intake.dirty is not None or bool(self._waiting) or bool(self._late)
 
     @property
     def has_batch(self) -> bool:
-        """Whether late entries are being taken, or wait for nothing but the next border; then much of the graph may change."""
+        """Whether late entries are being taken, or wait only for the next border; then much of the graph may change."""
         return bool(self._batch_of) or (not self._batches.is_resting and bool(self._admitted))
 
     @property
     def _admitted(self) -> frozenset[str]:
-        """The drones whose late entries wait for nothing but the next batch."""
+        """Drones with late entries that wait only for the next batch."""
         return self._batches.admitted(self._late_drones)
 
     @property
@@ -88,12 +88,12 @@ class SwarmFrames:
 
     @property
     def put_off(self) -> frozenset[str]:
-        """The drones that have used up their quotas, and whose late entries wait for them."""
+        """Drones with used-up quotas and late entries waiting for them."""
         return self._late_drones - self._admitted
 
     def start(self, stamp_ns: int) -> None:
         """Set the start of the mission: much older measurements are ignored. A later start begins anew, an earlier one is
-        ignored: an agent that has flown the mission before, and one that was restarted since, hold the same.
+        ignored: an agent from an earlier flight of the mission and a restarted agent hold the same entries.
         """
         if self._started_ns is not None and stamp_ns <= self._started_ns:
             return
@@ -137,11 +137,11 @@ class SwarmFrames:
         for entry, payload in received:
             if entry.entry_id not in waiting:
                 self.receive(entry, payload)
-            else:  # nothing but a carried frame has been taken back yet
+            else:  # only a carried frame has been taken back yet
                 self._carried.receive(entry)
 
     def _taken_in(self, identities: Sequence[EntryId]) -> list[EntryId]:
-        """Those of the entries that frames follow from; those that only wait to be taken wait no longer."""
+        """Return the entries that frames depend on; drop entries that only wait to be taken."""
         gone, waiting = set(identities), {one[0].entry_id for one in (*self._late, *self._waiting)}
         self._late = [one for one in self._late if one[0].entry_id not in gone]
         self._waiting = [one for one in self._waiting if one[0].entry_id not in gone]
@@ -150,8 +150,8 @@ class SwarmFrames:
     def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
         """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call.
 
-        ``takes_late``: whether a batch of late entries may be taken. Who still computes what follows from the last one has to
-        begin again with every change that reaches far back, and would never come to the end.
+        ``takes_late``: whether a batch of late entries may be taken. A caller that still processes the previous batch would begin
+        again with every change far back, and never finish.
         """
         if self._idle:
             self.complete_ns = now_ns
@@ -218,7 +218,7 @@ class SwarmFrames:
             self._intake.receive(entry, payload)
 
     def _begin_batch(self, drones: frozenset[str]) -> None:
-        """Take the late entries of these drones, whose quotas are charged."""
+        """Take the late entries of these drones, and charge their quotas."""
         self._took, self._batch_of = 0, drones
         first_ns: dict[str, int] = {}
         late = ((entry.drone, entry.stamp_ns) for entry, _ in self._late)
@@ -274,7 +274,7 @@ class _Line:
         self.stamps_ns: list[int] = []
         self._placements: list[Placement | None] = []
         self._changed_ns = ALWAYS
-        self._undo: list[tuple[int, int, list[int], list[Placement | None]]] = []  # keyframe, length kept, what was cut off
+        self._undo: list[tuple[int, int, list[int], list[Placement | None]]] = []  # keyframe, length kept, part cut off
 
     def taken_changed_ns(self) -> int:
         """The earliest stamp changed since the last call (``ALWAYS``: none)."""

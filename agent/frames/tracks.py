@@ -1,10 +1,10 @@
-"""A drone's own track: its localisation's positions as one continuous path across epochs.
+"""A drone's own track: its localisation's positions as a continuous path across epochs.
 
-Where the localisation jumps, a new epoch begins, and the vehicle itself does not jump: it continues at its velocity. So the
-stretches between jumps, here *segments*, are joined to one *continuous* track in the frame of the first segment. Within an epoch
-the frame stays what it is, even where the samples jump: a drone begins a new epoch wherever it sees itself jump
-(``agent.localization.jumps``), so that samples that jump nevertheless are false ones, as a liar's, or the correction of a
-position that had drifted. Everything is a function of the samples alone, whatever order they arrived in.
+At a jump of the localisation a new epoch begins, while the vehicle itself continues at its velocity. The stretches between jumps,
+here *segments*, are therefore joined to a *continuous* track in the frame of the first segment. Within an epoch the frame stays
+constant, even at a jump of the samples: a drone begins a new epoch at every jump that it detects (``agent.localization.jumps``),
+so that other jumps are false samples, as a malicious drone's, or the correction of a drifted position. Everything is a function
+of the samples alone, for any order of arrival.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Segment:
 
 
 class Track:
-    """Samples in order of time, and what is derived from them on demand.
+    """Samples in order of time, and results derived from them on demand.
 
     Columns of numbers, 8 bytes each: a drone's track grows by ten samples a second, and a sample as an object takes 300 bytes.
     """
@@ -90,9 +90,9 @@ class Track:
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
     def content(self, after_ns: int, until_ns: int) -> tuple[bytes, bytes, bytes]:
-        """By value, all that the track in (after_ns, until_ns] follows from, besides what it was before: also the next sample.
+        """By value, all inputs of the track in (after_ns, until_ns], besides earlier ones: also the next sample.
 
-        For simulations, whose agents share what they compute.
+        For simulations with results shared between agents.
         """
         first, end = bisect_right(self._stamps, after_ns), bisect_right(self._stamps, until_ns) + 1
         return self._stamps[first:end].tobytes(), self._epochs[first:end].tobytes(), self._local.content(first, end)
@@ -185,7 +185,7 @@ class Track:
         return index
 
     def _before_ns(self, index: int, stamp_ns: int) -> int:
-        """Stamp after which a change of the sample at ``index`` matters: also what the track is at its own stamp."""
+        """Stamp after which a change of the sample at ``index`` matters: also the track at its own stamp."""
         return min(self._stamps[index - 1], stamp_ns - 1) if index else stamp_ns - 1
 
     def _sample(self, index: int) -> Sample:
@@ -193,12 +193,12 @@ class Track:
         return Sample(self._stamps[index], self._epochs[index], position_m, yaw_rad)
 
     def _delete(self, index: int, count: int = 1) -> None:
-        """Delete samples from ``index`` on, but nothing that is derived from them."""
+        """Delete samples from ``index`` on, but no derived results."""
         del self._stamps[index : index + count], self._epochs[index : index + count]
         self._local.delete(index, index + count)
 
     def _forget(self, index: int) -> None:
-        """Discard what is derived from the sample at ``index`` and later ones."""
+        """Discard results derived from the sample at ``index`` and later ones."""
         self._places.delete(index, len(self._places))
         while self._segments and self._segments[-1].first >= index:
             self._note(self._segments.pop().stamp_ns)
@@ -234,8 +234,8 @@ class Track:
         return Transform(yaw_rad, (place[0] - x, place[1] - y, place[2] - z)), 1e-9 * gap_ns
 
     def _has_slope(self, index: int) -> bool:
-        """Whether the sample and the one before it, in its segment, tell a velocity that a vehicle can have. Two samples a
-        microsecond apart may differ by a correction of the autopilot, which is no motion to go on with.
+        """Whether the sample and its predecessor in the segment give a velocity within a vehicle's limits. Two samples a
+        microsecond apart may differ by a correction of the autopilot, which is no motion to extrapolate.
         """
         if index <= self._segments[-1].first:
             return False
