@@ -1,9 +1,9 @@
-"""What the estimator ``sources`` costs an agent that joins late: ``python -m benchmarks.catching_up [--auto] [--unknown Co-60]``.
+"""Cost of the estimator ``sources`` for a late agent: ``python -m benchmarks.catching_up [--auto] [--unknown Co-60]``.
 
 Six sources of five nuclides, measured as in ``several_sources --real`` for ten minutes, are folded as by an agent that gets the
-whole log at once: all moves, and one refinement at the end. ``--auto``: cones are made for the lines of all nuclides, not only
-of Cs-137; ``--unknown``: the same, but for nuclides that are not among the candidates. Processor time, and that of the moves with
-which a source of a nuclide that nobody knows is told first.
+whole log at once: all moves, and a refinement at the end. ``--auto``: cones are made for the lines of all nuclides, not only of
+Cs-137; ``--unknown``: the same, without these nuclides among the candidates. Prints processor times in total, and of the moves
+that first report a source of an unknown nuclide.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def placed(seed: int) -> list[Placed]:
 
 
 class Costs(NamedTuple):
-    """Processor times of the moves, of those among them with which an unknown nuclide comes, and of a refinement at the end."""
+    """Processor times of the moves, of the moves that report an unknown nuclide, and of a refinement at the end."""
 
     moving_s: list[float]
     coming_s: list[float]
@@ -50,7 +50,7 @@ class Costs(NamedTuple):
 
 
 def fold(estimator: FollowingEstimator, grid_ns: int, seen: Sequence[Observation]) -> tuple[Hypothesis | None, Costs]:
-    """What is told at the end, and what it cost."""
+    """Return the final hypothesis, and its costs."""
     by_step: dict[int, list[Observation]] = {}
     for one in seen:
         by_step.setdefault(one.stamp_ns // grid_ns, []).append(one)

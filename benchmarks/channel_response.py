@@ -3,7 +3,7 @@
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
 below the horizon; its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
 unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the area
-without scatter in the surroundings, the rest with it. edge: what an area lacks from the sensor's edge, fitted to areas at several
+without scatter in the surroundings, the rest with it. edge: the area lost at the sensor's edge, fitted to areas at several
 headings. The numbers stand in agent/fusion/bayes/response.py.
 """
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 CHANNELS = ("hits", "photopeak", "coincidences", "cones")
 DISTANCES_M = (2.0, 5.0, 10.0, 20.0, 35.0, 60.0)
-EVENTS_PS = 2000.0  # so few that chance coincidences are 0.1 % of the true ones and less
+EVENTS_PS = 2000.0  # few enough for chance coincidences below 0.1 % of the true ones
 STEP_NS = 10_000_000
 VIEWS = 8  # headings in a step
 REFERENCE_BQ = 1e9

@@ -1,14 +1,15 @@
 """Quality of the agent's cones against the true events, by gamma line:
 ``python -m benchmarks.cone_quality --interactions 1000000 Cs-137 Co-60 ...``.
 
-Photons of a nuclide from all sides go through the simulated sensor and the chain of agent.detector, whose widths and
-probabilities (agent/detector/cones.py) were first set at 662 keV. For each line to which a cone is assigned:
+Photons of a nuclide from all sides go through the simulated sensor and the chain of agent.detector, with widths and probabilities
+(agent/detector/cones.py) first set at 662 keV. For each line to which a cone is assigned:
 
 - cones: their number; other: share of them caused by photons of another line;
-- right: of the rest, share whose energies are those of the photon's first scatter; of these:
+- right: of the rest, share with the energies of the photon's first scatter; of these:
 - ARM 68 %: angle of the true order, degrees; pull 68 %, 95 %: the same in units of the cone's own sigma (agent/fusion/bayes takes
   it for a mixture with 1.15 and 2.70);
-- order: share whose more probable order is the true one; bits: information of the stated probability (log score, 0 for "either").
+- order: share with the true order as the more probable one; bits: information of the stated probability (log score, 0 for
+"either").
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Log entries of a member that are old, or far more than cameras measure: what they cost the others.
 
-Flies ``radron-sim live`` while somebody with the key of d2 publishes such entries for 20 s. Newly computed setpoints a second of
-the other drones, before and meanwhile, processor time and memory of their agents, which of them named d2, and whether all have
-one log at the end.
+Flies ``radron-sim live`` while a process with the key of d2 publishes such entries for 20 s. Measured at the other drones: newly
+computed setpoints a second, before and meanwhile, processor time and memory of the agents, their reports of d2, and whether all
+logs are equal at the end.
 
 Run: python -m benchmarks.crowding [old exposure cone coverage none] [--seconds 20] [--at 40] [--json OUT]
 """
@@ -122,7 +122,7 @@ def _started_s(flight: RecordedFlight) -> float:
 
 
 def _named(flight: RecordedFlight, begin_s: float) -> str:
-    """What an agent told of d2 in the attack first, and after how many seconds."""
+    """An agent's first report of d2 in the attack, and its delay in seconds."""
     told: set[str] = set()
     for record, _, kind, payload in messages(flight, topics.PUBLICATION):
         if kind == "status":

@@ -1,12 +1,12 @@
-"""What the drift of a camera's gain costs: ``python -m benchmarks.gain_drift --seeds 20 --out DIR`` (resumable).
+"""Cost of the drift of a camera's gain: ``python -m benchmarks.gain_drift --seeds 20 --out DIR`` (resumable).
 
-Ten minutes of ``ideal-static-swarm``, and beside the estimate another one of the same log, but with one camera's gain drifting:
-its readouts also go through a second, drifting camera on the same vehicle. Paths, photons and other cameras are the same, so the
-difference is that of the drift alone. Two flights, one with the drift (``mismatch-drift``), also differ by their photons: the
+Ten minutes of ``ideal-static-swarm``, with two estimates of the same log: as flown, and with the drift of one camera's gain,
+whose readouts also pass a second, drifting camera on the same vehicle. Paths, photons and other cameras are the same, so the
+difference is due to the drift alone. Two flights, one with the drift (``mismatch-drift``), also differ by their photons: the
 median error of a flight scatters by half of its mean, and the ratio of the means of 20 and 20 by 0.17.
 
 Printed for each seed: median horizontal error and activity error without and with the drift, the median distance of both
-estimates, the nuclide that the drifting camera recognises, and the time from a gain of 4 % off until it is told.
+estimates, the nuclide that the drifting camera recognises, and the time from a gain error of 4 % to its report.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def rise(time_s: float) -> float:
 
 
 class DriftingPilot(Pilot):
-    """A pilot with a second camera, whose gain drifts. Its entries are kept, and sent to nobody."""
+    """A pilot with a second camera of drifting gain. The second camera's entries are kept, not sent."""
 
     def __init__(self, mission: MissionConfig, drone: DroneConfig, boot: str, *args: Any, **options: Any) -> None:
         super().__init__(mission, drone, boot, *args, **options)
@@ -97,7 +97,7 @@ class Flown:
         return moment.time_s > OVER_S
 
     def with_drift(self, drifting: Sequence[Entry]) -> dict[int, Hypothesis]:
-        """Hypotheses by second of the log in which these entries stand for those of the right camera."""
+        """Hypotheses by second of the log with these entries in place of the right camera's."""
         log = next(pilot for name, pilot in self.pilots.items() if name != DRIFTING).fusion.log
         others = [entry for entry in (record.entry for record in log) if entry.drone != DRIFTING]
         world = WorldModel(self.mission, (), estimator_named)

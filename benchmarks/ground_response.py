@@ -1,10 +1,10 @@
-"""What a camera counts of scattered photons beside a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
+"""Count rates of scattered photons beside a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
 
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
-folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal, and fitted
-for each channel by the formula of agent/fusion/bayes/soil.py, where the numbers stand: over sources on the ground and above it,
-and headings. background: the soil's own photons by ``support.natural``, 3 m above it. Taken from the simulation are the lines of
-nuclides and natural series, which are data, and the sensor.
+folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal. For each
+channel it is fitted, over sources on the ground and above it, and headings, by the formula of agent/fusion/bayes/soil.py, which
+holds the numbers. background: the soil's own photons by ``support.natural``, 3 m above it. The lines of nuclides and natural
+series, which are data, and the sensor come from the simulation.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def counted(events: Events, name: str) -> Array:
 
 
 def beams(events: int) -> Iterator[tuple[int, int, Events]]:
-    """So many events each, with the bin of the cosine between path and normal and the energy group: for each of AZIMUTHS_DEG."""
+    """Events, by bin of the cosine between path and normal and by energy group, for each of AZIMUTHS_DEG."""
     rng = np.random.default_rng(11)
     for (f, cosine), turn in product(enumerate(NORMALS), np.deg2rad(AZIMUTHS_DEG)):
         flat = np.sqrt(1.0 - cosine * cosine)
@@ -115,7 +115,7 @@ def scattered(name: str, area: Array, photons: int) -> tuple[Array, Array]:
 
 
 def expected(near: float, steep: float, air: float, turn: float, depth: float, where: Array, air_per_m: float) -> Array:
-    """(rows,) of what is fitted; depth: of the image below the ground, per height of the source above it."""
+    """(rows,) of the fitted terms; depth: of the image below the ground, per height of the source above it."""
     camera, source, horizontal, heading = where.T
     distance = np.hypot(camera - source, horizontal)
     image = np.hypot(camera + depth * source, horizontal)

@@ -1,9 +1,9 @@
 """Latency from the publication of a cone to the hypothesis that includes it in every other agent, against raw Zenoh.
 
-Flies ``radron-sim live`` (real agents, real Zenoh, real MAVLink) and reads the agents' flight records: the wall time of the
-publication at the publisher, and those at which a receiver's pilot received the cone and had the hypothesis that includes it.
-Meanwhile other processes exchange payloads of a cone's size over raw Zenoh (put to callback): one sends to one peer, another to
-as many as an agent does (the other agents and the observer).
+Flies ``radron-sim live`` (real agents, real Zenoh, real MAVLink) and reads the agents' flight records: the wall times of the
+publication, of the reception by a receiver's pilot, and of that pilot's first hypothesis that includes the cone. Meanwhile other
+processes exchange payloads of a cone's size over raw Zenoh (put to callback): one sends to one peer, another to as many peers as
+an agent (the other agents and the observer).
 
 Run: python benchmarks/live_latency.py [--scenario demo] [--drones 3] [--flight DIR of an earlier flight] [--json OUT]
 """

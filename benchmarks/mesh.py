@@ -108,7 +108,7 @@ def full_mesh(number: int, folder: str) -> tuple[float, float]:
 
 
 def join(pipe: Connection, folder: str, drone: str, listen: str, connect: tuple[str, ...], number: int) -> None:
-    """One drone of ``number``; sends when it began to open its session, and when it saw all others."""
+    """A drone of ``number``; sends the times at which it began to open its session, and saw all others."""
 
     async def run() -> None:
         opening_s = time.monotonic()
@@ -205,7 +205,7 @@ def tell(pipe: Connection, folder: str, ends: list[str], seconds: float) -> None
 
 
 def start(work: Callable[..., None], *arguments: object) -> tuple[BaseProcess, Connection]:
-    """A worker process, and the pipe to it; those with more than one step report first that they are ready."""
+    """A worker process, and the pipe to it; workers with more than one step first report that they are ready."""
     ours, theirs = SPAWN.Pipe()
     process = SPAWN.Process(target=work, args=(theirs, *arguments), daemon=True)
     process.start()

@@ -1,12 +1,12 @@
 """What lost packets between the agents cost: live flights whose agents are on hosts of their own, with and without loss, in turn.
 
-Needs root, /dev/net/tun and iproute2: the hosts are network namespaces, the packets between which pass through a relay.
-Exit code 1 where an agent was ended, logs differ at the end, or a drone did not land.
+Needs root, /dev/net/tun and iproute2: the hosts are network namespaces, with a relay for the packets between them. Exit code 1
+where an agent was ended, logs differ at the end, or a drone did not land.
 
 Run: python benchmarks/packet_loss.py [--drones 3] [--loss 0.05] [--seconds 60] [--runs 6] [--json OUT]
-About two minutes for each flight. Single flights differ by half of their error: it takes some tens to tell 1.2 from 1. So two
-things are told that scatter less: the bound of the error, which shows whether the drones flew and measured as well, and by how
-much the hypotheses of the flight differ from those of the same log without delays, which shows what came too late.
+About two minutes for each flight. Single flights differ by half of their error: it takes some tens to tell 1.2 from 1. Two
+further results scatter less. The bound of the error shows whether the drones flew and measured as well. The distance of the
+flight's hypotheses from the hypotheses of the same log without delays shows the effect of late entries.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def main() -> int:
 
 
 def _write(file: Path | None, flown: dict[float, list[Flown]], late: dict[float, list[Lateness]]) -> None:
-    """The flights so far, the last of which may not have been judged for lateness yet."""
+    """The flights so far; the last may not have been judged for lateness yet."""
     told = {
         str(loss): [asdict(one) | (entries._asdict() if entries else {}) for one, entries in zip_longest(flights, late[loss])]
         for loss, flights in flown.items()

@@ -1,9 +1,9 @@
 """The operator's page with a large swarm: how late, how dear, how smooth, in a real browser over a real Zenoh session.
 
-Ten drones live: from the publication of a pose to the picture on the screen that shows it, and the station's CPU. Then thirty
-drones with an hour of history, from a record of one of them (``support/large_flight.py``), and live: time to open, CPU, memory,
-pictures per second beside those of an empty map, what a newly opened page gets, and how soon an earlier time is there.
-The fold (log, frames, estimator) is the same code as on board and is told apart.
+Ten drones live: from the publication of a pose to its picture on the screen, and the station's CPU. Then thirty drones with an
+hour of history, from a drone's record (``support/large_flight.py``), and live: time to open, CPU, memory, pictures per second
+against an empty map, data for a newly opened page, and the delay of a jump to an earlier time. The fold (log, frames, estimator)
+is the same code as on board and is listed separately.
 
 Run: python benchmarks/page_scale.py [--minutes 60] [--drones 30] [--json OUT]. About five minutes; Chromium must be there.
 """
@@ -156,7 +156,7 @@ def _used(station: Child, seconds: float) -> dict[str, float]:
 
 
 def _opened(station: Child) -> tuple[float, dict[str, float]]:
-    """How long it took to read the record, and what was used."""
+    """Time to read the record, and the resources used."""
     began_s, told_s, place = time.monotonic(), time.monotonic(), 1
     while "opened" not in (said := station.until(place)):
         place += 1
@@ -167,7 +167,7 @@ def _opened(station: Child) -> tuple[float, dict[str, float]]:
 
 
 def _record(folder: Path, flight: LargeFlight, began_ns: int, seconds: float) -> Path:
-    """What the first drone recorded."""
+    """The first drone's record."""
     drone = flight.mission.drones[0].id
     header = FlightHeader.of(flight.mission, DroneConfig(id=drone), BOOT, began_ns, nonce_key=b"")
     path = segment_path(folder, header, 0)

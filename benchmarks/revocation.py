@@ -1,6 +1,7 @@
 """Gaps in the mesh while all drones open their sessions anew without a revoked one, each in its turn.
 
-A process for each drone, as in flight; each publishes a pose every 50 ms. Gap of a pair: between poses of the one at the other.
+A process for each drone, as in flight; each publishes a pose every 50 ms. Gap of a pair: between arrivals of a drone's poses at
+its peer.
 
 Run: python benchmarks/revocation.py [--drones 10] [--revoked d3] [--runs 3] [--json OUT]; about a minute
 """
@@ -38,7 +39,7 @@ MOST_GAP_S, MOST_EFFECT_S = 1.0, 10.0  # goals
 
 
 class Told(NamedTuple):
-    """What one drone tells; times are the monotonic clock's, which all processes of a machine share."""
+    """A drone's report; times by the monotonic clock, which all processes of a machine share."""
 
     reopened_s: float
     heard: dict[str, list[float]]  # times of the poses by sender
@@ -100,12 +101,12 @@ def measure(folder: str, names: list[str], revoked: str) -> tuple[list[float], f
 
 
 def _gap(times: list[float], began_s: float) -> float:
-    """The largest one, up to the end: one that has not come back shows too."""
+    """The largest gap, up to the end, so that a drone that never returns shows too."""
     return max(after - before for before, after in pairwise((*times, began_s + OPENED_S)) if after > began_s)
 
 
 def drone(pipe: Connection, folder: str, names: list[str], index: int, ends: list[str], revoked: str) -> None:
-    """One drone, in its own process."""
+    """A drone, in its own process."""
     asyncio.run(_drone(pipe, folder, names, index, ends, revoked))
 
 

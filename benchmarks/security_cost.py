@@ -1,10 +1,10 @@
 """What encryption and signatures cost: CPU of a drone's links, and the delay of a cone from its publication to every peer's log.
 
-Swarms of processes on this machine that publish and take what agents do, without vehicles and cameras, alternately with TLS and
-signatures and without both. CPU: of a process, user and system, so that other load matters little. Delay: from before a cone is
-signed until each peer has verified it. Medians over the runs, and their ranges. Whole agents: benchmarks/live_cost.py --compare.
+Swarms of processes on this machine with the traffic of agents, without vehicles and cameras, alternately with TLS and signatures
+and without both. CPU: of a process, user and system, so that other load matters little. Delay: from before a cone is signed until
+each peer has verified it. Medians over the runs, and their ranges. Whole agents: benchmarks/live_cost.py --compare.
 
-The goals are those of a swarm of ten.
+The goals hold for a swarm of ten.
 
 Run: python benchmarks/security_cost.py [--drones 10] [--seconds 10] [--runs 6] [--json OUT]; about 3 minutes
 """
@@ -44,7 +44,7 @@ MISSION, SWARM = "0" * 16, "benchmark"
 TICK_S = 0.1  # a pose and a plan; a batch of entries every second one, a status every tenth
 BATCH = 3  # cones and exposures of one readout
 PLANNED = 20  # positions
-ENTRIES_LATE = 0.55  # ticks after pose and plan: readouts come when they come
+ENTRIES_LATE = 0.55  # ticks after pose and plan: readouts come at any time
 SETTLED_S = 1.0  # from the complete mesh to the first message: handshakes are over
 MOST_POINTS, MOST_RATIO = 3.0, 1.5  # goals: CPU in percent of a core, and the cones' delay, against plain links
 
@@ -97,7 +97,7 @@ def fly(number: int, seconds: float, folder: str) -> tuple[float, float]:
     ends = [f"{'tls' if folder else 'tcp'}/127.0.0.1:{port}" for port in free_ports(number)]
     peers = [start(drone, folder, i, ends, seconds) for i in range(number)]
     for _, pipe in peers:
-        pipe.recv()  # it hears all others
+        pipe.recv()  # ready: the drone hears all others
     begin_s = time.monotonic() + SETTLED_S
     for _, pipe in peers:
         pipe.send(begin_s)
@@ -107,7 +107,7 @@ def fly(number: int, seconds: float, folder: str) -> tuple[float, float]:
 
 
 def drone(pipe: Connection, folder: str, index: int, ends: list[str], seconds: float) -> None:
-    """One drone of the swarm, in its own process."""
+    """A drone of the swarm, in its own process."""
     asyncio.run(_drone(pipe, folder, index, ends, seconds))
 
 

@@ -1,12 +1,12 @@
 """Estimator ``sources`` among several sources: ``python -m benchmarks.several_sources --flights 20 [--real]``.
 
-Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m
-high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
+Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m high
+at 3 m/s. Number (0 to 6), nuclides (as named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
 sensitivities by 5 %, energy scales by 0.5 %, background x 1.2, 7 % from direction to direction. ``--alone``: one source of 3 GBq,
-beside ``bayes``. ``--higher-m``: by which the second half of each circle is flown higher. ``--walls``: behind the walls of the
-scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are. ``--unknown Co-60,F-18``: nuclides that are no
-candidates, of sources or not. NEES: mean squared error of place over stated covariance, 2 if they match.
+beside ``bayes``. ``--higher-m``: extra height of the second half of each circle. ``--walls``: behind the walls of the scenario
+``mismatch-walls``, unknown to the estimators; with ``--map`` known to all. ``--unknown Co-60,F-18``: nuclides that are no
+candidates, with or without sources. NEES: mean squared error of place over stated covariance, 2 if they match.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class Truth:
-    """What differs between the cameras and what is assumed of them."""
+    """Differences between the cameras and the assumptions about them."""
 
     bias_m: float = 0.0
     camera: CameraTruth = ASSUMED
@@ -87,7 +87,7 @@ class Truth:
 
 @dataclass
 class Tally:
-    """What came out, over all flights."""
+    """Results over all flights."""
 
     flights: int = 0
     right: int = 0
@@ -148,7 +148,7 @@ def path(
 def observed(
     seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str | tuple[str, ...], higher_m: float = 0.0
 ) -> list[Observation]:
-    """What the swarm logs; ``nuclide``: the mission's, whose lines make cones."""
+    """The swarm's log; ``nuclide``: the mission's, with its lines for the cones."""
     rng = np.random.default_rng(seed)
     found: list[Observation] = []
     names = sorted({source.nuclide for source in sources}) or ["Cs-137"]

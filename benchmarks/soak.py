@@ -1,9 +1,9 @@
 """Soak test: what is left over after long and many flights: threads, open files, tasks, objects, and memory by log entry.
 
 Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
-Live: one long flight, whose processes are watched. Exit code 1 where something grows that must not, or memory by more than 2 kB
-for each entry of each agent's log (in lockstep with the flight's trace, which the simulation keeps, a tenth of it), and where a
-long flight was over early.
+Live: a long flight, with samples of its processes. Exit code 1 if threads, files, tasks or objects grow, or memory by more than 2
+kB for each entry of each agent's log, or if a long flight ended early. In lockstep the memory includes the flight's trace, kept
+by the simulation: a tenth of it.
 
 Run: python benchmarks/soak.py [--lockstep 120] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
 Seconds of simulated flight, number of short missions, seconds of live tracking; 0 leaves a part out. ``make soak``: an hour,
@@ -42,10 +42,10 @@ from protocol.messages import DRONE_KINDS
 from sim.figures.style import DRONES, dress, new_figure, save
 from sim.scoring.moment import Moment
 
-MOST_BYTES = 2000.0  # by which a process may grow for each entry of each log in it
-FEWEST_ENTRIES = 3000  # by which a log must have grown for that to be judged
-WARM_SHARE = 0.3  # of a part's samples, which are not judged: caches fill
-WHOLE_SHARE = 0.8  # of what was asked for, which a long flight has to last: live the drones begin to track one after another
+MOST_BYTES = 2000.0  # allowed growth of a process for each entry of each log in it
+FEWEST_ENTRIES = 3000  # growth of a log that is needed for a verdict
+WARM_SHARE = 0.3  # of a part's samples, not judged: caches fill
+WHOLE_SHARE = 0.8  # of the requested time, required of a long flight: live drones begin to track one after another
 SAMPLE_S = 10.0  # of simulated time
 COUNTED = ("threads", "files", "tasks", "objects")
 SHORT_S = 15.0  # tracking of a short mission
@@ -55,9 +55,9 @@ _ENTRY_KINDS = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, E
 
 @dataclass
 class Series:
-    """Samples of one process: ``time_s`` (or number of flights), ``entries`` of all logs in it together, and what it holds.
+    """Samples of one process: ``time_s`` (or number of flights), ``entries`` of all logs in it together, and its resources.
 
-    ``until_s``: how long it was to be sampled.
+    ``until_s``: intended end of the sampling.
     """
 
     name: str
@@ -83,8 +83,8 @@ class Series:
         return float(np.polyfit(entries, rss_mb, 1)[0]) * 1e6
 
     def growth(self, name: str) -> int:
-        """By how much the smallest count of the last third is above that of the third before: what is left over stays, while a
-        task or socket that is there for a moment only does not count.
+        """Difference between the smallest counts of the last third and of the third before. Leftovers stay, while short-lived
+        tasks or sockets do not count.
         """
         counts = _warm(self.counts[name])
         middle = max(1, len(counts) // 2)
@@ -92,7 +92,7 @@ class Series:
 
     @property
     def flaws(self) -> list[str]:
-        """What has grown and must not."""
+        """Resources with forbidden growth."""
         found = [
             f"{self.name}: {name} grow by {self.growth(name)}"
             for name in self.counts
@@ -116,7 +116,7 @@ def _tolerated(series: Series, name: str) -> float:
 
 
 def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> None:
-    """One mission in lockstep that tracks for so long."""
+    """A mission in lockstep that tracks for ``seconds``."""
     from sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
     series, due_s = Series("lockstep, one mission", seconds), 0.0
@@ -183,7 +183,7 @@ def in_process(work: Callable[..., None], what: str, until: float, *arguments: f
 
 
 def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
-    """One live flight: its agents, its world and its launcher."""
+    """A live flight: its agents, its world and its launcher."""
     arguments = ["demo", "--seed", str(seed), "--drones", str(drones), "--set", f"mission.track.duration_s={seconds:g}"]
     seen = fly(folder, arguments, limit_s=seconds + 900.0)
     left = [one for one in psutil.process_iter() if one.pid in seen and one.create_time() == seen[one.pid].began_s]
@@ -225,7 +225,7 @@ def _of_process(
     tasks: dict[int, list[tuple[float, int]]],
     until_s: float,
 ) -> Series:
-    """What it held while the swarm tracked: at its start and its end threads come and go."""
+    """Samples while the swarm tracked: threads come and go at a process's start and end."""
     series, told = Series(one.name, until_s), tasks.get(one.pid, [])
     for time_s, held in one.held:
         if not tracked[0] <= time_s <= tracked[1]:

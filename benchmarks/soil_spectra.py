@@ -78,7 +78,7 @@ def of_nuclide(source: Nuclide, seen: Response, photons: int) -> Iterator[tuple[
     weight = np.where(empty, 0.0, 1.0 / np.maximum(every, np.where(empty, 1.0, 0.01 * every.max(axis=0))))
     near, steep, air, by_facing = fitted(design, every, weight)
     near, air = np.maximum(near, 0.0), np.maximum(air, 0.0)
-    steep = np.maximum(steep, -near)  # so that no count is negative
+    steep = np.maximum(steep, -near)  # prevents negative counts
     by_facing = np.clip(by_facing, (near + steep) / (MEAN_FACING - 1.0), (near + steep) / MEAN_FACING)
     scales, coincident = fitted(design, by_scale, weight), fitted(design, pairs, weight)
     rows = {"near": near, "steep": steep, "air": air, "turned": by_facing}

@@ -1,8 +1,8 @@
-"""What a camera counts of each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
+"""Count rates of a camera for each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
 
 Photons of each line meet the simulated sensor from below the horizon, the heading turning evenly as in flight; the hits go
-through the chain of agent.detector with the default configuration, and its coarse spectra are what an exposure would carry.
-TABLES.py: agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) are those of the simulated transport.
+through the chain of agent.detector with the default configuration, and its coarse spectra are binned as in an exposure.
+TABLES.py: agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) come from the simulated transport.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def areas(events: Events) -> Areas:
 
 
 def direct(line: tuple[float, float], events: int, seed: int) -> tuple[Areas, Array, float]:
-    """The areas of one line, mean of all views; the derivative (BINS,) of all events by f, see agent.fusion.sources.spectra; and
-    the area of all its interactions. All events are those at f = ``MEAN_FACING``, whatever the mean of the views that are drawn.
+    """The areas of a line, mean of all views; the derivative (BINS,) of all events by f, see agent.fusion.sources.spectra; and
+    the area of all its interactions. All events refer to f = ``MEAN_FACING``, for any mean of the drawn views.
     """
     rng = np.random.default_rng(seed)
     parts, total = [], 0.0
@@ -149,7 +149,7 @@ def of_background(events: int) -> Iterator[tuple[str, Array]]:
 
 
 def printed(name: str, rows: Iterator[tuple[str, Array]]) -> None:
-    """One entry of the table."""
+    """An entry of the table."""
     print(f'    "{name}": {{')
     for key, values in rows:
         numbers = ", ".join(f"{value:.3g}" for value in np.where(np.abs(values) < 1e-4 * np.abs(values).max(), 0.0, values))

@@ -23,7 +23,7 @@ from sim.scenario import load_scenario
 from sim.scoring.statistics import hypothesis_steps, settling_times
 
 LAWS = ("smooth", "paper")
-SETTLED_S = 20.0  # so long after a step, what is left is the unrest of the law and the noise
+SETTLED_S = 20.0  # time after a step at which only the law's unrest and the noise are left
 
 
 def measure(flight: Flight) -> tuple[list[float], list[float], list[float]]:

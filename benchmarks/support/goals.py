@@ -1,4 +1,4 @@
-"""What a benchmark asks for beside what it has measured, as a table with a verdict for each goal."""
+"""Goals of a benchmark beside its measurements, as a table with a verdict for each goal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.table import Table
 
 
 class Goal(NamedTuple):
-    """``measured`` must be ``most`` at most; both in ``unit``. ``detail``: what it was made of."""
+    """``measured`` must be ``most`` at most; both in ``unit``. ``detail``: origin of the measurement."""
 
     what: str
     measured: float

@@ -1,9 +1,9 @@
-"""A flight of many drones over a long time, made from one of three in lockstep.
+"""A long flight of many drones, made from a lockstep flight of three.
 
-The source is a point at rest on level ground, so a flight that is turned about it is as possible as the flight itself: each
-three of the many drones fly the three's flight, turned by an angle of their own. What they measured stays as it is in their local
-frames; the mission names where those lie. While all track, the flight is repeated from there on, for as long as needed; at the
-seams the drones jump by a few metres. Nothing is signed.
+The source is a point at rest on level ground, so a flight turned about it is as possible as the flight itself: each three of the
+many drones fly the three's flight, turned by an angle of their own. Measurements stay the same in the local frames; the mission
+gives the turned poses of the frames. While all track, the flight is repeated from there on, for as long as needed; at the seams
+the drones jump by a few metres. Nothing is signed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FLOWN = 3
 TRACKED_S = 60.0  # flown, and repeated
 # Thirty drones that keep their separation of 3 m need a circle of at least 14.4 m; the rates follow from the distance.
 CIRCLE = {"mission.encirclement.nearest_m": 16.0, "mission.encirclement.radius_m": 20.0}
-MARGIN_NS = 1_000_000_000  # of tracking, before what is repeated
+MARGIN_NS = 1_000_000_000  # of tracking, before the repeated part
 BOOT = "0" * 16
 _encode = msgspec.msgpack.Encoder().encode
 
@@ -91,7 +91,8 @@ class LargeFlight:
                     yield copy.sent(at_ns + later_ns, at_ns - message[0] + later_ns, message[1])
 
     def _endless(self, flown: int) -> Iterator[tuple[int, int, tuple[int, Any]]]:
-        """(time, drone, (time when flown, message)): what a drone flew up to the seam, then the same again and again."""
+        """(time, drone, (time when flown, message)): a drone's messages up to the seam, then the period after it again and
+        again."""
         sent = self._flown[flown]
         yield from ((one[0], flown, one) for one in sent if one[0] < self._seam_ns)
         again = [one for one in sent if self._seam_ns <= one[0] < self._seam_ns + self._period_ns]
@@ -105,7 +106,7 @@ class _Copy:
     """Makes the messages of the drone at a place of the mission."""
 
     def __init__(self, mission: MissionConfig, place: int, later_ns: int, boot: str) -> None:
-        """``later_ns``: than those that were flown."""
+        """``later_ns``: shift against the flown messages."""
         self._mission, self._later_ns, self._boot = mission, later_ns, boot
         self._name = mission.drones[place].id
         self._others = {  # as heard by the drone that was flown
@@ -145,7 +146,7 @@ class _Pilot(RecordedPilot):
 
 
 class _Kept:
-    """What a drone sends, as the recorder gets it."""
+    """A drone's message, as received by the recorder."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[int, bytes]] = []
@@ -166,7 +167,7 @@ def _scenario() -> Any:
 
 
 def _multiplied(mission: MissionConfig, count: int, middle: tuple[float, ...]) -> MissionConfig:
-    """A mission of so many drones: those of the given one again and again, turned about the middle."""
+    """A mission of ``count`` drones: the given mission's drones again and again, turned about the middle."""
     drones: list[DroneInMission] = []
     turns = -(-count // FLOWN)
     for turn in range(turns):

@@ -1,4 +1,4 @@
-"""A large swarm's page in a real browser: its processes, and what a benchmark measures of it."""
+"""A large swarm's page in a real browser: its processes and their measurement."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 
 SUPPORT = Path(__file__).parent
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
-# Counts pictures of the screen; of each drawn frame: when it was on the screen (ms UTC), and the place of the first drone in it.
-# What is drawn in a picture is on the screen before the next one begins. The map is moved as by a finger that drags it.
+# Counts pictures of the screen; records the time on the screen (ms UTC) and the place of the first drone for each drawn frame. A
+# drawn picture is on the screen before the next one begins. The map is moved as by a finger that drags it.
 WATCH = """() => {
   window.seen = { pictures: 0, frames: radron.frames, drawn: [], pan: 0 };
   const now = () => performance.timeOrigin + performance.now();
@@ -45,7 +45,7 @@ WATCH = """() => {
 
 
 class Child:
-    """A process of this benchmark that prints JSON lines. ``said``: those so far."""
+    """A process of this benchmark that prints JSON lines. ``said``: the lines so far."""
 
     def __init__(self, script: str, *arguments: str) -> None:
         command = [sys.executable, str(SUPPORT / script), *arguments]
@@ -60,7 +60,7 @@ class Child:
             self.said.append(json.loads(line) if line[0] in "{[" else line.strip())
 
     def ask(self) -> Any:
-        """Send a line; the next one that it prints."""
+        """Send a line; return the process's next line."""
         known = len(self.said)
         self.process.stdin.write("\n")
         self.process.stdin.flush()
@@ -153,7 +153,7 @@ def latencies_ms(published: list[list[float]], drawn: list[list[float]]) -> list
 
 
 def renderer_mb() -> float:
-    """Memory of the largest process that draws a page, without what it shares with others."""
+    """Memory of the largest process that draws a page, without shared memory."""
     own = psutil.Process(os.getpid()).children(recursive=True)
     return max((one.memory_full_info().uss / 1e6 for one in own if "--type=renderer" in " ".join(one.cmdline())), default=0.0)
 
@@ -165,7 +165,7 @@ def socket_of(address: str) -> ClientConnection:
 
 
 def snapshot_bytes(address: str) -> int:
-    """What a newly opened page gets up to its first frame."""
+    """Data for a newly opened page up to its first frame."""
     size = 0
     with socket_of(address) as socket:
         while True:

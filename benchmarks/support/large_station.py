@@ -26,7 +26,7 @@ from station.web.serving import Place, Serving
 
 
 class Used:
-    """What the fold has used: the calls into the log that the agents make too."""
+    """Time used by the fold: the calls into the log that agents make too."""
 
     def __init__(self, hub: Hub) -> None:
         self.fold_s = 0.0

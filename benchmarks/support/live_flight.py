@@ -22,12 +22,12 @@ from protocol.keys import parse_key
 from protocol.messages import Stage, Status
 
 SAMPLE_S = 1.0
-_FULL_SAMPLES = 10  # of so many samples one counts a process's own memory, which is dear
-LIMIT_S = 900.0  # of a flight beyond what it is asked to last
+_FULL_SAMPLES = 10  # samples between two counts of a process's own memory, which are expensive
+LIMIT_S = 900.0  # of a flight beyond its requested duration
 
 
 class Held(NamedTuple):
-    """What a process has at one time."""
+    """Resources of a process at a moment."""
 
     rss_mb: float
     threads: int
@@ -36,7 +36,7 @@ class Held(NamedTuple):
 
 @dataclass
 class Seen:
-    """One process: samples of (wall time s, CPU s so far), of what it has, and its largest memory."""
+    """A process: samples of (wall time s, CPU s so far), of its resources, and its largest memory."""
 
     kind: str  # agent, watchdog, world, launcher
     pid: int
@@ -72,7 +72,7 @@ def fly(folder: Path, arguments: list[str], limit_s: float = LIMIT_S) -> dict[in
     """Run ``radron-sim live`` with its results in ``folder``; returns its processes by their ids.
 
     Raises:
-        SystemExit: it fails or does not end; what it printed is in ``folder``/live.log.
+        SystemExit: it fails or does not end; its output is in ``folder``/live.log.
     """
     folder.mkdir(parents=True, exist_ok=True)
     command = [str(Path(sys.executable).with_name("radron-sim")), "live", *arguments, "--out", str(folder)]
@@ -100,14 +100,14 @@ def _sample(launcher: psutil.Process, seen: dict[int, Seen]) -> None:
             with process.oneshot():
                 kind = "launcher" if process.pid == launcher.pid else _kind(process.cmdline())
                 one = seen.setdefault(process.pid, Seen(kind, process.pid, process.ppid(), process.create_time()))
-                one.kind = kind  # a process may become another one
+                one.kind = kind  # a process may replace itself by another program
                 times = process.cpu_times()
                 one.cpu.append((time.time(), times.user + times.system))
                 one.held.append((time.time(), Held(process.memory_info().rss / 1e6, process.num_threads(), process.num_fds())))
                 one.rss_mb = max(one.rss_mb, one.held[-1][1].rss_mb)
                 if len(one.cpu) % _FULL_SAMPLES == 0:
                     one.uss_mb = max(one.uss_mb, process.memory_full_info().uss / 1e6)
-        except psutil.Error:  # it has just ended
+        except psutil.Error:  # the process has just ended
             continue
 
 

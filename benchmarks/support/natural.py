@@ -1,8 +1,8 @@
 """Photons of the soil's own radioactivity above it: the agent's model, computed by another method than the simulation's truth.
 
 The truth (``sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here depths of emission are
-drawn by importance, photons lose weight instead of being absorbed, and each flight adds to each height what crosses it
-unscattered, in expectation. Media and scattering are those of ``soil``; the lines of the series are the caller's.
+drawn by importance, photons lose weight instead of being absorbed, and each flight adds its expected unscattered crossings to
+each height. Media and scattering come from ``soil``; the lines of the series from the caller.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from benchmarks.support.soil import (
     scattering_cosines,
 )
 
-_NATURAL_DEPTH_M, _MEAN_DEPTH_M = 1.0, 0.3  # of the soil's own photons: the deepest, and the scale by which depths are drawn
-_MIN_COSINE = 0.01  # flatter photons count with the mean of those: no outliers
+_NATURAL_DEPTH_M, _MEAN_DEPTH_M = 1.0, 0.3  # of the soil's own photons: the deepest emission, and the scale of the drawn depths
+_MIN_COSINE = 0.01  # flatter photons count with their mean: no outliers
 _KERMA_ANGLES = 2001
 _JOULE_PER_KEV = 1.602177e-16
 
@@ -88,7 +88,7 @@ def _batch(energies: Array, shares: Array, heights_m: Array, edges_kev: Array, c
 
 
 def _crossing(z: Array, upward: Array, energy: Array, weight: Array, heights_m: Array, edges_kev: Array, media: Array) -> Array:
-    """What photons from heights z with these cosines to the vertical add to the flux at the heights: (H groups,)."""
+    """Contribution to the flux at the heights of photons from heights z with these cosines to the vertical: (H groups,)."""
     air, soil = (np.interp(energy, GRID_KEV, one)[:, None] for one in media)
     z, upward = z[:, None], np.where(upward == 0.0, 1e-12, upward)[:, None]
     way = (heights_m - z) / upward

@@ -18,9 +18,9 @@ KEY = "benchmark/raw"
 
 
 class RawProbe:
-    """A process that puts ``payload_bytes`` every ``period_s``, and ``receivers`` others that get them.
+    """A process that puts ``payload_bytes`` every ``period_s``, and ``receivers`` processes that get them.
 
-    Use it as a context, then read ``samples``, those of all receivers: the wall time of the callback, s, and the latency, ms.
+    Use it as a context, then read ``samples`` of all receivers: the wall time of the callback, s, and the latency, ms.
     """
 
     def __init__(self, payload_bytes: int, period_s: float, receivers: int = 1) -> None:
@@ -43,7 +43,7 @@ class RawProbe:
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=target, args=(theirs, *values), daemon=True)
         process.start()
-        ours.recv()  # it is ready
+        ours.recv()  # the process is ready
         self._processes.append(process)
         self._pipes.append(ours)
 

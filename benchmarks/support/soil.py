@@ -1,10 +1,10 @@
 """Photons that soil and air scatter to a point: the agent's model, computed by another method than the simulation's truth.
 
 The truth (``sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here photons lose weight
-instead of being absorbed, all of a batch at once, and each scattering adds to each detector what would reach it straight from
-there, by the differential cross section of Klein and Nishina (next-event estimation), by the angle at which it meets sensors of
-several headings. Compton scattering off free electrons and photoelectric absorption (xraylib); soil is silica with 20 % of water
-and 4 % of iron. No coherent scattering.
+instead of being absorbed, all of a batch at once, and each scattering adds the expected direct flux to each detector, by the
+differential cross section of Klein and Nishina (next-event estimation), by the angle of incidence on sensors of several headings.
+Compton scattering off free electrons and photoelectric absorption (xraylib); soil is silica with 20 % of water and 4 % of iron.
+No coherent scattering.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ def _seen(
     media: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """What scatterings at these places add to the tally; the detectors stand at a random azimuth."""
+    """Contribution to the tally of scatterings at these places; the detectors stand at a random azimuth."""
     azimuth = rng.uniform(0.0, 2.0 * np.pi, len(energy))
     height, horizontal = detectors.T
     dx = horizontal * np.cos(azimuth)[:, None] - place[:, :1]

@@ -1,6 +1,6 @@
-"""What late entries cost the estimate: the log of an agent folded as it arrived, and as if each entry had arrived at once.
+"""Cost of late entries for the estimate: an agent's log folded as it arrived, and as if each entry had arrived at once.
 
-Both are of the same flight, so that nothing differs but the delays: two flights of one seed differ by half of their errors.
+Both folds belong to the same flight, so that only the delays differ: two flights of the same seed differ by half of their errors.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from protocol.entries import Entry
 from protocol.messages import DRONE_KINDS, Stage, Status
 
 _EVERY_NS = 100_000_000
-_ON_ITS_WAY_NS = 100_000_000  # what was sent so shortly before the last that an agent had
+_ON_ITS_WAY_NS = 100_000_000  # entries sent within this time before an agent's last one may be on their way
 _ENTRIES = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, Entry)}
 
 
@@ -35,9 +35,9 @@ class _Arrival(NamedTuple):
 
 
 class Lateness(NamedTuple):
-    """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that one never had, without those
-    that were on their way at the end. moved_m: by how much the delays moved the hypotheses while all tracked (median, largest).
-    None: nothing to tell it by, as where an agent ended early or never tracked.
+    """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that an agent never had, without
+    entries on their way at the end. moved_m: distances by which the delays moved the hypotheses while all tracked (median,
+    largest). None: no data, as after an early end or without tracking.
     """
 
     delays_s: tuple[float, float, float] | None
@@ -70,7 +70,7 @@ def _missing(sent: dict[bytes, _Arrival], arrivals: dict[bytes, _Arrival]) -> in
 
 
 def _moved_m(found: dict[str, RecordedFlight], sent: list[_Arrival], heard: list[list[_Arrival]]) -> tuple[float, float] | None:
-    """Distance (median, largest) of the hypotheses of what each agent heard from that of what was sent; None: never both."""
+    """Distance (median, largest) between the hypotheses by received and by sent entries of each agent; None: never both."""
     swarm = next(iter(found.values())).header.mission
     statuses = [status for flight in found.values() for status in _statuses(flight)]
     started_ns = max((status.started_ns or 0 for _, status in statuses), default=0)
