@@ -122,8 +122,8 @@ class Circling:
     def _still(state: PeerState, centre: Centre, radius_m: float, z_m: float) -> Reference:
         """Return a hold at the nearest point of a circle, at a height.
 
-        A climb before a crossing is on the spot: on its way to a place on the circle the drone would fly around it, low and fast,
-        past hovering drones without a link.
+        A climb before a crossing is on the spot. On its way to a place on the circle, the drone would fly low and fast past
+        hovering drones without a link.
         """
         (x, y, _), (cx, cy, _) = state.position, centre.position
         angle = atan2(y - cy, x - cx)

@@ -1,8 +1,8 @@
 """Area covered by the swarm, updated in small portions: the cost of a step does not depend on the published entries.
 
-Each drone's swaths are united in windows of time, windows in pairs, and so on up to the whole mission, so that a new entry
-changes a few shapes of bounded size. Once the work is complete, the result is a function of the entries alone. Per drone and
-window only the first ``MOST_ENTRIES`` count. An entry that no drone of this mission can have flown does not count at all.
+Each drone's swaths are united in windows of time, windows in pairs, and so on up to the whole mission. So a new entry changes a
+few shapes of bounded size. Once the work is complete, the result is a function of the entries alone. Per drone and window only
+the first ``MOST_ENTRIES`` count. An entry that no drone of this mission can have flown does not count at all.
 """
 
 from __future__ import annotations

@@ -30,8 +30,8 @@ from agent.navigation.unheard.wayaround import WayAround, hovering
 from protocol.messages import Stage
 from protocol.stages import BRAKING
 
-# A drone with an unknown frame waits in place; after a while on a small circle, because ranges alone give no heading of a peer
-# without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.
+# A drone with an unknown frame waits in place, and after a while on a small circle. Reason: ranges alone give no heading of a
+# peer without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
 _CLIMBS_LATE_S = 2.0  # delay of other drones: they may notice later, and have to reach their climb rate
@@ -42,9 +42,9 @@ class Guidance:
     """References and headings of one drone.
 
     ``has_room``: the own circle while links are lost lies inside the fence, or is not in use. A drone without room stops, like a
-    vehicle whose agent is lost, of whose position all drones keep clear, and then returns: on the way to that circle it would
-    flee from the drones inside of it. ``kept_places``: the places on the circle that the last reference left free for missing
-    drones; local frame.
+    vehicle in failsafe, and then returns. All drones keep clear of such a stop; on the way to that circle the drone would flee
+    from the drones inside of it. ``kept_places``: the places on the circle that the last reference left free for missing drones;
+    local frame.
     """
 
     def __init__(
@@ -239,10 +239,9 @@ class Guidance:
     def _search_above(
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
     ) -> Reference:
-        """Return a search in the own altitude layer, above all low flight: drones without a separation line to this one may be
+        """Return a search in the own altitude layer, above all low flight. Drones without a separation line to this one may be
         anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
-        first, because drones that expect each other elsewhere may be pushed along during the climb: they would meet an
-        earlier search in its layer.
+        before any search begins: separation may push climbing drones along, through the layer of an earlier search.
         """
         self._above_ns = begun(self._above_ns, moment.now_ns)
         all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
@@ -259,8 +258,8 @@ class Guidance:
         return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))
 
     def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
-        """Return the way home at the survey's speed and height, around hovering drones, and the homes of lost peers; a hold if
-        home is not known.
+        """Return the way home at the survey's speed and height, around hovering drones and the homes of lost peers. Return a hold
+        if home is not known.
 
         While links are lost, the way is above all circles: neither side knows the position of the other.
         """

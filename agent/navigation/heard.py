@@ -3,8 +3,8 @@
 A heard drone with an unknown frame is never left out. Its position comes from the best of these sources:
 
 1. its frame is known exactly: its poses and plans;
-2. its frame is estimated: the same, corrected by this drone's sightings of it, which give the relative position better than two
-   estimates in the mission frame; if a wrong heading leaves nothing to correct, sightings alone;
+2. its frame is estimated: the same, corrected by this drone's sightings, which give the relative position better than two frame
+   estimates; sightings alone if a wrong heading leaves nothing to correct;
 3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
    restart of this agent: the stored frame, likewise;
 4. its frame, or the own one, is not known: this drone's sightings alone;
@@ -101,8 +101,8 @@ class Heard:
         return seen or self._by_layout(other, me)
 
     def elsewhere(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Return alternative positions: by its localisation after a jump, by the other stories under its id, and by a plan that
-        its poses contradict.
+        """Return alternative positions, from three sources: its localisation after a jump, other stories under its id, and a plan
+        that its poses contradict.
         """
         if me.local_from_mission is not None:
             local_from_mission = bare(me.local_from_mission)

@@ -73,7 +73,7 @@ class Home:
     @property
     def in_mission(self) -> Vector3 | None:
         """Home in the mission frame; None while it is not known. After a restart the stored position counts until the log gives
-        the position of the launch with less uncertainty: while the log fills again, it contains less than was known.
+        the launch with less uncertainty. Reason: while the log fills again, it contains less than before.
         """
         launch, before = self._launch, self._remembered
         if launch is None:

@@ -34,9 +34,8 @@ class Moment(Struct, frozen=True):
 
     @property
     def here(self) -> PeerState:
-        """Position and velocity of the vehicle now, local frame. While telemetry is lost the vehicle flies on, towards other
-        drones whose predicted distance would otherwise stay that of the last telemetry. Stamps of the future precede a clock step
-        backward.
+        """Position and velocity of the vehicle now, local frame. Prediction goes on without telemetry: the vehicle flies on, and
+        other drones come nearer. Stamps of the future precede a clock step backward.
         """
         (x, y, z), (u, v, w) = self.vehicle.position_m, self.vehicle.velocity_mps
         age_s = min(max(0.0, 1e-9 * (self.now_ns - self.vehicle.stamp_ns)), _OLDEST_S)

@@ -15,8 +15,8 @@ from agent.navigation.peers.placing import bare, unexplained_m
 from agent.navigation.unheard.contact import Circle
 from agent.navigation.unheard.viewer import Viewer
 
-# Limit, during the return of a revoked drone, for its alternative position hypothesis. Beyond it, the homes of other drones as
-# seen from there would keep the drone from its own home, until the others take it to have landed.
+# Limit, during the return of a revoked drone, for its alternative position hypothesis. Beyond it, homes of other drones as seen
+# from there would keep the drone from its own home until it counts as landed.
 PATIENT_S = 20.0
 
 

@@ -2,18 +2,19 @@
 
 A heard peer is placed by its frame, its messages and the own sightings of it (``heard``).
 
-A peer never heard may fly, too, after an in-flight start of this agent, or if the log holds measurements of it: it was revoked
-before, or is out of reach. It counts as missing, like a lost peer; so does a peer with a few poses, but never a status. A
+A peer never heard may fly, too: it was revoked before, or is out of reach. Conditions: an in-flight start of this agent, or
+measurements of that peer in the log. It counts as missing, like a lost peer, or a peer with a few poses, but never a status. A
 sighting of its flight gives its position.
 
 A peer with an exactly known frame and an unannounced jump of its localisation has two position hypotheses. Separation is kept
-from both; and as seen from both, if this drone has jumped (``doubted``). The same holds for a steered peer whose poses and plans
-contradict each other: one of them is false; after landing, it may stand where its last plan led. A peer whose localisation
+from both; and as seen from both, if this drone has jumped (``doubted``). The same holds for a steered peer with a contradiction
+between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer whose localisation
 jumped while its link was lost may have returned meanwhile (``heardagain``).
 
 For a flying peer with a lost link, separation is kept from its position by sightings, or else from all possible ones
-(``silent``), and from its plan of up to two seconds ago: messages may only be lost, or late. If it circled, it stands at the end
-of that plan until it leaves. A one-way peer, whose plans list this drone as not heard, never gives way, and does not take part.
+(``silent``). Its plan of up to two seconds ago counts as well: messages may only be lost, or late. If it circled, it stands at
+the end of that plan until it leaves. A one-way peer, whose plans list this drone as not heard, never gives way, and does not take
+part.
 """
 
 from __future__ import annotations
@@ -238,8 +239,8 @@ class Neighbourhood:
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, me: Self) -> Iterator[Neighbour]:
-        """Return a drone never heard: in flight at its sightings, or descending over its home; also a drone revoked on the ground
-        before the start of this agent.
+        """Return a drone never heard, or revoked on the ground before the start of this agent: in flight at its sightings, or
+        descending over its home.
         """
         if me.local_from_mission is None:
             return
@@ -282,7 +283,7 @@ class Neighbourhood:
         yield from self._of_unplaced(name, sigma_m, me)
 
     def _stop(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Return the stop of a quiet peer whose agent may be lost; nothing while its poses arrive."""
+        """Return the stop of a quiet peer in failsafe; nothing while its poses arrive."""
         if other.mission_from_theirs is None or me.local_from_mission is None:
             return
         if me.now_ns - other.pose.stamp_ns >= QUIET_NS + other.peer.usual_delay_ns:
@@ -291,12 +292,12 @@ class Neighbourhood:
 
 
 def _hears(peer: Peer, me: str, contact_ns: int) -> bool:
-    """Whether a drone has reported since the last contact that it hears this one, ``me``: by its newest plan, or by its status if
-    it publishes no plans any more.
+    """Whether a drone has reported since the last contact that it hears this one, ``me``. Source: its newest plan, or its status
+    if it publishes no plans any more.
 
-    After a silence the first pose arrives before any newer plan or status. An older report proves nothing: if it counted, the
-    last contact would be forgotten, and with it the separation line, on this side only. A plan lists the drones not heard for
-    a second, a status the drones heard in the last three.
+    After a silence the first pose arrives before any newer plan or status. An older report proves nothing. If it counted, only
+    this side would forget the last contact, and with it the separation line. A plan lists the drones not heard for a second, a
+    status the drones heard in the last three.
     """
     plan, status = peer.plan, peer.status
     newest_ns = contact_ns if plan is None else max(contact_ns, plan.stamp_ns)

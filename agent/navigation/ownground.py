@@ -39,7 +39,7 @@ class OwnGround:
     def kept_off(self, reference: Reference, vehicle: VehicleState) -> Reference:
         """Return the reference, raised or lowered by the vehicle's distance beyond the vertical limits of plans.
 
-        An autopilot with an error in its climb rate stays off its setpoint for some seconds, by a metre at worst; its rangefinder
+        An autopilot with an error in its climb rate stays off its setpoint for some seconds, by a metre at worst. The rangefinder
         shows that.
         """
         lacking_m = max(0.0, self._low_m - vehicle.height_m) - max(0.0, vehicle.height_m - self._high_m)

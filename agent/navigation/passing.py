@@ -1,6 +1,6 @@
 """Drones that fly past a drone on the ground: it must not take off below them.
 
-They have no knowledge of it before it is armed, and need some seconds to make room for a drone that rises in their way.
+Before it is armed, they have no knowledge of it. They need some seconds to make room for a climbing drone.
 """
 
 from __future__ import annotations

@@ -62,8 +62,8 @@ class Reckoning(Struct, frozen=True):
         return any(_is_beyond(place, one, self.stamp_ns, before_m) for one in self.others if not isinf(one.radius_m))
 
     def ends(self, sigmas: float) -> list[End]:
-        """Return the predictions of other drones at the end of the plan, as seen from there, less so many sigmas; for drones
-        somewhere beyond a line, its nearest point.
+        """Return the predictions of other drones at the end of the plan, as seen from there, less so many sigmas. For drones
+        somewhere beyond a line, its nearest point counts.
         """
         end_s, (x, y, z) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
         found = []
@@ -99,8 +99,9 @@ def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int, before_m: flo
 
 
 def _in_front_m(place: Vector3, plan: PeerPlan, now_ns: int, after_s: float = 0.0) -> float:
-    """Return the distance of a position in front of the line of a plan, or of its circle: off the point of contact, the tangent
-    would leave out a part of the circle, or hold its inside. ``after_s``: seconds from now on, 0 or to the plan's end.
+    """Return the distance of a position in front of the line of a plan, or of its circle. The tangent is no substitute: off the
+    point of contact, it would leave out a part of the circle, or hold its inside. ``after_s``: seconds from now on, 0 or to the
+    plan's end.
     """
     assert plan.away is not None
     x, y = plan.at(now_ns, after_s)

@@ -39,8 +39,8 @@ _STILL_M, _ONWARD_M = 0.02, 0.05
 class Search:
     """Division of the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
 
-    A division follows from the log's coverage alone, and so does the completeness of the search: drones with the same log
-    divide alike, and end the search alike. Mission frame throughout.
+    Division and completeness of the search follow from the log's coverage alone: drones with the same log divide alike, and end
+    the search alike. Mission frame throughout.
     """
 
     def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:

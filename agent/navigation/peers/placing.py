@@ -68,8 +68,9 @@ def bare(transform: Transform) -> Transform:
 
 
 def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
-    """Return the 1 sigma of a drone's position in the mission frame: by its frame, if estimated, and at least its own published
-    value, which is larger after a loss of its satellites."""
+    """Return the 1 sigma of a drone's position in the mission frame: by its frame, if estimated. At least its own published
+    value, which is larger after a loss of its satellites.
+    """
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
 
 

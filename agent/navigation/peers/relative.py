@@ -103,9 +103,9 @@ def placed_alone(
     """Return position, velocity and sigma (m) of a drone with only a known speed; None while that is uncertain.
 
     The newest sighting confirmed by others is used; false ones agree with none. Enough sightings also give the velocity. A
-    ``former`` speed is older than all these sightings, and ``speed_mps`` an upper bound; then they are compared with the straight
-    flight that most of them indicate. Compared by a former speed of 2 m/s, sightings at 6 m/s would not confirm each other, and
-    the position would lag by 7 m. With too few sightings for a straight flight, ``speed_mps`` applies.
+    ``former`` speed is older than all these sightings, and ``speed_mps`` an upper bound. Then the sightings are compared with the
+    straight flight of their majority. By a former speed of 2 m/s, sightings at 6 m/s would not confirm each other: the position
+    would lag by 7 m. With too few sightings for a straight flight, ``speed_mps`` applies.
     """
     straight = _velocity(seen) if former else None
     slack_mps, near_ns = (speed_mps, WINDOW_NS) if straight is None else (_CHANGE_MPS, _NEAR_NS)

@@ -1,13 +1,13 @@
 """Sources under one id: all stories of that drone's position, and whether it flies.
 
 No message proves its source: any holder of the key can write anything, and Zenoh's source ids are its own statements, too.
-Therefore no message removes the content of another one, however its stamp lies: it can only add a position, or an end of the
-flight that all others allow. A pose that continues no known story begins another one, and every story counts until it has been
-silent for two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
+Therefore no message removes the content of any other, whatever its stamp. It can only add a position, or an end of the flight
+that all others allow. A pose that continues no known story begins a new story. Every story counts until it has been silent for
+two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
 
-A new story is no proof of a second source: a localisation jumps, a clock is stepped. Proofs are two stories that continue side
-by side, two boots that both continue, and the drone's own report of messages under its id that it never sent.
-The last one can be forged, but only by a second source.
+A new story is no proof of a second source: a localisation jumps, a clock is stepped. Proofs are two stories side by side, two
+boots that both continue, and the drone's own report of messages that it never sent. The last one can be forged, but only by a
+second source.
 """
 
 from __future__ import annotations

@@ -63,8 +63,8 @@ class TheirFrames:
         return self._graph.mission_from_local(name, epoch)
 
     def of(self, name: str, pose: Pose) -> Transform | None:
-        """Return a frame at this pose, as in the log. Until the log contains it: after a jump, a frame by the continuity of the
-        motion; after a restart of this agent, the stored one. A frame that has become unknown gets a large covariance.
+        """Return a frame at this pose, as in the log. Until the log contains it: a frame by the continuity of the motion after a
+        jump, and the stored one after a restart of this agent. A frame that has become unknown gets a large covariance.
         """
         known = self.told(name, pose.epoch)
         self._note_jump(name, pose)
@@ -87,8 +87,8 @@ class TheirFrames:
         return transform
 
     def elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
-        """Return the frame of a drone's alternative position hypothesis (``doubted``): a frame of before its jumps that explains
-        the uncertainty published with its present frame. Until that is published, its pose reports an unbounded uncertainty. None
+        """Return the frame of a drone's alternative position hypothesis (``doubted``). It precedes the jumps, and explains the
+        uncertainty published with the present frame. Until that is published, its pose reports an unbounded uncertainty. None
         without a second hypothesis, or if the mission does not give its frame.
         """
         launch = self.told(name, LAUNCH_EPOCH)
