@@ -1,4 +1,4 @@
-"""Destination of a return: the position of the takeoff, in the drone's present local frame."""
+"""Destination of a return: the place of the takeoff, in the drone's present local frame."""
 
 from __future__ import annotations
 

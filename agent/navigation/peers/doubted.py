@@ -4,8 +4,8 @@ The drone flies on by continuity; if its localisation is right, its poses are of
 points, with no possible position around them. Separation is kept from each, without the position uncertainty, which equals their
 distance. If the uncertainty counted as well, drones with hypotheses 8.8 m apart would hold each other off their homes.
 
-The drone itself has two hypotheses about all others, and keeps clear of them as seen from both (``myself.Self.elsewhere``). Two
-drones make the same assumptions: two relative positions if one of them has jumped, four if both have.
+A drone with two hypotheses about itself keeps clear of all others as seen from both (``myself.Self.elsewhere``). Two drones make
+the same assumptions: two relative positions if one of them has jumped, four if both have.
 """
 
 from __future__ import annotations

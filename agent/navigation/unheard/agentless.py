@@ -1,8 +1,8 @@
-"""Positions of a vehicle whose agent is lost. The autopilot stops, and follows the mission's ``safety.agent_lost``: straight
-return to the launch place, first up and then across, and landing; or landing or hold at the stop.
+"""Positions of a vehicle without its agent. The autopilot stops, and follows the mission's ``safety.agent_lost``. Either it
+returns straight to the launch place, first up and then across, and lands; or it lands or holds at the stop.
 
-The times of departure and arrival are known only within wide limits: at each time the vehicle may be anywhere between two
-points of its way. Positions are horizontal, mission frame; times in seconds since the last pose.
+The times of departure and arrival are known only within wide limits. At each time the vehicle may be anywhere between two points
+of its way. Positions are horizontal, mission frame; times in seconds since the last pose.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Course(Struct, frozen=True):
     goes_on_m: float = 0.0
 
     def stretches(self, times: Array, below_m: float) -> list[Stretch]:
-        """Return the possible stretches at times (K,), ascending, the first of which is now; none once the vehicle must be down.
+        """Return the possible stretches at times (K,), ascending from now on; none once the vehicle must be down.
 
         ``below_m``: height above which a crossing vehicle is not in the way.
         """
@@ -102,8 +102,8 @@ class Course(Struct, frozen=True):
     def _leaves_s(self, below_m: float) -> float:
         """Return the latest departure for a return up to ``below_m``; a higher return has climbed out of the way by then.
 
-        The departure at full height would be too late: a vehicle that lands below that height would wait beside its own home,
-        as low as circling drones, which keep clear of that home only.
+        The departure at full height would be too late. Until then, a drone in descent below it would wait low beside its own
+        home, near circling drones that keep clear of that home only.
         """
         return max(_STOPPED_S, self.leaves_s - max(0.0, self.cruise_m - below_m) / _CLIMB_MPS) if self.way else self.leaves_s
 
@@ -142,7 +142,7 @@ class Agentless:
 
     @staticmethod
     def blind_hold(moves: PeerState) -> Course:
-        """Return the course after a hold command of an agent without telemetry: the vehicle flies on until the agent notices, and
+        """Return the course after a hold command of an agent without telemetry. The vehicle flies on until the agent notices, and
         then brakes straight ahead.
         """
         (x, y, _), (u, v, _) = moves.position, moves.velocity

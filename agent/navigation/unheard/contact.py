@@ -13,8 +13,8 @@ from agent.navigation.unheard.agentless import Course
 from protocol.messages import Pose, Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten pose periods
-# Tolerances for a drone on the circle, in contrast to a drone on its way there: distance from the circle, and difference from the
-# velocity along it (or from standing on it). Such a difference is half a metre of offset (``agent.motion.encirclement``). With
+# Tolerances for a drone on the circle, in contrast to a drone on its way there. Distance from the circle, and difference from the
+# velocity along it (or from standing on it). The latter amounts to half a metre of offset (``agent.motion.encirclement``). With
 # wider ones, drones that only cross the circle at 4 to 6 m/s count as circling, and get no separation line.
 ON_M, _ON_MPS = 3.0, 1.5
 _NOTICES_S = SILENT_NS * 1e-9
@@ -50,8 +50,8 @@ class Circle(Struct, frozen=True):
 
 
 class Contact(Struct, frozen=True):
-    """Last contact of two drones: the earlier of both directions. From that moment on: the failsafe course of the peer's vehicle,
-    its stage, its motion, whether both drones tracked, and whether both were on the circle.
+    """Last contact of two drones: the earlier of both directions. Content: the failsafe course of the peer's vehicle from there,
+    its stage, its motion, whether both tracked, and whether both were on the circle.
     """
 
     stamp_ns: int
@@ -68,11 +68,11 @@ def motion_of(pose: Pose, mission_from_theirs: Transform) -> PeerState:
 
 
 def wall_between(mine: PeerState, theirs: PeerState) -> Wall:
-    """Return the separation line of two drones by their motions at the last contact: half-way between their positions one second
-    later, when both notice the loss.
+    """Return the separation line of two drones by their motions at the last contact. It is half-way between their positions one
+    second later, when both notice the loss.
 
-    Between the positions at the contact, the line would be too near: a drone that flies towards it at 5 m/s stops 2 m beyond it.
-    The line is across the direction at the last contact, because the drones may have passed each other when they notice.
+    Half-way at the contact it would be too near: at 5 m/s towards it, a drone stops 2 m beyond. The line is across the direction
+    at the last contact, because the drones may have passed each other when they notice.
     """
     (x, y, _), (u, v, _) = mine.position, mine.velocity
     (other_x, other_y, _), (other_u, other_v, _) = theirs.position, theirs.velocity

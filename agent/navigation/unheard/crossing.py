@@ -15,7 +15,7 @@ from agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
 # Home is reached when position and stopping point are within the first distance; left beyond the second one (hysteresis). The
-# stopping point counts, because a drone that is ordered home while it leaves home at 4 m/s would fly on low for 15 m.
+# stopping point counts: after an order to return, a drone on its way out at 4 m/s would fly on low for 15 m.
 _OVER_HOME_M, _AWAY_M = 2.0, 6.0
 _CEILING_SHARE = 0.9  # of the ceiling, from which plans keep clear: the highest altitude layer
 CLEAR_M = 5.0  # from a forbidden circle during the climb: the separation, and the margin of plans
@@ -27,13 +27,13 @@ def is_over_m(mission: MissionConfig, drone: str) -> float:
 
 
 def low_m(mission: MissionConfig) -> float:
-    """Return the height (m) above the ground below which a drone is among those drones that search and track."""
+    """Return the height (m) above the ground below which a drone is among searching and tracking drones."""
     return mission.survey.height_m + _NEAR_M
 
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
-    """Return the height (m) above the ground at which a drone crosses: its autopilot's return height, with all altitude layers
-    lifted as far as the lowest one needs to be above all circles, or less where the ceiling allows less.
+    """Return the height (m) above the ground of a drone's altitude layer: the return height of its autopilot, and a lift. The
+    lift raises the lowest layer above all circles, as far as the ceiling allows.
     """
     layers_m, height_m = mission.return_heights_m, mission.return_height_m(drone)
     lift_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M - min(layers_m)

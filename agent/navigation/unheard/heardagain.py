@@ -1,7 +1,7 @@
 """Possible positions of a peer with a new link whose localisation has jumped meanwhile, until its frame is known.
 
-By continuity the peer is at its last known position, or a little ahead (``localization.continuity``). If its agent was lost, its
-vehicle may as well have been on its way home, or there, at the restart of the agent; there it waits until it is placed. A new
+By continuity the peer is at its last known position, or a little ahead (``localization.continuity``). After a loss of its agent,
+the vehicle may as well have been on its way home, or there, at the restart of the agent. There it waits until it is placed. A new
 loss of the link meanwhile changes nothing: a vehicle in hold stays.
 """
 

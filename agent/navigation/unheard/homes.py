@@ -13,9 +13,9 @@ from agent.navigation.unheard.viewer import Viewer
 from agent.navigation.unheard.wayaround import KeptPlace
 
 # A lost peer that continues the mission returns when this drone does. After this time it has descended over its home, through the
-# lower altitude layers; a drone that descends itself may meet it there whatever the layers. Longer keep-out would close rows of
-# homes to all traffic. After a revocation the other drones return later, at any time: until the revoked drone is down, it keeps
-# clear of their homes, which its own is apart from; while it crosses, for no longer than any other drone.
+# lower altitude layers. A drone in descent may meet it there whatever the layers. Longer keep-out would close rows of homes to
+# all traffic. After a revocation the other drones return later, at any time. Until it is down, a revoked drone therefore keeps
+# clear of their homes, at a distance from its own; during its crossing, no longer than any other drone.
 COMING_DOWN_S = 45.0
 
 

@@ -40,8 +40,8 @@ def possible_courses(
 
     Each course begins where the vehicle was last ``seen``, mission frame, or else at its last pose. A return follows the peer's
     own localisation: with a localisation error it ends beside home. If the last pose says that the agent no longer steers, the
-    safety pilot may hold the vehicle or return it, and no status has reported it yet. If statuses continue without a pose for
-    seconds, the agent is without telemetry, and commands a hold.
+    safety pilot may hold or return the vehicle, before any status reports it. If statuses continue without a pose for seconds,
+    the agent is without telemetry, and commands a hold.
 
     Args:
         agentless: the failsafe courses of the mission's vehicles.

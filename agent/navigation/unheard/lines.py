@@ -1,8 +1,8 @@
 """Separation lines half-way between this drone and each peer with a lost or one-way link; each drone keeps to its own side.
 
-A line applies if one of the two drones searched, or was on its way to the circle or across it, at the last contact. Two drones on
-the circle change to circles of own radius instead (``sharing``). Two tracking drones, not both on the circle yet, do both: the
-line lasts until each has had the time to get to the circle of its network component.
+A line applies if one of the two drones, at the last contact, searched or was on its way to the circle or across it. Two drones on
+the circle change to circles of own radius instead (``sharing``). Two tracking drones, not both on the circle yet, do both. Then
+the line lasts until each has had the time to get to the circle of its network component.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ class Lines:
         return {name: line.wall for name, line in sorted(self._lines.items()) if line.holds(now_ns)}
 
     def of(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
-        """Return the separation line to a peer if it is valid now. None if both were on the circle at the last contact, or if one
-        of them did not take part then (this drone may have begun since): then one of the two keeps to no line. None, too, after
-        its end: between two tracking drones, and while this one tracks, as soon as both can be on their own circles.
+        """Return the separation line to a peer if it is valid now. None without a line: both were on the circle at the last
+        contact, or one of them did not take part then (this drone may have begun since). None, too, after its end. Between two
+        drones in tracking, while this one still tracks, it ends as soon as both can be on their own circles.
         """
         for_ns = self._tracked_ns if contact.tracked and me.circle is not None else APART_NS
         known = self._lines.get(name)

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 from agent.navigation.peers.newest import Peers
 from protocol.messages import Status
 
-# Retention of a place on the shared circle after the last contact. Each network component notices after a second, and moves to a
-# circle of its own, 6 m or more from the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
+# Retention of a place on the shared circle after the last contact. Each network component notices after a second, and moves to
+# its own circle, 6 m or more from the next. At up to 2 m/s (``agent.motion.orbit``), by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
 _RELAYED_NS = 4_000_000_000  # by then no status lists a drone without any link
 
 
 def relayed(last_ns: Mapping[str, int | None], partners: Sequence[str], peers: Peers) -> set[str]:
-    """Return the missing drones that a partner of this drone has heard long after this one did: they fly on, in the same network
-    component, although neither of the two hears the other.
+    """Return the missing drones that a partner of this drone has heard long after this one did. They fly on, in the same network
+    component, without a link to this drone.
 
     ``last_ns``: stamp of the last contact of each missing drone with this one; None: never heard.
     """

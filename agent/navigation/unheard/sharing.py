@@ -22,8 +22,8 @@ from agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from agent.navigation.unheard.sides import is_next
 
 ROOM_M = 3.0  # between a circle and the fence
-# A lost peer follows its plan until it notices the loss, and ceases to count here, at the same time. Then it brakes from the
-# speed of the circle, or of the way to a place on it: within this time, to a metre or two.
+# A lost peer follows its plan until it notices the loss. At the same time it ceases to count here. Then it brakes from its speed
+# on the circle, or on the way there: within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
 _PASSES_MPS, _PASSED_M = 1.5, 8.0  # speed of passing traffic; distance outside the circle beyond which traffic is ignored
 
@@ -104,7 +104,7 @@ class SharedCircle:
         """Return the middle of the circle as an obstacle to a drone on it or outside, while vehicles without agents may hover
         there.
 
-        Two network components that evade those vehicles through the middle would meet, unexpected by either; outward they part.
+        Through the middle, two network components would meet around those vehicles, unexpected by either; outward they part.
         ``radius_m``: of the shared circle; the other arguments as in ``others``.
         """
         within_m = radius_m - CLEAR_M

@@ -12,9 +12,9 @@ def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peer
     """Return the network component of this drone, ``me``: itself and the peers with a two-way link. On the circle of one-way
     peers, it could meet a third drone without a link to it that counts itself to the same component.
 
-    A peer with a two-way link that does not take part (not in ``partners``) still belongs to the component, because otherwise the
-    component would change its circle whenever its first drone returns. The condition: that peer hears no ``missing`` drone.
-    Otherwise the missing drones would count it, too, and two components would fly on one circle.
+    A peer with a two-way link that does not take part (not in ``partners``) still belongs to the component. Otherwise the
+    component would change its circle whenever its first drone returns. Condition: that peer hears no ``missing`` drone. Otherwise
+    the missing drones would count it, too, and two components would fly on one circle.
     """
     found = [me]
     for name in sorted(set(peers.names) - set(missing)):

@@ -14,9 +14,9 @@ pose may be minutes old, and its prediction 20 m and more beside the flight.
 A revoked peer that has reported obedience climbs on the spot and returns: its circle is free. Without that report it may circle
 as before.
 
-A one-way peer, heard but without reception of this drone, expects the same of it: this drone acts as if the link were lost both
-ways. It keeps to its side of the same line, or stands on the circle for as long as that peer does, and leaves for its own
-circle; and it gives way to the peer's published plans.
+A one-way peer, heard but without reception of this drone, expects the same of it. Therefore this drone acts as after a loss in
+both directions. It keeps to its side of the same line; or it stands on the circle for as long as that peer does, and leaves for
+its own circle. It also gives way to the peer's published plans.
 
 Positions are horizontal, mission frame.
 """
@@ -50,12 +50,12 @@ from agent.navigation.unheard.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 from protocol.stages import CIRCLING, MAY_TAKE_PART
 
-# Delay beyond the usual one: four poses are missing. The agent may be lost, and its vehicle stops soon: at a spacing at 6 m/s, a
-# follower that notices only after a second cannot stop any more.
+# Delay beyond the usual one: four poses are missing. The agent may be lost, and its vehicle stops soon. Behind it at 6 m/s, a
+# drone that notices only after a second cannot stop any more.
 QUIET_NS = 400_000_000
 LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A failsafe return this many times the separation above a drone, or higher, passes over it: the purpose of the altitude layers.
-# If drones evaded it as well, its way across the circle would keep them from their places for a quarter of a minute.
+# Otherwise its way across the circle would keep drones from their places for a quarter of a minute.
 _ABOVE = 2.0
 _SIGMA_M = 0.3  # deviation from the failsafe course to the side
 _LOW_M = 1.5  # a vehicle seen no higher may be on the ground
@@ -125,8 +125,8 @@ class Silent:
 
     def seen(self, name: str, heard_ns: int | None, seen: PeerPlan, me: Viewer) -> bool:
         """Note a sighting, own local frame, of a peer without a pose since ``heard_ns`` (None: never heard), and return whether
-        it may fly. Not if it is near the ground, and its silence so long that its vehicle must be down: on the ground it would
-        block neighbouring homes for good.
+        it may fly. Not near the ground after so long a silence that its vehicle must be down: there it would block neighbouring
+        homes for good.
         """
         self._unhearing.discard(name)
         self._homes.forget(name)
@@ -208,7 +208,7 @@ class Silent:
 
         By default the missing drone counts as down when its failsafe course, or a line to it, has ended. An isolated drone must
         not assume that (``cut_off``): its silent peers may fly on. The same holds for a network component without the first
-        circle, if two or more missing drones may hear each other; and for a missing drone with a link to a third one.
+        circle, if two or more missing drones may hear each other. It also holds for a missing drone with a link to a third drone.
         """
         if peer.status is None:  # it has measured, or may have taken off before a restart of this agent; or it is revoked
             since_ns = self._excluded_ns.get(name, now_ns)
@@ -246,8 +246,8 @@ class Silent:
         found = []
         stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
         for course in courses:
-            # Homes are apart. A revoked drone comes down in time: without this rule the uncertainty of the other homes would push
-            # it from its own until all had to be down, and the other drones take it to have landed by then.
+            # Homes are apart. This drone, if revoked, ignores the peer's uncertainty once the peer must be at home. Otherwise
+            # that would keep it from its own home until the other drones take it to have landed.
             is_late = me.revoked and me.now_ns - heard_ns >= course.arrives_s * 1e9
             doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
             if course.way is not None and silent_s < course.down_s:
