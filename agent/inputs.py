@@ -36,7 +36,7 @@ def text_of(data: bytes) -> str:
     """Decode a text file: UTF-8, or UTF-16 with its byte order mark, as editors and spreadsheets on Windows write them.
 
     Raises:
-        ValueError: another encoding; the text tells the first byte that is wrong, and nothing of the file.
+        ValueError: another encoding; the text names the first wrong byte, and quotes nothing of the file.
     """
     try:
         return data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8-sig")

@@ -1,8 +1,8 @@
 """Log entries of a member that are old, or far more than cameras measure: what they cost the others.
 
 Flies ``radron-sim live`` while a process with the key of d2 publishes such entries for 20 s. Measured at the other drones: newly
-computed setpoints a second, before and meanwhile, processor time and memory of the agents, their reports of d2, and whether all
-logs are equal at the end.
+computed setpoints a second, before and meanwhile; processor time and memory of the agents; their reports of d2. Also reported:
+whether all logs are equal at the end.
 
 Run: python -m benchmarks.crowding [old exposure cone coverage none] [--seconds 20] [--at 40] [--json OUT]
 """

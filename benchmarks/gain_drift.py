@@ -1,7 +1,7 @@
 """Cost of the drift of a camera's gain: ``python -m benchmarks.gain_drift --seeds 20 --out DIR`` (resumable).
 
-Ten minutes of ``ideal-static-swarm``, with two estimates of the same log: as flown, and with the drift of one camera's gain,
-whose readouts also pass a second, drifting camera on the same vehicle. Paths, photons and other cameras are the same, so the
+Ten minutes of ``ideal-static-swarm``, with two estimates of the same log: as flown, and with a drift of one camera's gain. The
+camera's readouts also pass a second, drifting camera on the same vehicle. Paths, photons and other cameras are the same, so the
 difference is due to the drift alone. Two flights, one with the drift (``mismatch-drift``), also differ by their photons: the
 median error of a flight scatters by half of its mean, and the ratio of the means of 20 and 20 by 0.17.
 
@@ -73,7 +73,7 @@ class DriftingPilot(Pilot):
 
 
 class Flown:
-    """One flight: hypotheses by second, without and with the drift."""
+    """A flight: hypotheses by second, without and with the drift."""
 
     def __init__(self, seed: int) -> None:
         self.pilots: dict[str, Pilot] = {}

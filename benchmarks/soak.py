@@ -1,6 +1,6 @@
 """Soak test: what is left over after long and many flights: threads, open files, tasks, objects, and memory by log entry.
 
-Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
+Lockstep: a long mission with growing logs, and many short missions in the same process, after which nothing may remain.
 Live: a long flight, with samples of its processes. Exit code 1 if threads, files, tasks or objects grow, or memory by more than 2
 kB for each entry of each agent's log, or if a long flight ended early. In lockstep the memory includes the flight's trace, kept
 by the simulation: a tenth of it.

@@ -1,6 +1,6 @@
 """Count rates of a camera for each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
 
-Photons of each line meet the simulated sensor from below the horizon, the heading turning evenly as in flight; the hits go
+Photons of each line meet the simulated sensor from below the horizon, the heading turning evenly as in flight. The hits go
 through the chain of agent.detector with the default configuration, and its coarse spectra are binned as in an exposure.
 TABLES.py: agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) come from the simulated transport.
 """

@@ -16,7 +16,7 @@ _LONGEST_S = 1e9  # 30 years
 
 
 class Told(msgspec.Struct, frozen=True, kw_only=True):
-    """``utc_ns``: the time that was told at ``uptime_s`` by this computer's monotonic clock, which no setting changes."""
+    """``utc_ns``: the autopilot's time at ``uptime_s`` of this computer's monotonic clock, which no setting changes."""
 
     utc_ns: int
     uptime_s: Annotated[float, msgspec.Meta(ge=0.0, le=_LONGEST_S)]

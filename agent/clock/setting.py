@@ -1,7 +1,7 @@
 """``radron-update clock``: set a dead clock to the autopilot's time, as heard by the agent. As root.
 
-The agent is not trusted: only a clock before the start of the drone's certificate, or before the date of this release, is set,
-and only to a time at which both are valid.
+The agent is not trusted. Only a clock before the start of the drone's certificate, or before the date of this release, is set. It
+is only set to a time at which both are valid.
 """
 
 from __future__ import annotations

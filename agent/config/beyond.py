@@ -1,4 +1,4 @@
-"""Places beyond the fence, as operators are told of them."""
+"""Places beyond the fence, in words for operators."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
     refined_s: Annotated[float, Meta(ge=0.5, le=60.0)] = 2.0  # time between two refinements
     moved_s: Annotated[float, Meta(ge=0.5, le=600.0)] = 10.0  # time between two searches for further sources
     least_gain: NonNegative = 3.0  # of log evidence, by a further source
-    declared_rms_m: Positive = 3.5  # largest posterior RMS at which a source is told
+    declared_rms_m: Positive = 3.5  # largest posterior RMS at which a source is reported
 
 
 class GivenHypothesisConfig(Section, frozen=True, kw_only=True):

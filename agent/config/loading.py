@@ -59,7 +59,7 @@ def load_mission(path: Path) -> MissionConfig:
 
 
 def mission_content(mission: MissionConfig) -> bytes:
-    """A mission as it is uploaded: complete, with the content of its elevation grid."""
+    """A mission for the upload: complete, with the content of its elevation grid."""
     return msgspec.msgpack.encode(mission)
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 Verdict = Literal["ok", "not yet", "check", "failed"]
 AREAS = ("computer", "clock", "camera", "autopilot", "swarm")
-# Sign and word tell the verdict as well as the colour. Red ones need action, yellow ones a look.
+# Sign and word show the verdict as well as the colour. Red findings need action, yellow findings a look.
 _SHOWN = {
     "ok": ("green", "+ ok"),
     "not yet": ("yellow", "~ not yet"),
@@ -30,7 +30,7 @@ class Check(Struct, frozen=True):
 
 
 class Setting(Struct, frozen=True):
-    """An autopilot parameter that was set. ``after``: as the autopilot told it last; None: not at all."""
+    """An autopilot parameter that was set. ``after``: last reported value; None: not reported."""
 
     name: str
     before: float
@@ -56,7 +56,7 @@ class Report(Struct, frozen=True, kw_only=True):
 
 
 def page(report: Report, where: str) -> RenderableType:
-    """One page for a terminal."""
+    """A page for a terminal."""
     from rich.console import Group  # noqa: PLC0415  not needed where only JSON is made
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415

@@ -1,11 +1,11 @@
-"""One drone's pose from relative observations between it and the others, without a prior: every heading is tried.
+"""Pose of a drone from relative observations between it and the others, without a prior: every heading is tried.
 
-For each of a set of headings a position is guessed: the median of the positions by single sightings with a range, the crossing of
-the bearings, or, with ranges alone, places around the others. All these starts are refined at once by Gauss-Newton with variances
-that begin wide and shrink to their stated values (graduated non-convexity, as in Yang et al. 2020): false positives lose their
-weight, and neighbouring starts run into the same optimum. A false sighting of the only drone with a well-known place outweighs
-all others at first, and would attract every start; starts of directions with ranges are therefore also refined from narrow
-variances on. The result is reliable only if every other heading explains the data clearly worse.
+For each of a set of headings a position is guessed: the median of the positions by single sightings with a range, or the crossing
+of the bearings. With ranges alone, places around the others are tried. All these starts are refined at once by Gauss-Newton, with
+variances that begin wide and shrink to their stated values (graduated non-convexity, as in Yang et al. 2020). False positives
+lose their weight, and neighbouring starts converge to the same optimum. A false sighting of the only drone with a well-known
+place outweighs all others at first, and would attract every start. Starts of directions with ranges are therefore also refined
+from narrow variances on. The result is reliable only if every other heading explains the data clearly worse.
 """
 
 from __future__ import annotations

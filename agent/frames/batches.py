@@ -20,10 +20,10 @@ class Batches:
     """Decides when the next batch of late entries is due.
 
     The results that such an entry changes take many calls to compute again, so that during a stream of late entries hardly a
-    moment is complete. At a border, however, all earlier entries are taken, and all agents have the borders at the same times:
-    their results follow from the same entries, except for entries on their way at the border. An agent that is busy at a border
-    takes the batch as soon as it is free. The next batch rests for as many calls as the last one took, so that late entries never
-    cost more than half of the time.
+    moment is complete. At a border, however, all earlier entries are taken, and all agents have the borders at the same times.
+    Their results follow from the same entries, except for entries on their way at the border. A busy agent takes the batch as
+    soon as it is free. The next batch rests for as many calls as the last one took, so that late entries never cost more than
+    half of the time.
 
     A drone whose late entries have much of the log computed again and again has a quota. Beyond the quota its late entries, and
     no others, are put off for a quarter of the seconds that its last batch reached back. The quota decides when entries count,

@@ -29,7 +29,7 @@ def launch_from_local(carried: CarriedFrame) -> Transform:
 
 class CarriedFrames:
     """Puts these frames into the graph. If a drone publishes several frames of one epoch, the frame of the first entry counts,
-    for any order of arrival; a drone with two frames in one epoch is faulty anyway.
+    for any order of arrival. A drone with two frames in one epoch is faulty anyway.
     """
 
     def __init__(self, mission: MissionConfig, graph: FrameGraph) -> None:
@@ -69,7 +69,7 @@ class CarriedFrames:
 
     def _add(self, key: tuple[str, int], identity: EntryId, carried: CarriedFrame) -> None:
         held, first = self._told.setdefault(key, {}), self._first.get(key)
-        held[identity] = held[first] if first is not None and held[first] == carried else carried  # one in memory
+        held[identity] = held[first] if first is not None and held[first] == carried else carried  # equal frames share one object
         if first is None or identity < first:
             self._place(key, identity)
 

@@ -74,7 +74,7 @@ class ClockErrors:
     def _least(self, from_ns: int, until_ns: int) -> float:
         """The least error (s) in any exposure of that time.
 
-        Of several exposures at one time the least error counts: otherwise a malicious drone could void all its sightings by
+        Of several exposures at one time the least error counts. Otherwise a malicious drone could void all its sightings by
         additional exposures, while its measurements come with others. A drone with a wrong clock states the error in all.
         """
         return min((error_s for _, _, error_s in self._within(from_ns, until_ns)), default=0.0)

@@ -60,7 +60,7 @@ class Drift:
         return drift
 
     def aged(self, drone: str, mission_from_local: Transform, seconds: float, place_m: Vector3) -> Transform:
-        """A frame that nothing has told for that time, in which its drone may have flown on to ``place_m``, local frame."""
+        """A frame without data for that time, while its drone may have flown on to ``place_m``, local frame."""
         seconds = min(max(seconds, 0.0), _LONGEST_S)
         variances = self.over(self._numbers[drone], seconds, seconds * _SPEED_MPS)
         return mission_from_local.blurred(place_m, variances) if variances.any() else mission_from_local

@@ -34,7 +34,7 @@ class KeyframeEstimate(Protocol):
 
 
 class Estimate:
-    """Computes each checkpoint from the one before; holds no state of its own."""
+    """Computes each checkpoint from the previous one; holds no state of its own."""
 
     def __init__(self, mission: MissionConfig, intake: Intake) -> None:
         self._setting = Setting(mission, intake)
@@ -82,8 +82,8 @@ def _correct(keyframe: Keyframe) -> None:
 
     Sightings by and of a drone count from the keyframe after its launch on. The launch falls somewhere in its keyframe interval,
     so that there may be a single sighting of each pair. While a place is uncertain by nearly the distance between two drones, a
-    false sighting fits as well as a true one, and only several tell them apart. Fixes that lead a track do not count: they and
-    the track cannot both be right, and a moving frame would follow them. Fixes of a sliding track do not count either.
+    false sighting fits as well as a true one, and only several sightings tell them apart. Fixes that lead a track do not count:
+    they and the track cannot both be right, and a moving frame would follow them. Fixes of a sliding track do not count either.
     """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)

@@ -92,9 +92,9 @@ class FrameGraph:
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
     def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
-        """The transform that places a position of that epoch, reached at ``stamp_ns``, most surely in the mission frame, and 1
-        sigma of that place, m. It is the transform of ``stamp_ns`` or of the next seconds, although the frame may have drifted by
-        then. None while the frame is unknown.
+        """The transform with the smallest error in the mission frame of a position of that epoch, reached at ``stamp_ns``, and 1
+        sigma of that place, m. Candidates are the transforms of ``stamp_ns`` and of the next seconds, although the frame may have
+        drifted by then. None while the frame is unknown.
 
         Until peers are seen a frame follows the launch layout, and the layout's error stays in the transforms of that time.
         """

@@ -154,8 +154,8 @@ def corrected(
 
     With uncertain places, as at the launch, nearly all sightings count in the first step, also false ones, and their result may
     decide which sightings are accepted from then on. A second run begins with larger variances, and therefore smaller steps; the
-    better of the two optima counts. The second run is also made if many sightings are rejected: the first sighting of a pair may
-    have been false but accepted, with all true ones since then too far from it.
+    better of the two optima counts. The second run is also made if many sightings are rejected. The first sighting of a pair may
+    have been false but accepted, with all true sightings since then too far from it.
     """
     if not len(sightings) and not len(fixes) and not len(headings.drone):
         return Corrected(prior, np.zeros(0), np.zeros(0))

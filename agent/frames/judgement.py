@@ -77,7 +77,7 @@ def _check_all_fixes(keyframe: Keyframe, joint: Joint) -> None:
     Sightings determine relative positions, not the place of the whole swarm. After most receivers had been wrong for a while and
     were right again, agreeing sightings kept all drones at the wrong place. The same followed when a drone that was dragged away
     had led all others by more than the error of exact receivers, and by less than the error of the others. A receiver with an
-    error large enough to fit both places is no witness; two such receivers together count as a witness, although receivers
+    error large enough to fit both places is no witness. Two such receivers together count as a witness, although receivers
     without corrections may err alike, by a metre or two.
     """
     drones, members = joint.drones.tolist(), keyframe.members
@@ -138,7 +138,7 @@ def _follow(keyframe: Keyframe, displaceable: Joint, fixes: Fixes, out: set[int]
 
 
 def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
-    """Report pairs of drones that contradict each other, where it cannot be told which of the two is wrong."""
+    """Report pairs of drones that contradict each other without a unique culprit."""
     for a, b in judged.conflicts():
         for one, other in ((a, b), (b, a)):
             name = keyframe.setting.names[other]

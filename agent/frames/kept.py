@@ -1,4 +1,4 @@
-"""Frames that an agent restarted in flight goes on with until its log tells them: never, where all agents have lost theirs."""
+"""Frames for an agent restarted in flight, in use until its log gives them: for ever if all agents have lost their logs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
     def of(
         cls, epoch: int, stamp_ns: int, mission_from_local: Transform | None, otherwise: Transform | None = None
     ) -> KeptFrame | None:
-        """None where the frame is not known, or the mission tells it."""
+        """None if the frame is unknown, or given by the mission."""
         if mission_from_local is None or (mission_from_local.covariance is None and epoch == LAUNCH_EPOCH):
             return None
         return cls(

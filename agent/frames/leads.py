@@ -13,7 +13,7 @@ from agent.geometry import Array
 
 _LEAD_M = 1.0  # corrections of a filter stay below it
 _SIGMAS = 3.0  # of the heading
-_FEWEST = 4  # fixes that tell where a frame lies by most of them
+_FEWEST = 4  # fixes for a median place of a frame
 
 
 def leads_m(fixes: Fixes, yaw_rad: float, yaw_sigma_rad: float) -> Array:

@@ -2,9 +2,9 @@
 
 At a jump of the localisation a new epoch begins, while the vehicle itself continues at its velocity. The stretches between jumps,
 here *segments*, are therefore joined to a *continuous* track in the frame of the first segment. Within an epoch the frame stays
-constant, even at a jump of the samples: a drone begins a new epoch at every jump that it detects (``agent.localization.jumps``),
-so that other jumps are false samples, as a malicious drone's, or the correction of a drifted position. Everything is a function
-of the samples alone, for any order of arrival.
+constant, even at a jump of the samples. A drone begins a new epoch at every jump that it detects (``agent.localization.jumps``).
+Other jumps are false samples, as a malicious drone's, or the correction of a drifted position. Everything is a function of the
+samples alone, for any order of arrival.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``radron-agent status`` and ``watch``: the swarm as its drones tell it, on a terminal."""
+"""``radron-agent status`` and ``watch``: the swarm by its drones' reports, on a terminal."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class OverviewError(RadronError):
 
 
 class Place(Struct, frozen=True):
-    """The swarm, the endpoints at which it is reached, and the certificate; ``mission``: file that tells latitude and longitude,
+    """The swarm, the endpoints at which it is reached, and the certificate; ``mission``: file that gives latitude and longitude,
     and which drones there should be.
     """
 
@@ -106,7 +106,7 @@ class Overview:
 
     @property
     def signers(self) -> frozenset[str]:
-        """The drones whose statuses have been heard."""
+        """The drones with received statuses."""
         return frozenset(name for name, drone in self._drones.items() if drone.status is not None)
 
     def _counts(self, status: Status) -> bool:

@@ -91,7 +91,7 @@ class Tickets:
         self._tickets = {name: ticket for name in drones if (ticket := statuses.ticket(name, given_s)) is not None}
 
     def to(self, drones: Collection[str]) -> dict[str, Ticket]:
-        """Tickets for a copy of the order to these drones, without the drones whose status had none."""
+        """Tickets for a copy of the order to these drones, without drones that published no ticket."""
         return {name: self._tickets[name] for name in drones if name in self._tickets}
 
     def renumber(self, drones: Collection[str]) -> None:

@@ -324,7 +324,7 @@ class Preflight:
         if file.problem is not None:
             return [Finding("revoked", "failed", file.problem)]
         told = [f"{one.member} by {one.station}, {utc(one.stamp_ns):%Y-%m-%d %H:%M} UTC" for one in known]
-        with suppress(RadronError, ProtocolError):  # told by the finding of the certificate
+        with suppress(RadronError, ProtocolError):  # reported by the finding of the certificate
             identity = own_identity(self._drone)
             told += [f"{name} by the authority" for name in sorted(identity.revoked.names if identity is not None else ())]
         is_itself = any(one.member == self._drone.id for one in known)

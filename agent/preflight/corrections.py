@@ -18,7 +18,7 @@ _ANSWER_S = 2.0  # until the autopilot has reported the new value
 
 
 class Change(Struct, frozen=True):
-    """A parameter that was set. ``after``: as the autopilot told it last; None: not at all."""
+    """A parameter that was set. ``after``: last value reported by the autopilot; None: not reported."""
 
     name: str
     before: float

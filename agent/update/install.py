@@ -111,7 +111,7 @@ class Updater:
 
 
 def run_told(command: list[str], tell: Callable[[str], None]) -> tuple[int, list[str]]:
-    """Run a program; every line that it says is told at once. Returns its exit code and all lines."""
+    """Run a program; every line of its output is reported at once. Returns its exit code and all lines."""
     said: list[str] = []
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -140,7 +140,7 @@ def _refusal(said: list[str]) -> str:
 
 
 def _reason(said: list[str]) -> str:
-    """The line that tells most: RAUC's last error, else a line about a failure, else the last one."""
+    """The most useful line: RAUC's last error, else a line about a failure, else the last line."""
     lines = [line.strip() for line in said if line.strip()]
     for sign in ("LastError", "rror", "failed", ""):
         found = [line for line in lines if sign in line]

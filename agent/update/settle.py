@@ -1,8 +1,8 @@
 """After a boot: confirm a slot on trial once it works, or give it up; confirm a slot in service at once.
 
-A booted Linux is not enough: the agent must report that it is in the mesh, and that autopilot and camera answer if both did
+A booted Linux is not enough. The agent must report that it is in the mesh, and that autopilot and camera answer, where they did
 before the update. Without that report in time the slot is booted again, until the boot loader has counted three attempts and
-takes the other slot; there, the outcome is recorded.
+takes the other slot. There the outcome is recorded.
 """
 
 from __future__ import annotations

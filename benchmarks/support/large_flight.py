@@ -1,6 +1,6 @@
 """A long flight of many drones, made from a lockstep flight of three.
 
-The source is a point at rest on level ground, so a flight turned about it is as possible as the flight itself: each three of the
+The source is a point at rest on level ground, so a flight turned about it is as possible as the flight itself. Each three of the
 many drones fly the three's flight, turned by an angle of their own. Measurements stay the same in the local frames; the mission
 gives the turned poses of the frames. While all track, the flight is repeated from there on, for as long as needed; at the seams
 the drones jump by a few metres. Nothing is signed.

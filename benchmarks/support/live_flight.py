@@ -164,7 +164,7 @@ def all_tracking(folder: Path, found: dict[str, RecordedFlight]) -> list[tuple[f
     """``tracking`` of all agents of a flight.
 
     Raises:
-        SystemExit: not all tracked; tells what each of the others said of itself.
+        SystemExit: not all tracked; with the last report of each remaining agent.
     """
     stretches = {drone: tracking(flight) for drone, flight in found.items()}
     missing = [f"{drone}: {_course(found[drone])}" for drone, stretch in stretches.items() if stretch is None]

@@ -34,7 +34,7 @@ _JOULE_PER_KEV = 1.602177e-16
 def natural_flux(lines: tuple[tuple[float, float], ...], heights_m: Array, edges_kev: Array, photons: int, seed: int) -> Array:
     """(H, groups) flux per m2 and s at heights above soil that emits these photons, evenly at all depths, in each kg and s.
 
-    Over an infinite plane: each emission and each scattering adds to each height what crosses it unscattered, over the cosine of
+    Over an infinite plane: each emission and each scattering adds its unscattered crossings to each height, over the cosine of
     the direction to the vertical.
     """
     rng = np.random.default_rng(seed)
