@@ -140,8 +140,8 @@ class Circling:
         climbs: bool,
         has_room: bool,
     ) -> list[PeerPlan]:
-        """Return the circles of missing drones, and the middle of the circle (``SharedCircle``), nearest to the plan ``ahead``
-        (K, 3), while this drone circles or ``climbs`` before it crosses.
+        """Return the circles of missing drones, and the middle of the circle (``SharedCircle``), while this drone circles, or
+        ``climbs`` before it crosses. They are nearest to its plan ``ahead`` (K, 3).
         """
         circle = self.circle(moment, centre)
         if absence is None or centre is None or (circle is None and not climbs):

@@ -155,7 +155,7 @@ class Guidance:
 
     @property
     def _holds(self) -> bool:
-        """Whether the drone, isolated, holds clear of lost peers."""
+        """Whether the drone, isolated, holds its position clear of lost peers."""
         return self._absence is not None and self._absence.alone and self._config.safety.alone == "hold"
 
     @property
@@ -204,8 +204,8 @@ class Guidance:
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Return the circles on which missing drones may fly, nearest to this drone's plan ``ahead`` (K, 3), while it circles or
-        climbs before it crosses.
+        """Return the circles of missing drones, nearest to this drone's plan ``ahead`` (K, 3), while it circles or climbs before
+        a crossing.
         """
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         return self._circling.circles_of_others(moment, centre, absence, ahead, climbs=climbs, has_room=self.has_room)

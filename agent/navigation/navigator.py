@@ -107,12 +107,14 @@ class Navigator:
 
     @property
     def absence(self) -> Absence | None:
-        """Consequences of missing drones, as of the last step (``Neighbourhood``)."""
+        """Missing drones, with a lost or one-way link, and the consequences for this one, as of the last step
+        (``Neighbourhood``).
+        """
         return self._neighbourhood.absence
 
     @property
     def parted(self) -> dict[str, Wall | None]:
-        """The lost and one-way peers, and the separation lines to them."""
+        """The lost and one-way peers, by id, and the valid separation lines to them; None: no line."""
         absence = self.absence
         return {name: absence.walls.get(name) for name in absence.missing} if absence is not None else {}
 
@@ -130,7 +132,7 @@ class Navigator:
 
     @property
     def epochs(self) -> dict[str, int]:
-        """Epochs of the other drones that began with a jump, and whose frames the log does not contain."""
+        """Epochs of the other drones that began with a jump, and have no frame in the log."""
         return self._neighbourhood.frames.epochs
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:

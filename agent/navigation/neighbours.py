@@ -8,13 +8,13 @@ sighting of its flight gives its position.
 
 A peer with an exactly known frame and an unannounced jump of its localisation has two position hypotheses. Separation is kept
 from both; and as seen from both, if this drone has jumped (``doubted``). The same holds for a steered peer with a contradiction
-between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer whose localisation
-jumped while its link was lost may have returned meanwhile (``heardagain``).
+between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer with a jump during
+a lost link may have returned meanwhile (``heardagain``).
 
 For a flying peer with a lost link, separation is kept from its position by sightings, or else from all possible ones
 (``silent``). Its plan of up to two seconds ago counts as well: messages may only be lost, or late. If it circled, it stands at
-the end of that plan until it leaves. A one-way peer, whose plans list this drone as not heard, never gives way, and does not take
-part.
+the end of that plan until it leaves. A one-way peer lists this drone as not heard in its plans; it never gives way, and does not
+take part.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drones that fly past a drone on the ground: it must not take off below them.
+"""Drones in flight past a drone on the ground: it must not take off below them.
 
 Before it is armed, they have no knowledge of it. They need some seconds to make room for a climbing drone.
 """

@@ -234,7 +234,7 @@ class InformedSearch:
 
 def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> str:
     """Return the result of the search: "" while it continues. Otherwise: nothing found, and the exclusion limit, or the bearing
-    of a source that is probably beyond the fence.
+    of a probable source beyond the fence.
     """
     excluded_bq = outlook.excluded_bq if outlook is not None else None
     survey, least_bq = mission.survey, mission.survey.least_activity_bq

@@ -54,7 +54,7 @@ class Following:
         return None if self._contradicts(name, peer, now_ns) else _recent(peer, pose, now_ns, oldest_ns)
 
     def contradicted(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
-        """Return the recent plan of a steered drone, by its own word, whose poses contradict it; None without one.
+        """Return the recent plan of a drone that is steered, by its own report, and that its poses contradict; None without one.
 
         Once it is steered no more: its last plan for two seconds, and until it is down if it lands. If its poses are false, it
         stands at the end of that plan. Its status, a second later at most, reports the landing.

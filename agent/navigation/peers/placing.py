@@ -1,4 +1,4 @@
-"""Position of another drone in the own local frame, by its poses or by the own sightings of it: as a plan to keep clear of."""
+"""Position of another drone in the own local frame, by its poses or by the own sightings: as a plan for separation."""
 
 from __future__ import annotations
 

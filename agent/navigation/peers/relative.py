@@ -133,7 +133,7 @@ def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> b
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:
-    """Return the horizontal velocity of a straight flight through the positions: the median over all pairs (Theil-Sen estimator),
+    """Return the horizontal velocity of a straight flight through the positions. Median over all pairs (Theil-Sen estimator),
     robust against a few false ones.
     """
     times = np.array([place.stamp_ns - places[0].stamp_ns for place in places]) * 1e-9

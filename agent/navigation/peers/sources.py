@@ -141,7 +141,7 @@ class Sources:
             self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)
 
     def disowned(self, now_ns: int) -> None:
-        """Note the drone's report of messages that are not its own. It counts until its next statuses should have come."""
+        """Note the drone's report of messages that are not its own. The report counts until the next statuses are due."""
         self._shown_ns = max(self._shown_ns or 0, now_ns - SHOWN_NS + FRESH_NS)
 
     def second_places(self, now_ns: int) -> list[Pose]:
@@ -160,7 +160,7 @@ class Sources:
         return flew_ns is None or (self._down_ns > flew_ns and now_ns - flew_ns >= FRESH_NS)
 
     def rests(self, now_ns: int) -> bool:
-        """Whether all poses have been at rest for seconds; or the last one in flight is so old that the vehicle must be down."""
+        """Whether all poses have been at rest for seconds, or the vehicle must be down so long after its last pose in flight."""
         if self._aloft_ns is None or now_ns - self._aloft_ns >= DOWN_NS:
             return True
         if self._rests_ns is None:

@@ -45,7 +45,7 @@ class TheirFrames:
 
     @property
     def epochs(self) -> dict[str, int]:
-        """Epochs of drones whose frames are known by the continuity of their motion only."""
+        """Epochs of drones with frames by the continuity of their motion only, not from the log."""
         return dict(self._carried)
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:

@@ -1,4 +1,4 @@
-"""Possible positions of a peer with a new link whose localisation has jumped meanwhile, until its frame is known.
+"""Possible positions of a peer with a new link and a jump of its localisation meanwhile, until its frame is known.
 
 By continuity the peer is at its last known position, or a little ahead (``localization.continuity``). After a loss of its agent,
 the vehicle may as well have been on its way home, or there, at the restart of the agent. There it waits until it is placed. A new
@@ -24,7 +24,7 @@ class HeardAgain:
         self._ended: dict[str, tuple[float, Sequence[Course]]] = {}
 
     def follow(self, name: str, stamp_ns: int, silent: tuple[int, Sequence[Course]] | None, *, is_carried: bool) -> None:
-        """Note the silence of a peer that is heard again and whose frame is known by continuity only; else forget it.
+        """Note the silence of a peer with a new link and a frame by continuity only; else forget it.
 
         Args:
             name: its id.

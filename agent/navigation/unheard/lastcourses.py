@@ -1,4 +1,4 @@
-"""Failsafe courses of a lost peer's vehicle by its last known pose and stage."""
+"""Failsafe courses of a lost peer's vehicle, if its agent is lost, by the last known data: its pose and its stage."""
 
 from __future__ import annotations
 

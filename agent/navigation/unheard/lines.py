@@ -34,7 +34,7 @@ class _Line(NamedTuple):
 
 
 class Lines:
-    """Last contact and separation line of each peer."""
+    """The last contact with each peer, and the separation line that follows from it."""
 
     def __init__(self, mission: MissionConfig) -> None:
         self._tracked_ns = min(APART_NS, SILENT_NS + round(ring_change_s(mission) * 1e9))

@@ -113,7 +113,7 @@ class SharedCircle:
         return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
-        """Return the circles of missing drones, from the inner to the outer; ``kept``: with drones whose place is kept.
+        """Return the circles of missing drones, from the inner to the outer; ``kept``: with the drones of kept places.
 
         The first missing drone may fly on the shared circle as well if all drones before it have left (``sides``).
         """
@@ -144,7 +144,7 @@ class SharedCircle:
         return self._crossing.is_outside
 
     def lift_m(self, absence: Absence | None) -> float:
-        """Height of the own circle above the shared one."""
+        """Return the lift of the own circle, in m above the circle shared by all drones."""
         return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)
 
     def has_room(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> bool:
@@ -190,7 +190,7 @@ class SharedCircle:
         radius_m: float,
         stands: bool = False,
     ) -> dict[str, PeerState]:
-        """Return the drones that share the circle: the heard ones, and the missing ones whose place is kept.
+        """Return the drones that share the circle: the heard ones, and the missing ones with a kept place.
 
         ``centre``: position and velocity, local frame as all positions; ``stands``: all drones on the circle stand at present,
         and missing drones have come to rest as far along their plans as they got.

@@ -1,4 +1,4 @@
-"""Network components while links are lost, and the circle of each."""
+"""Network components, the groups of drones in two-way contact while other links are lost, and the circle of each."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Possible positions of a lost peer that flew at the last contact. Separation covers all of them, for as long as they are
-possible.
+"""Possible positions of a lost peer that flew at the last contact. Separation covers them for as long as they are possible.
 
 Two causes of the silence cannot be told apart:
 
@@ -15,7 +14,7 @@ A revoked peer that has reported obedience climbs on the spot and returns: its c
 as before.
 
 A one-way peer, heard but without reception of this drone, expects the same of it. Therefore this drone acts as after a loss in
-both directions. It keeps to its side of the same line; or it stands on the circle for as long as that peer does, and leaves for
+both directions. It keeps to its side of the same line. On the circle it stands for as long as that peer does, and then leaves for
 its own circle. It also gives way to the peer's published plans.
 
 Positions are horizontal, mission frame.
@@ -264,7 +263,7 @@ class Silent:
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
-        """Return the stop of a peer that has been quiet for a moment, if its agent is lost, nearest to this drone's own plan."""
+        """Return the stop of a quiet peer in failsafe, nearest to this drone's own plan."""
         ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
@@ -299,7 +298,7 @@ class Silent:
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
     def ignores(self, name: str) -> None:
-        """Note a one-way peer: neither courses nor a home are kept for it."""
+        """Note a one-way peer, heard without reception of this drone: neither courses nor a home are kept for it."""
         self._courses.pop(name, None)
         self._homes.forget(name)
         self._unhearing.add(name)

@@ -1,7 +1,7 @@
 """Way home around keep-out discs: the homes of lost peers, which may descend there at any time, and hovering vehicles.
 
-On a straight way, a drone would stop before a row of such homes in front of its own, and hover there until all had to be down.
-Before two vehicles that safety pilots hold side by side, it would hover until it landed there.
+On a straight way, a drone would stop before a row of such homes, and hover until all had to be down. Before two vehicles that
+safety pilots hold side by side, it would hover until it landed there.
 """
 
 from __future__ import annotations
