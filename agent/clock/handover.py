@@ -27,18 +27,18 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Valid(NamedTuple):
-    """Between these times a clock may be right: UTC, nanoseconds."""
+    """Interval of plausible times: UTC, nanoseconds."""
 
     begin_ns: int
     end_ns: int
 
     def __contains__(self, at_ns: object) -> bool:
-        """Whether a time is between them."""
+        """Whether a time is in the interval."""
         return isinstance(at_ns, int) and self.begin_ns <= at_ns < self.end_ns
 
 
 def hand_over(folder: Path, told: Told) -> None:
-    """For radron-clock.path, which looks for the file. A reader sees all of it or nothing.
+    """Write the time for radron-clock.path, which watches for the file. A reader sees all of it or nothing.
 
     Raises:
         OSError: it cannot be written.

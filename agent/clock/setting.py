@@ -29,7 +29,7 @@ def set_clock(file: Path, valid: Valid) -> str:
     """Set this computer's clock to the time handed over by the agent, and remove the handover; returns the change in words.
 
     Raises:
-        ClockError: nothing was handed over, it cannot be right, or the clock is not dead.
+        ClockError: no time was handed over, the time cannot be right, or the clock is not dead.
         OSError: not permitted.
     """
     told = taken(file)

@@ -17,14 +17,14 @@ from agent.inputs import text_of
 
 MAX_DISTANCE_DEG = 1.0  # from the mission's datum to the nearest feature: 111 km
 MAX_SHARE_SWAPPED = 0.1  # of that distance, with latitude and longitude swapped: then they are
-MIN_DISTANCE_DEG = 0.01  # from which on they may be swapped: 1.1 km
+MIN_DISTANCE_DEG = 0.01  # least distance for a check of swapped coordinates: 1.1 km
 _WGS84 = re.compile(r"(CRS84|EPSG:+4326)$")
 _TURN_DEG = 360.0
 
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """``number``: its place in the file, from 1. ``geometry``: of one part, none of them empty or a collection."""
+    """``number``: place in the file, from 1. ``geometry``: a single part, neither empty nor a collection."""
 
     number: int
     geometry: BaseGeometry
@@ -32,7 +32,8 @@ class Feature:
 
 
 def read_features(where: str, data: bytes, place: tuple[float, float] | None) -> list[Feature]:
-    """Read a FeatureCollection, a Feature or a geometry; a feature of several parts as often, one without a place not at all.
+    """Read a FeatureCollection, a Feature or a geometry; a feature of several parts once for each part, a feature without a place
+    not at all.
 
     Args:
         where: begins the errors.

@@ -301,7 +301,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
         return tuple(round(lowest_m + layer_m * index, 2) for index in range(len(self.drones)))
 
     def return_height_m(self, drone: str) -> float:
-        """Of one drone, as in ``return_heights_m``."""
+        """Return height (m) of a drone, as in ``return_heights_m``."""
         return self.return_heights_m[[member.id for member in self.drones].index(drone)]
 
     @property

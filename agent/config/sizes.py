@@ -1,4 +1,4 @@
-"""Sizes of a mission against what vehicles and positions allow, and its heights against floor and ceiling."""
+"""Limits of a mission's sizes by vehicles and positions, and of its heights by floor and ceiling."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def memory(root: Path = Path("/")) -> Check:
 
 
 def boot_time(root: Path = Path("/")) -> Check:
-    """From switching on until the agent could be started, as systemd has measured it."""
+    """Time from power-on until the agent could be started, measured by systemd."""
     if (root / "run/systemd/container").exists():
         return _check("time to boot", "ok", "not measured: this is a container")
     firmware = _microseconds(["systemctl", "show", "--property=FirmwareTimestampMonotonic", "--value"])

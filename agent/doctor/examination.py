@@ -74,7 +74,7 @@ def _check(finding: Finding, others: list[str]) -> Check:
 
 
 def folded(checks: list[Check]) -> list[Check]:
-    """With one line for all the parameters that are right, so that the whole is one page."""
+    """Return the checks with one line for all correct parameters, so that all fit on a page."""
     good = [check for check in checks if check.area == "autopilot" and check.name.isupper() and check.verdict == "ok"]
     if not good:
         return checks

@@ -39,7 +39,7 @@ class Setting(Struct, frozen=True):
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """All that was found on one drone. ``version``: of radron there."""
+    """All findings on one drone. ``version``: of radron on board."""
 
     drone: str
     version: str

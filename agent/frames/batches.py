@@ -40,7 +40,7 @@ class Batches:
 
     @property
     def is_resting(self) -> bool:
-        """Whether the next call takes no batch yet, because the last one took long."""
+        """Whether the next call takes no batch yet, because the last batch took long."""
         return self._rest > 1
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
@@ -58,7 +58,7 @@ class Batches:
         return True
 
     def took(self, calls: int) -> None:
-        """The last batch has been computed, in so many calls."""
+        """Note that the last batch has been computed, in ``calls`` calls."""
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
@@ -66,7 +66,7 @@ class Batches:
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:
-        """Late entries are taken that reach back so far, s, by drone."""
+        """Charge the quotas for late entries, by drone: seconds that they reach back."""
         for drone, back_s in reach_s.items():
             quota = self._quotas.setdefault(drone, Bucket(_QUOTA_RATE, _QUOTA_S, 1e-9 * self._elapsed_ns))
             quota.charge(min(max(back_s, 0.0), _MAX_CHARGE_S))

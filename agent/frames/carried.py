@@ -56,7 +56,7 @@ class CarriedFrames:
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Take entries back that do not count any more."""
+        """Take back entries that no longer count."""
         changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)
@@ -81,5 +81,5 @@ class CarriedFrames:
             return
         self._first[key] = first
         carried, launch = self._told[key][first], self._graph.mission_from_local(drone, LAUNCH_EPOCH)
-        assert launch is not None  # the mission knows it
+        assert launch is not None  # known from the mission
         self._graph.place(drone, epoch, launch @ launch_from_local(carried))

@@ -66,8 +66,8 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add an entry of the kinds ``READS``, with the bytes that it was decoded from; other ones are ignored. Each comes once:
-        ``ObservationLog`` has seen to that.
+        """Add an entry of the kinds ``READS``, with the bytes that it was decoded from; others are ignored. Each comes once, by
+        ``ObservationLog``.
         """
         number = self._number.get(entry.drone)
         if number is None:
@@ -139,7 +139,7 @@ class Intake:
         return seen, fixed, tracks, tuple(clock.content(*span_ns) for clock in self._clock_errors)
 
     def has_recent_fix(self, number: int, stamp_ns: int) -> bool:
-        """Whether a drone had a fix shortly before a stamp, or has only just started."""
+        """Whether a drone had a fix shortly before a stamp, or has just started."""
         stamps, first_ns = self._fix_stamps[number], self.tracks[number].first_ns
         place = bisect_right(stamps, stamp_ns)
         latest_ns = stamps[place - 1] if place else first_ns
@@ -155,7 +155,7 @@ class Intake:
         self.dirty = index if self.dirty is None else min(index, self.dirty)
 
     def _touch_clock(self, number: int, exposure: Exposure) -> None:
-        """As far back as an exposure that is held says how wrong its drone's clock was."""
+        """Mark the change from the earliest time with a clock error stated in this exposure."""
         from_ns = exposure.stamp_ns - self._clock_errors[number].reach_ns(exposure)
         self._touch(self._index(max(from_ns, self._earliest_ns)))
 
@@ -195,11 +195,11 @@ class Intake:
             if before_ns is not None:
                 self._touch(self._index(before_ns + 1))
                 self._leave(sample.stamp_ns)
-        for other in self._beside(exposure, number):  # may have samples that this one had hidden
+        for other in self._beside(exposure, number):  # may have samples that this exposure had masked
             self._add_samples(number, other)
 
     def _beside(self, exposure: Exposure, number: int) -> Iterator[Exposure]:
-        """The other exposures of a drone at the time of one."""
+        """Other exposures of the same drone that overlap an exposure."""
         exposed = self._exposed[number]
         first = bisect_left(exposed, exposure.stamp_ns - LONGEST_EXPOSURE_NS, key=_stamp_ns)
         for identity in exposed[first : bisect_right(exposed, exposure.end_ns, key=_stamp_ns)]:

@@ -51,7 +51,7 @@ class Joint:
     far: Array
 
     def slots(self) -> Ints:
-        """(N,) row of each of the mission's drones in ``pose``; -1 where it is missing."""
+        """(N,) row of each of the mission's drones in ``pose``; -1 for a missing drone."""
         rows = np.full(len(self.at), -1, dtype=np.int64)
         rows[self.drones] = np.arange(len(self.drones))
         return rows
@@ -171,7 +171,7 @@ def corrected(
 
 
 class _Batch:
-    """The data that the iterations of one correction share."""
+    """Data shared by the iterations of a correction."""
 
     def __init__(self, prior: Joint, sightings: Sightings, older_var: Array, fixes: Fixes, headings: Headings) -> None:
         slots = prior.slots()
@@ -186,7 +186,7 @@ class _Batch:
 
     def iterated(self, covariance: Array, widths: Sequence[float] = ()) -> Corrected:
         """An optimum near the prior. ``covariance``: for the weights of the first iteration; ``widths``: factors on all variances
-        in the first ones.
+        in the first iterations.
         """
         prior, pose = self.prior, self.prior.pose
         for count in range(len(widths) + _ROUNDS):

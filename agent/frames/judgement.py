@@ -149,7 +149,7 @@ def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
 def _isolate(keyframe: Keyframe, faulty_drone: int, judged: Verdict) -> None:
     others = [keyframe.setting.names[other] for other in np.flatnonzero(judged.disagree[faulty_drone])]
     keyframe.suspect(faulty_drone, f"its frame contradicts the sightings between it and {listed(others)}")
-    if not keyframe.setting.exact[faulty_drone]:  # the mission knows that frame: its localisation is wrong
+    if not keyframe.setting.exact[faulty_drone]:  # the frame is known from the mission: its localisation is wrong
         _realign(keyframe, faulty_drone)
     for drone, member in enumerate(keyframe.members):  # the faulty drone is known now
         if member.suspicion is not None and member.suspicion.ambiguous:
@@ -157,7 +157,7 @@ def _isolate(keyframe: Keyframe, faulty_drone: int, judged: Verdict) -> None:
 
 
 def _realign(keyframe: Keyframe, drone: int) -> None:
-    """Realign a contradicted drone by the others' sightings, or mark its frame unknown where they stay ambiguous for long."""
+    """Realign a contradicted drone by the others' sightings, or mark its frame unknown if these stay ambiguous for long."""
     member = keyframe.members[drone]
     after_sound = member.sound_ns // keyframe.intake.grid_ns + 1
     first = max(after_sound, member.since, keyframe.index - keyframe.setting.window)

@@ -62,7 +62,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
 
     @property
     def is_plausible(self) -> bool:
-        """Whether it can be a frame."""
+        """Whether the values are valid for a frame."""
         return all(one is None or one.mission_from_local is not None for one in (self, self.otherwise))
 
 

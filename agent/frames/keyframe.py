@@ -58,9 +58,7 @@ class Keyframe:
         return Checkpoint(self.index, self.joint, tuple(self.members), self.tallies, tuple(self.emissions))
 
     def adrift(self, drone: int) -> bool:
-        """Whether a drone that used satellites has lost them, as far as can be told: it has no fixes, or its localisation
-        restarted.
-        """
+        """Whether a drone that used satellites has probably lost them: it has no fixes, or its localisation restarted."""
         if not self.drift.follows_satellites(drone):
             return False
         return self._jumped(drone) or not self.intake.has_recent_fix(drone, self.stamp_ns)

@@ -73,7 +73,7 @@ def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
 
 
 def _is_settled(keyframe: Keyframe, drone: int) -> bool:
-    """Whether the layout of its frame, which may be wrong, has been corrected for long, and the mission does not give it."""
+    """Whether a drone's frame, first from the layout, has been corrected for long, and is not exactly known."""
     seconds = 1e-9 * keyframe.intake.grid_ns * (keyframe.index - keyframe.members[drone].since)
     return seconds >= MEMORY_S and not keyframe.setting.exact[drone]
 

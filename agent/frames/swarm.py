@@ -57,7 +57,7 @@ class SwarmFrames:
         self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
         self._waiting: list[Received] = []  # while estimating
         self._late: list[Received] = []
-        self._retracted: list[EntryId] = []  # late ones
+        self._retracted: list[EntryId] = []  # late entries
         self._forgotten: list[EntryId] = []
         self._batches = Batches()
         self._batch_of, self._took = frozenset[str](), 0  # drones with late entries in the current batch, and its calls
@@ -123,7 +123,7 @@ class SwarmFrames:
             self._forgotten += self._taken_in(identities)
 
     def retract(self, identities: Sequence[EntryId]) -> None:
-        """Take entries back that their drones have taken back: late ones with the next batch."""
+        """Take back entries that their drones have retracted: late ones with the next batch."""
         self._carried.forget(identities)
         if not self._idle:
             for identity in self._taken_in(identities):
@@ -249,13 +249,13 @@ class SwarmFrames:
                     del self._checkpoints[index]
 
     def _publish(self, drone: int, line: _Line) -> None:
-        """Update the graph: placements of the continuous frame become transforms of the segments that they hold for."""
+        """Update the graph: placements of the continuous frame become transforms of its segments."""
         track = self._intake.tracks[drone]
         from_ns = min(line.taken_changed_ns(), track.taken_changed_ns())
         if from_ns == ALWAYS:
             return
         if not line.stamps_ns or from_ns <= line.stamps_ns[0]:
-            from_ns = 0  # the first known placement holds for all times before it, and without any none holds any more
+            from_ns = 0  # the first known placement also holds before its stamp; without placements none holds
         segments = track.segments
         epochs = self._epochs[drone] = self._epochs[drone] | {segment.epoch for segment in segments}
         known: dict[int, list[Known]] = {epoch: [] for epoch in sorted(epochs)}

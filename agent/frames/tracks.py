@@ -122,8 +122,8 @@ class Track:
         return self._segments
 
     def reference(self, stamp_ns: int) -> tuple[Vector3, float] | None:
-        """Position in the continuous frame and metres flown at a stamp, or at the last sample before it where there is no later
-        one close enough; None before the first sample.
+        """Position in the continuous frame and metres flown at a stamp, or at the last sample before it without a close later
+        sample; None before the first sample.
         """
         after = bisect_right(self._stamps, stamp_ns)
         if not after:
@@ -244,7 +244,7 @@ class Track:
 
 
 class _Rows:
-    """A vector and one more number in each row."""
+    """A vector and a further number in each row."""
 
     def __init__(self) -> None:
         self._numbers = array("d")

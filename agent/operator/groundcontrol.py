@@ -55,9 +55,9 @@ class Addressees:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action, the drones that are to do it (empty: all), and the endpoints at which the swarm is reached.
+    """An action, the addressed drones (empty: all), and the endpoints of the swarm.
 
-    ``without``: all but these are to do it, whether these are heard or not; problems that only concern them are no obstacle.
+    ``without``: drones excluded from the action, heard or not; problems that only concern these are no obstacle.
     """
 
     action: Action
@@ -102,7 +102,7 @@ async def carry_out(
 ) -> None:
     """The same over a link that is open; ``statuses`` gets every message from it. Raises CommandError as ``command``.
 
-    ``withdrawn``: drones that have been given a later command meanwhile: this one is not sent to them any more.
+    ``withdrawn``: drones with a later command meanwhile, which get no more copies of this one.
     """
     drones = await find(order.addressees, order.action, statuses, identity, lambda: mesh.differing)
     _check_mission(order, drones, statuses)
@@ -144,7 +144,7 @@ def operator_identity(folder: Path | None) -> Identity | None:
 
 
 def lapsed(identity: Identity | None, now_ns: int) -> str:
-    """Why nothing is heard, if it may be for the operator's certificate."""
+    """Reason for the silence of all drones, if the operator's certificate may cause it."""
     if identity is None or identity.own.not_before_ns <= now_ns <= identity.own.not_after_ns:
         return ""
     until, now = (f"{utc(at_ns):%Y-%m-%d %H:%M} UTC" for at_ns in (identity.own.not_after_ns, now_ns))
@@ -155,7 +155,7 @@ def lapsed(identity: Identity | None, now_ns: int) -> str:
 async def find(
     wanted: Addressees, what: str, statuses: Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
 ) -> list[str]:
-    """The drones that are wanted, all of them heard.
+    """The wanted drones, all of them heard.
 
     Raises:
         CommandError: not all of them are; ``what`` is named in the text.

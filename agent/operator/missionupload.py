@@ -31,7 +31,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class UploadOrder:
-    """A mission for its drones, and the endpoints at which the swarm is reached. ``without``: drones of it that do not get it."""
+    """A mission for its drones, and the endpoints of the swarm. ``without``: drones excluded from the upload."""
 
     mission: MissionConfig
     connect: tuple[str, ...]
@@ -78,7 +78,7 @@ async def carry_out(order: UploadOrder, mesh: Mesh, identity: Identity | None, s
 
 @dataclass(slots=True)
 class _Drone:
-    """How far the upload to a drone is. ``boot``: of its agent before; ``result``: None while it is open."""
+    """Progress of the upload to a drone. ``boot``: of its agent before; ``result``: None while open."""
 
     name: str
     boot: str
@@ -99,7 +99,7 @@ class _Sending:
     stamp_ns: int
 
     def send(self, drones: list[str]) -> None:
-        """Send it to these drones, as far as their tickets are known."""
+        """Send the upload to these drones, as far as their tickets are known."""
         if to := self.tickets.to(drones):
             station = station_name(self.trust)
             message = Upload(stamp_ns=self.stamp_ns, station=station, mission=self.mission, to=to, parts=self.hashes)
@@ -108,7 +108,7 @@ class _Sending:
 
 
 async def _followed(sending: _Sending, drones: list[_Drone], identity: Identity | None, say: Say) -> dict[str, str]:
-    """Send to all that have not answered, and wait for each until it has the mission or has refused it."""
+    """Send to all drones without an answer, until each has taken or refused the mission."""
     began_s, due_s = elapsed_s(), 0.0
     while waiting := [one for one in drones if one.result is None]:
         now_s = elapsed_s()

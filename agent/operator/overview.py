@@ -44,8 +44,8 @@ class OverviewError(RadronError):
 
 
 class Place(Struct, frozen=True):
-    """The swarm, the endpoints at which it is reached, and the certificate; ``mission``: file that gives latitude and longitude,
-    and which drones there should be.
+    """The swarm, its endpoints, and the certificate; ``mission``: file that gives latitude and longitude, and which drones there
+    should be.
     """
 
     swarm: str

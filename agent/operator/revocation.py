@@ -37,8 +37,8 @@ class RevocationError(RadronError):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """``member``: a drone or an operator. ``nothing``: none of a drone's entries count; ``last``: by boot, up to which they do;
-    else all that the others hold by now. ``days``: for so long; None: as long as the swarm's authority.
+    """``member``: a drone or an operator. ``nothing``: none of a drone's entries count; ``last``: last entry that counts, by
+    boot; else all entries held by the others by now. ``days``: duration; None: as long as the swarm's authority.
     """
 
     member: str
@@ -165,7 +165,7 @@ def _signed(request: Request, identity: Identity, last: dict[str, int]) -> Revoc
 
 
 async def _send(swarm: str, mesh: Mesh, revocation: Revocation, drones: Collection[str], heard: _Heard) -> None:
-    """Send it again and again until all drones pass it on."""
+    """Send the revocation again and again until all drones forward it."""
     key, payload = key_of(swarm, revocation), encode(revocation)
     deadline_s, due_s = time.monotonic() + EFFECT_S, 0.0
     while True:

@@ -1,4 +1,4 @@
-"""Correction of autopilot parameters that are wrong for a mission: what ``radron-agent doctor --write`` sets."""
+"""Correction of autopilot parameters that are wrong for a mission, for ``radron-agent doctor --write``."""
 
 from __future__ import annotations
 

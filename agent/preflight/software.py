@@ -1,4 +1,4 @@
-"""Whether this computer runs the release that it was last given."""
+"""Check that this computer runs the release of its last update."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ NAME = "software"
 
 
 def software_finding(folder: str | None) -> Finding | None:
-    """The finding; None where this computer has no updater. ``folder``: the updater's.
+    """Return the finding; None on a computer without updater. ``folder``: the updater's.
 
-    A drone that has fallen back can fly, as long as all drones speak the same protocol: a start is not refused for it.
+    A drone on its previous release can fly, as long as all drones speak the same protocol: no start is refused for it.
     """
     if folder is None:
         return None

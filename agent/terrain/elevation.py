@@ -138,7 +138,7 @@ def _unit_m(name: str, keys: dict[str, object], written: str | None) -> float:
 
 
 def _plausible(heights: Array) -> Array:
-    """The heights, NaN where they are no height of land."""
+    """The heights, NaN if out of the range of land."""
     return np.where((heights >= MIN_HEIGHT_M) & (heights <= MAX_HEIGHT_M), heights, np.nan)
 
 

@@ -1,1 +1,1 @@
-"""Updates of the onboard computer on board: its two slots, an update on trial, and what came of it (docs/nuc.md)."""
+"""Updates of the onboard computer on board: its two slots, an update on trial, and its outcome (docs/nuc.md)."""

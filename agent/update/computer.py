@@ -53,7 +53,7 @@ def agent_state() -> str:
 
 
 def clock_offset_s() -> float | None:
-    """Difference of this clock from its time servers, by chrony; None: it has none, or does not follow them yet."""
+    """Difference of this clock from its time servers, by chrony; None: no time servers, or not synchronised yet."""
     fields = _said("chronyc", "-c", "tracking").strip().split(",")
     if len(fields) < 14 or fields[-1] == "Not synchronised":
         return None

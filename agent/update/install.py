@@ -18,7 +18,7 @@ Run = Callable[[list[str], Callable[[str], None]], tuple[int, list[str]]]  # com
 
 @dataclass(frozen=True, slots=True)
 class Updater:
-    """Changes what this computer starts next."""
+    """Changes the release of this computer's next boot."""
 
     slots: Slots
     records: Records
@@ -43,10 +43,10 @@ class Updater:
             self._install(bundle, older)
 
     def roll_back(self) -> None:
-        """Go back to the other slot's release, and start the computer anew.
+        """Return to the other slot's release, and reboot the computer.
 
         Raises:
-            UpdateError: there is none that works, or a flight is under way.
+            UpdateError: the other slot has no working release, or a flight is under way.
         """
         with self.records.changing():
             self._roll_back()

@@ -36,7 +36,7 @@ class Surroundings:
 
 
 def settle(slots: Slots, records: Records, release: Release, around: Surroundings, deadline_s: float = DEADLINE_S) -> None:
-    """Confirm the slot that this system runs from, or give it up. Returns when that is decided.
+    """Confirm the slot that this system runs from, or give it up. Returns after the decision.
 
     Raises:
         UpdateError: the boot loader's variables cannot be read or written.
