@@ -5,7 +5,7 @@ import re
 import docs_pages
 import pytest
 
-MAX_LINES = 145  # two printed pages
+MAX_LINES = 150  # two printed pages
 TEXT = (docs_pages.ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PACKAGES = ("protocol", "agent", "sim", "station", "deploy")
 
