@@ -1,4 +1,4 @@
-"""Synthetic flights for the Bayesian estimator, whose cones and counts come from an independent model."""
+"""Synthetic flights for the Bayesian estimator, with cones and counts from an independent model."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.
 
 
 def _cone(kit, mission, rng, time_s, place, target, drone, sequence):
-    """A cone of which one in eight points anywhere, and whose orders are mixed up in three of ten."""
+    """A cone: one in eight points anywhere, and three in ten have mixed-up orders."""
     if rng.random() < 0.12:
         target = place + rng.normal(size=3)
     axis, theta = kit.cone_towards(rng, place, target, 0.1)

@@ -33,7 +33,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def files(page: Path, folder: Path) -> list[Path]:
-    """Writes the blocks of a page whose title is a file's name into ``folder``, as a reader would; returns which."""
+    """Write a page's blocks titled with a file name into ``folder``, as a reader would; returns which."""
     written = []
     for block in blocks(page):
         if block.title:

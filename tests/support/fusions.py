@@ -1,9 +1,9 @@
-"""Fusions whose frames are those of the launch layout."""
+"""Fusions with the frames of the launch layout."""
 
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
 
 
 def fusion_of(mission, estimator=None):
-    """With the mission's estimator, or another one."""
+    """With the mission's estimator, or another."""
     return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator)

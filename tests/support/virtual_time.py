@@ -23,7 +23,7 @@ class _Clock(SelectSelector):
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """An event loop whose time goes on to the next timer whenever there is nothing to do. For courses without I/O."""
+    """An event loop; its time jumps to the next timer whenever there is nothing to do. For courses without I/O."""
 
     def __init__(self) -> None:
         self._clock = _Clock()

@@ -1,4 +1,4 @@
-"""A link to a computer that can be lost: as by a radio out of reach, nothing is told, and what is under way arrives later."""
+"""A link to a computer that can be lost: as by a radio out of reach, nothing is told, and data under way arrive later."""
 
 from __future__ import annotations
 

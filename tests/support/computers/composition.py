@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Composition:
-    """One run of the composition as ``project``; ``folder``: where its results go."""
+    """A run of the composition as ``project``; ``folder``: where its results go."""
 
     def __init__(self, project: str, folder: Path) -> None:
         self.project = project
@@ -26,7 +26,7 @@ class Composition:
         self._environment = {**os.environ, **owner, "TAG": self.project, "RESULTS": str(folder), "NET": _free_prefix()}
 
     def compose(self, *words: str, within_s: float) -> str:
-        """Run a command of compose; its output. Raises AssertionError with what it said where it fails."""
+        """Run a command of compose; its output. Raises AssertionError with the command's output if the command fails."""
         return _run("docker", "compose", "-p", self.project, *words, within_s=within_s, environment=self._environment)
 
     def image_mb(self, name: str) -> float:
@@ -35,7 +35,7 @@ class Composition:
         return int(size) / 1e6
 
     def container(self, service: str) -> dict[str, Any]:
-        """What the engine knows of a service's container."""
+        """The engine's record of a service's container."""
         name = self.compose("ps", "--all", "--quiet", service, within_s=20.0).strip()
         (known,) = json.loads(_run("docker", "inspect", name, within_s=10.0))
         return dict(known)
@@ -53,7 +53,7 @@ class Composition:
         self.compose("down", "--volumes", "--rmi", "all", "--timeout", "2", "--remove-orphans", within_s=60.0)
 
     def left_over(self) -> str:
-        """What is still there of it; empty when nothing is."""
+        """Leftovers of the run; empty when nothing is left."""
         label = f"label=com.docker.compose.project={self.project}"
         found = [_run("docker", kind, "ls", "-q", "--filter", label, within_s=10.0) for kind in ("network", "volume")]
         return "".join([_run("docker", "ps", "-aq", "--filter", label, within_s=10.0), *found])
@@ -77,7 +77,7 @@ class Onlooker:
         return sorted(d for d, seen in self.sight.items() if seen["stage"] == "track" and seen["angle_deg"] is not None)
 
     def smallest_gap_deg(self) -> float | None:
-        """Between two neighbours of those that track, around their hypothesis; None for fewer than two."""
+        """Between two neighbouring drones that track, around their hypothesis; None for fewer than two."""
         angles = sorted(self.sight[drone]["angle_deg"] % 360.0 for drone in self.tracking())
         if len(angles) < 2:
             return None
@@ -97,7 +97,7 @@ class Onlooker:
 
 
 def until(condition: Callable[[], T], within_s: float, what: str) -> T:
-    """Wait for something to be true; what it was. Raises AssertionError where it does not come about in time."""
+    """Wait for a value that is true, and return it. Raises AssertionError where it does not come about in time."""
     deadline_s = time.monotonic() + within_s
     while not (found := condition()):
         assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
@@ -112,7 +112,7 @@ def _run(*command: str, within_s: float, environment: dict[str, str] | None = No
 
 
 def _free_prefix() -> str:
-    """Two bytes of addresses whose /16 no network of the engine overlaps."""
+    """Two bytes of addresses: a /16 that no network of the engine overlaps."""
     networks = _run("docker", "network", "ls", "-q", within_s=10.0).split()
     form = "{{range .IPAM.Config}}{{.Subnet}} {{end}}"
     used = _run("docker", "network", "inspect", "--format", form, *networks, within_s=10.0).split()

@@ -1,6 +1,6 @@
 """An onboard computer without hardware, as ``python computer.py FOLDER COMMAND...`` in the place of ``radron-update``.
 
-The updater is the real one. What is not: RAUC, whose bundle is a JSON file here; and a restart, which boots the files in FOLDER.
+The updater is the real one. Not real: RAUC, with a JSON file as its bundle here; and a restart, which boots the files in FOLDER.
 ``report.json`` is the agent's report; releases named in ``bad`` have an agent that never gets well.
 """
 

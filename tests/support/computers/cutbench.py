@@ -56,14 +56,14 @@ class Bench:
         return self._on
 
     def close(self) -> None:
-        """Switch off what is on."""
+        """Switch off the running computer."""
         if self._on is not None:
             self._on.close()
             self._on = None
 
 
 class Run:
-    """One computer from a kept moment on, in a folder of its own, with a serial log for each time that it is switched on."""
+    """A computer from a kept moment on, in a folder of its own, with a serial log for each power-on."""
 
     def __init__(self, bench: Bench, folder: Path, kept: Kept) -> None:
         self._bench, self._folder = bench, folder
@@ -77,7 +77,7 @@ class Run:
         self.machine: Machine = self._bench.drone.boot(folder, self.disk.drive, state=kept.state)
 
     def keep(self, name: str, content: Content | None = None) -> None:
-        """Keep this moment under a name: the machine, which goes on; or only what is on a disk."""
+        """Keep this moment under a name: the machine, which goes on; or only the content of a disk."""
         if content is not None:
             self._bench.kept[name] = Kept(content)
             return
@@ -101,7 +101,7 @@ class Run:
         before.close()
 
     def boots(self) -> str:
-        """Wait until the boot loader has chosen a slot; which one."""
+        """Wait until the boot loader has chosen a slot, and return the slot."""
         return self.machine.wait_for(r"radron: booting slot ([AB]), attempt \d", BOOT_S)[1]
 
     def decides(self, told: str) -> str:
@@ -128,7 +128,7 @@ class Run:
 
 
 class Push:
-    """``radron-deploy push`` of a bundle; what it says so far is ``said``. It is ended with the block."""
+    """``radron-deploy push`` of a bundle; its output so far is ``said``. The push ends with the block."""
 
     def __init__(self, drone: Drone, bundle: Path) -> None:
         self._process, self.said = drone.push("--bundle", str(bundle)), ""

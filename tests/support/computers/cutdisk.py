@@ -1,7 +1,7 @@
 """A disk for QEMU (by the NBD protocol) that loses its power at a chosen write.
 
-As a real one it has a cache: what was written since the last flush is lost with the power, or not, block by block. What is
-written stays in memory: any number of computers can begin from one file, and from each other's content.
+Like a real disk, the model has a cache: writes since the last flush are lost with the power, or not, block by block. Writes
+stay in memory: any number of computers can begin from one file, and from each other's content.
 Written by hand: QEMU's own block layer can neither stop at a write by its content nor lose its cache.
 """
 
@@ -37,14 +37,14 @@ class Moment(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What was written over the file, by the block's number: for good, and into the cache."""
+    """Blocks written over the file, by number: for good, and into the cache."""
 
     stored: dict[int, bytes] = field(default_factory=dict)
     cached: dict[int, bytes] = field(default_factory=dict)
 
 
 class CutDisk:
-    """One disk, and the socket ``at`` which QEMU finds it. ``seed``: of what survives of the cache."""
+    """One disk, and the socket ``at`` by which QEMU finds the disk. ``seed``: decides which blocks of the cache survive."""
 
     def __init__(self, file: Path, at: Path, seed: str, content: Content) -> None:
         self._at, self._random = at, random.Random(seed)
@@ -54,7 +54,7 @@ class CutDisk:
         self._place = range(0)
         self._wanted: Callable[[bytes], bool] = any
         self._moment: Moment | None = None
-        self.met = threading.Event()  # what was watched for is written, or about to be
+        self.met = threading.Event()  # the awaited write has happened, or is about to
         self.cut = threading.Event()  # the power is gone
         at.unlink(missing_ok=True)
         self._listener = socket.socket(socket.AF_UNIX)
@@ -79,12 +79,12 @@ class CutDisk:
             self._lose_power()
 
     def content(self) -> Content:
-        """What is written now."""
+        """The present content as written."""
         with self._lock:
             return Content(dict(self._stored), dict(self._cached))
 
     def read(self, place: range) -> bytes:
-        """What a computer reads there."""
+        """The content that a computer reads there."""
         with self._lock:
             return self._read(place.start, len(place))
 

@@ -24,8 +24,8 @@ BOOT_S = 1200.0  # without hardware support, on a busy computer: the longest so 
 
 
 class Drone:
-    """Files of a fleet of two, and the disk of d1. Its agent waits for an autopilot that never comes. ``changes``: what is
-    different in the fleet file.
+    """Files of a fleet of two, and the disk of d1. Its agent waits for an autopilot that never comes. ``changes``: differences
+    in the fleet file.
     """
 
     def __init__(self, folder: Path, changes: Iterable[tuple[str, str]] = ()) -> None:
@@ -57,7 +57,7 @@ class Drone:
 
     @property
     def host(self) -> Host:
-        """Where it is logged in at."""
+        """Address for the login."""
         return Host("d1", "127.0.0.1", "root", self.ssh_port, (f"IdentityFile={self.folder / 'id'}", *self._unknown))
 
     @property
@@ -104,7 +104,7 @@ class Drone:
         return Machine(folder or self.folder, drive or self.disk, ports, clock, state, line)
 
     def status(self, within_s: float = BOOT_S) -> Computer:
-        """What ``radron-update status`` tells; waits for the SSH server."""
+        """Output of ``radron-update status``; waits for the SSH server."""
         deadline_s = time.monotonic() + within_s
         while True:
             said = self.ssh("/opt/radron/bin/radron-update status")
@@ -120,6 +120,6 @@ class Drone:
         return subprocess.Popen(command, env=self.environment, cwd=ROOT, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
     def ssh(self, command: str) -> str:
-        """What a command on board says."""
+        """Output of a command on board."""
         ran = subprocess.run(self.host.command(command), capture_output=True, text=True, check=False)
         return ran.stdout + ran.stderr

@@ -28,7 +28,7 @@ _NEEDED, _PACKAGES = ("qemu-system-x86_64", "rauc"), "qemu-system-x86 ovmf rauc"
 
 
 def lacking() -> str | None:
-    """What this computer lacks to build and boot an image; None: nothing."""
+    """Tools that this computer lacks to build and boot an image; None: nothing."""
     try:
         need(*PROGRAMS)
     except ImageError as error:
@@ -54,7 +54,7 @@ def no_archive() -> str | None:
 
 
 class Machine:
-    """One computer, switched on.
+    """A computer, switched on.
 
     ``drive``: a file or what else QEMU takes for a disk; ``ports``: of the host, forwarded to ports of the guest ("tcp:7447");
     ``clock``: what its clock shows then, ``utc`` or such as ``2021-03-04T05:06:07``; ``state``: where ``saved`` has kept a
@@ -90,7 +90,7 @@ class Machine:
             "display": "none",
             "monitor": "none",
             "qmp": f"unix:{self._control},server=on,wait=off",
-            "device": "i6300esb",  # a hardware watchdog; the one of the chipset does not reset the computer by default
+            "device": "i6300esb",  # a hardware watchdog; the chipset's own does not reset the computer by default
             "global": "ICH9-LPC.noreboot=off",
             "action": "watchdog=reset",
             "nic": "user,model=virtio-net-pci" + "".join(forwards),
@@ -151,7 +151,7 @@ class Machine:
 
     @property
     def text(self) -> str:
-        """What the serial line has said."""
+        """Output of the serial line so far."""
         return self.serial.read_text(errors="replace") if self.serial.exists() else ""
 
     def wait_for(self, pattern: str, timeout_s: float) -> re.Match[str]:

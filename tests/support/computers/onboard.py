@@ -15,7 +15,7 @@ NEW = Release(version="0.2.0", build="20261123T000000Z-bbbbbbbbbbbb")
 
 
 class OnboardFiles:
-    """The files, and the releases in the slots. It is switched on by :meth:`boot`."""
+    """The files, and the releases in the slots. :meth:`boot` switches it on."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -31,7 +31,8 @@ class OnboardFiles:
         return dict(line.split("=", 1) for line in lines)
 
     def boot(self) -> str:
-        """Switch on: the boot loader chooses a slot, and counts the attempt. What grub.cfg does, in Python; returns the slot."""
+        """Switch on: the boot loader chooses a slot, and counts the attempt. The logic of grub.cfg in Python; returns the
+        slot."""
         found = self.variables()
         good = [slot for slot in found["ORDER"].split() if found[f"{slot}_OK"] == "1"]
         untried = [slot for slot in good if int(found[f"{slot}_TRY"]) < MOST_ATTEMPTS]
@@ -44,7 +45,7 @@ class OnboardFiles:
 
     @property
     def release(self) -> Release:
-        """What runs."""
+        """The running slot's system."""
         return self.content[self.slots.booted]
 
 

@@ -1,4 +1,4 @@
-"""A real SSH server on loopback in a folder of its own, for tests of what is done over SSH."""
+"""A real SSH server on loopback in a folder of its own, for tests of actions over SSH."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def ssh_server(folder: Path) -> Iterator[Host]:
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)], check=True)
     shutil.copyfile(folder / "id.pub", folder / "authorized_keys")
     if os.geteuid() == 0:
-        Path("/run/sshd").mkdir(exist_ok=True)  # where it separates its privileges
+        Path("/run/sshd").mkdir(exist_ok=True)  # folder of the privilege separation
     port = free_port()
     settings = {
         "ListenAddress": f"127.0.0.1:{port}",

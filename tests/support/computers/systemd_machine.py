@@ -1,6 +1,6 @@
-"""A computer with systemd and an SSH server, for tests of what is installed on one: this computer's own root file system, or
-another one (COMPUTER_ROOT=FOLDER: another release of Debian or Ubuntu, with systemd), below an overlay, in namespaces of its own.
-What is written in it is gone with it. The network is this computer's.
+"""A computer with systemd and an SSH server, for tests of installations: this computer's own root file system, or a second
+(COMPUTER_ROOT=FOLDER: another release of Debian or Ubuntu, with systemd), below an overlay, in namespaces of its own.
+Its files vanish with the machine. The network is this computer's.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def lacking() -> str | None:
 
 @contextmanager
 def systemd_machine(folder: Path) -> Iterator[Host]:
-    """Boot one; its root file system is ``folder/root`` for nobody but itself, what it writes is in ``folder/upper``."""
+    """Boot one; its root file system is ``folder/root``, visible to this machine alone; its writes are in ``folder/upper``."""
     for name in ("upper", "work", "root", "upper/etc/systemd/system", "upper/root/.ssh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     port, upper = free_port(), folder / "upper"

@@ -1,4 +1,4 @@
-"""Several computers behind one SSH server, to be updated. They are files; their updater, and what it decides, is real."""
+"""Several computers behind one SSH server, to be updated. The computers are files; their updater and its decisions are real."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ SCRIPT = Path(__file__).with_name("computer.py")
 
 
 class Fleet:
-    """Computers behind one SSH server, each with a user's name for it; what was told of each. ``ports``: of those that are
-    reached by another port than the server's; ``options``: of ssh.
+    """Computers behind one SSH server, each with a user's name for it; the updater's reports of each. ``ports``: of computers
+    with another port than the server's; ``options``: of ssh.
     """
 
     def __init__(self, folder: Path, server: Host, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""A swarm of trackers in closed loop with its own model of the vehicles: independent of ``sim`` and of what the agent assumes.
+"""A swarm of trackers in closed loop with its own model of the vehicles: independent of ``sim`` and of the agent's assumptions.
 
 The vehicle is a cascade as PX4's is: setpoints that arrive late, a position loop P, a velocity loop PID, both with feed-forward,
 a lagging attitude and drag.
@@ -41,9 +41,9 @@ WIDE = Fence.from_area(AreaConfig(polygon_m=((-200.0, -200.0), (200.0, -200.0), 
 
 @dataclass(slots=True)
 class Vehicle:
-    """One vehicle with a cascade as PX4's. position, velocity: (3,), true; acceleration: (3,), by the thrust.
+    """A vehicle with a cascade as PX4's. position, velocity: (3,), true; acceleration: (3,), by the thrust.
 
-    ``drag``, ``quadratic``: what the air takes (1/s; 1/m). ``feedforward``: what the autopilot makes of accelerations told to it.
+    ``drag``, ``quadratic``: air drag (1/s; 1/m). ``feedforward``: the autopilot's gain on commanded accelerations.
     """
 
     position: Array
@@ -66,7 +66,7 @@ class Vehicle:
     damped: Array = field(default_factory=lambda: np.zeros(3))  # dv/dt by a low-pass
 
     def step(self, setpoint: tuple[Array, Array, Array], error: Array, velocity_error: Array) -> None:
-        """One tick; setpoint: position, velocity, acceleration (3,) each; errors (3,): what its localisation is off by."""
+        """One tick; setpoint: position, velocity, acceleration (3,) each; errors (3,): error of its localisation."""
         self.queue.append(setpoint)
         position, velocity, acceleration = self.queue.popleft() if len(self.queue) > self.delay_ticks else self.queue[0]
         fine = 10
@@ -87,7 +87,7 @@ class Vehicle:
             self.velocity = self.velocity + h * rate
 
     def quaternion(self) -> tuple[float, float, float, float]:
-        """Attitude (w, x, y, z) with yaw 0 whose thrust gives the horizontal acceleration."""
+        """Attitude (w, x, y, z) with yaw 0 and thrust for the horizontal acceleration."""
         x, y = float(self.acceleration[0]) / 9.80665, float(self.acceleration[1]) / 9.80665
         half = np.array([1.0 + np.sqrt(1.0 + x * x + y * y), -y, x, 0.0])  # the shortest turn of up to (x, y, 1)
         w, i, j, k = (half / np.linalg.norm(half)).tolist()
@@ -96,7 +96,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What happened. time: (T,); position, velocity: (T, N, 3), true; statuses: one for each plan made.
+    """Record of the flight. time: (T,); position, velocity: (T, N, 3), true; statuses: one for each plan made.
 
     deviation: (T, N), horizontal distance from the plan by the own localisation.
     """
@@ -152,7 +152,7 @@ class Swarm:
     ) -> None:
         """``starts``: (N, 2). ``noise`` scales all of it. ``poses_only``: the law sees measured poses, not states of plans.
 
-        ``response``: what is assumed of the vehicles; ``vehicle``: how they are.
+        ``response``: the assumed response of the vehicles; ``vehicle``: how they are.
         """
         self.rng, self.noise, self.poses_only = rng, noise, poses_only
         self.names = [f"d{k}" for k in range(len(starts))]
@@ -193,7 +193,7 @@ class Swarm:
         return Flight(np.array(times), np.array(positions), np.array(velocities), np.array(deviations), statuses)
 
     def measured(self, drone: int) -> PeerState:
-        """What a drone's own localisation says now."""
+        """Pose by the drone's own localisation now."""
         vehicle = self.vehicles[drone]
         x, y, z = (vehicle.position + self.error[drone]).tolist()
         u, v, w = (vehicle.velocity + self.velocity_error[drone]).tolist()

@@ -1,4 +1,4 @@
-"""Frames estimated from the flights of ``sighted_swarm``: its swarms, the estimate from all entries at once, and what it says."""
+"""Frames estimated from the flights of ``sighted_swarm``: its swarms, the estimate from all entries at once, and its result."""
 
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, settle
@@ -41,7 +41,7 @@ def slams():
 
 
 def lines(frames, flown):
-    """What the graph says, bit for bit."""
+    """The graph's result, bit for bit."""
     found = []
     for drone in flown.place:
         for epoch in (0, 1):
@@ -56,7 +56,7 @@ def lines(frames, flown):
 
 
 def told_later(entry: Entry, by_s: float, sigma_m: float) -> Entry:
-    """An entry of a drone whose clock is ahead; its exposures tell what error that makes of its motion."""
+    """An entry of a drone with its clock ahead; its exposures show the resulting error of its motion."""
     by_ns = round(by_s * SECOND)
     later = structs.replace(entry, stamp_ns=entry.stamp_ns + by_ns)
     return structs.replace(later, end_ns=later.end_ns + by_ns, clock_sigma_m=sigma_m) if isinstance(later, Exposure) else later

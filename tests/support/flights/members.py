@@ -71,7 +71,7 @@ def full(*, boot=None):
 
 
 def passed_on(one, now_ns=START_NS):
-    """Keys and payloads of what a pilot passes on."""
+    """Keys and payloads that a pilot passes on."""
     return [(key, payload) for key, payload in one.step(now_ns).publications if key.endswith("/revoked")]
 
 

@@ -74,7 +74,7 @@ def reckoning(
     other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=None, ends=(10.0, 10.0, 3.0), blind=False, stamp_ns=0,
     more=(), radius_m=np.inf,
 ):  # fmt: skip
-    """Of the first drone, with another one expected at a place, and d3 at ``more`` places; ``room``: margin around the area;
+    """Of the first drone, with another drone expected at a place, and d3 at ``more`` places; ``room``: margin around the area;
     ``ends``: its own plan.
     """
     plans = [PeerPlan(name, 0, 0.2, [other], sigma_m, away=away, blind=blind, radius_m=radius_m)]

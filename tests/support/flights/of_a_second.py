@@ -1,4 +1,4 @@
-"""Messages of one drone by the second, to be changed by those who do not tell the truth."""
+"""Messages of one drone by the second, to be changed by lying members."""
 
 from protocol.entries import Cone, ConeOrder, Counts, Exposure, PoseSample, Sighting
 from protocol.messages import Plan, Pose

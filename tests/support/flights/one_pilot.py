@@ -1,4 +1,4 @@
-"""One pilot of a mission of two, d1, alone: its inputs, and how to bring it into the air."""
+"""The pilot of d1 alone, in a mission of two: its inputs, and how to bring it into the air."""
 
 from collections import Counter
 
@@ -37,7 +37,7 @@ def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
 
 
 def own_pose(drone, graph, member=None, epoch_offset=0):
-    """The own pose of a drone of the mission, or of another member, whose frame is in this graph."""
+    """The own pose of a drone of the mission, or of another member with its frame in this graph."""
     member = member or next(one for one in MISSION.drones if one.id == drone)
     drift = Drift(replace(MISSION, drones=(member,)))
     return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps, drift, epoch_offset)

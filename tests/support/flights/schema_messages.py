@@ -72,7 +72,7 @@ def _ordered(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _shared(values: dict[str, Any]) -> dict[str, Any]:
-    """A cone whose two probabilities add up to one."""
+    """A cone with two probabilities that add up to one."""
     first, second = values["orders"]
     return {**values, "orders": (first, msgspec.structs.replace(second, probability=1.0 - first.probability))}
 

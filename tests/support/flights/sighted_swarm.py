@@ -54,7 +54,7 @@ class Drone:
 
 @dataclass
 class Sensor:
-    """What the drones see of each other."""
+    """Mutual sightings of the drones."""
 
     rate_hz: float = 2.0
     direction_deg: float | None = 2.0
@@ -233,7 +233,7 @@ def _grown(drone: Drone, count: int) -> np.ndarray:
 
 
 def _followed(grown: np.ndarray, lag_s: float) -> np.ndarray:
-    """What follows that with a time constant."""
+    """A first-order lag behind the input, with a time constant."""
     followed, share = grown.copy(), 1.0 - math.exp(-_STEP_S / lag_s) if lag_s else 1.0
     for k in range(1, len(grown)):
         followed[k] = followed[k - 1] + share * (grown[k] - followed[k - 1])
@@ -274,7 +274,8 @@ def _exposures(drone, identity, stamps, local, heading, epoch):
 
 
 def _fixes(drone, identity, place, local, yaw, epoch, stamps):
-    """1 Hz; of what its own localisation says (an autopilot that follows its receiver), and what it does not follow yet."""
+    """1 Hz; of its own localisation (an autopilot that follows its receiver), and of the part that the localisation does not
+    follow yet."""
     entries = []
     origin, start = _origin(drone, place), math.radians(drone.yaw_deg)
     grown = _grown(drone, len(stamps))

@@ -160,7 +160,7 @@ def synthetic_flight(drones: int = 3, moving: bool = False, steps: bool = False,
 
 
 def _cone(rng: np.random.Generator, time_s: float, position: np.ndarray, times: np.ndarray, source: np.ndarray) -> ConeTrace:
-    """A cone whose first order contains the source but for 5 degrees."""
+    """A cone; its first order contains the source but for 5 degrees."""
     drone = int(rng.integers(position.shape[1]))
     now = int(np.searchsorted(times, time_s))
     apex = position[now, drone]

@@ -1,4 +1,4 @@
-"""Two drones, a and b, whose frames the mission knows: what b tells, and what a makes of it."""
+"""Two drones, a and b, with frames known to the mission: the messages of b, and their reading by a."""
 
 from math import hypot
 

@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def free_ports(count: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> list[int]:
-    """Ports of 127.0.0.1 that nobody uses."""
+    """Ports of 127.0.0.1 that are free."""
     sockets = [socket.socket(socket.AF_INET, kind) for _ in range(count)]
     try:
         for each in sockets:
@@ -37,7 +37,7 @@ def free_ports(count: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> list
 
 
 def until(condition: Callable[[], T], within_s: float, what: str = "") -> T:
-    """Wait until a condition holds; what it gave."""
+    """Wait until a condition holds, and return its value."""
     deadline_s = time.monotonic() + within_s
     while not (value := condition()):
         assert time.monotonic() < deadline_s, f"not within {within_s} s: {what or condition}"
@@ -47,7 +47,7 @@ def until(condition: Callable[[], T], within_s: float, what: str = "") -> T:
 
 class Vehicles:
     """Emulated vehicles. ``reports``: (time, reports of all vehicles), newest last. ``unhealthy``: why not, by index;
-    ``parameters``: that differ from those that the preflight check asks for.
+    ``parameters``: deviations from the values that the preflight check asks for.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Vehicles:
 
 
 class Agent:
-    """One ``radron-agent run``, or with ``hanging`` one whose camera driver can be made to hang."""
+    """A ``radron-agent run``; with ``hanging`` its camera driver can be made to hang."""
 
     def __init__(self, folder: Path, name: str, hanging: bool = False, **environment: str) -> None:
         config = str(folder / f"{name}.toml")
@@ -114,7 +114,7 @@ class Agent:
 
     @property
     def log(self) -> str:
-        """What this agent has said."""
+        """The agent's output so far."""
         return self._log_path.read_bytes()[self._log_from :].decode()
 
     def events(self) -> list[dict[str, Any]]:
@@ -160,7 +160,7 @@ def operator_folder(folder: Path) -> Path:
 
 
 def station_endpoint(folder: Path, name: str = "d1") -> str:
-    """Where an operator reaches an agent."""
+    """Endpoint at which an operator reaches an agent."""
     text = (folder / f"{name}.toml").read_text()
     return text.split(f'{name} = "', 1)[1].split('"', 1)[0]
 

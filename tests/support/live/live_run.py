@@ -28,7 +28,7 @@ def stretched(time_s: float) -> float:
 
 
 class LiveRun:
-    """A running ``radron-sim live``, with its files in ``folder`` and what it says in ``folder/said``."""
+    """A running ``radron-sim live``, with its files in ``folder`` and its output in ``folder/said``."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.folder = folder
@@ -55,7 +55,7 @@ class LiveRun:
         return [load_toml(path, DroneConfig) for path in sorted(self.folder.glob("agents/*/drone.toml"))]
 
     def busy_ports(self) -> list[int]:
-        """Those of mesh, MAVLink and feeds that cannot be taken."""
+        """Ports of mesh, MAVLink and feeds that cannot be taken."""
         busy = []
         for drone in self.drones():
             vision = drone.vehicle.vision.address if drone.vehicle.vision is not None else None

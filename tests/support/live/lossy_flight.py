@@ -1,4 +1,4 @@
-"""A flight of the demo whose agents are on hosts of their own, between which packets are lost."""
+"""A flight of the demo with its agents on hosts of their own, and packet loss between the hosts."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ sys.path.append(str(Path(__file__).parents[1] / "mesh"))
 from packet_network import HUB, address, packet_network
 
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
-READY_S, FLIGHT_S = 240.0, 300.0  # of which a minute is flown; the machine is shared
+READY_S, FLIGHT_S = 240.0, 300.0  # a minute of it is flown; the machine is shared
 LACKING = "network namespaces and TUN devices need root, /dev/net/tun and iproute2"
 
 
 @dataclass(frozen=True)
 class Flown:
-    """How it ended. ended: exit codes of agents that ended in flight, by drone. error_m: median while tracked, if ever.
-    bound_m: posterior Cramer-Rao bound of that error, from what the flight measured. gap_s: longest time between two setpoints
+    """Outcome of the flight. ended: exit codes of agents that ended in flight, by drone. error_m: median while tracked, if ever.
+    bound_m: posterior Cramer-Rao bound of that error, from the flight's measurements. gap_s: longest time between two setpoints
     of an agent.
     """
 

@@ -43,7 +43,7 @@ def private_key(folder: Path) -> bytes:
 
 @dataclass(frozen=True)
 class Wrong:
-    """What is wrong with a certificate; every default is right."""
+    """Faults of a certificate; every default is right."""
 
     names: tuple[str, ...] = ("d1",)
     roles: tuple[str, ...] = ("drone",)

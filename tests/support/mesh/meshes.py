@@ -1,4 +1,4 @@
-"""Swarms on this machine: free endpoints, meshes that remember what they got, peers in processes of their own."""
+"""Swarms on this machine: free endpoints, meshes that record their deliveries, peers in processes of their own."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from protocol.keys import drone_key
 from protocol.mesh.session import Mesh, MeshConfig
 
 SWARM = "s"
-DEADLINE_S = 10.0  # for what takes milliseconds on an idle machine
-LEASE, LONG_LEASE_MS = "transport/link/tx/lease", 60_000  # a setting of Zenoh; one that outlasts every test
+DEADLINE_S = 10.0  # for an exchange that takes milliseconds on an idle machine
+LEASE, LONG_LEASE_MS = "transport/link/tx/lease", 60_000  # a setting of Zenoh; outlasts every test
 
 
 def free_port() -> int:

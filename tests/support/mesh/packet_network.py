@@ -1,7 +1,8 @@
-"""Hosts in network namespaces whose packets pass through a process that can lose, delay, reorder, duplicate and corrupt them.
+"""Hosts in network namespaces, their packets passing through a process that can lose, delay, reorder, duplicate and corrupt them.
 
 ``python packet_network.py COUNT SEED``, as root: hosts 1 to COUNT in namespaces of their own, ``HUB`` in the caller's.
-It says "up"; each line of its input then sets the state of all links between two hosts of the namespaces (``LinkState`` as JSON).
+The process says "up"; each line of its input then sets the state of all links between two hosts of the namespaces
+(``LinkState`` as JSON).
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def browsing(url: str, width: int = 1400, height: int = 900) -> Iterator[Page]:
 
 @contextmanager
 def visiting(url: str, *flags: str) -> Iterator[Page]:
-    """A page that may be refused what it asks for; ``flags``: for Chromium."""
+    """A page with possibly refused requests; ``flags``: for Chromium."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*_FLAGS, *flags])
         try:
@@ -62,7 +62,7 @@ def visiting(url: str, *flags: str) -> Iterator[Page]:
 
 
 def until(page: Page, script: str, within_s: float = 30.0) -> Any:
-    """Wait until a script gives something; what it gives. Its policy forbids the page itself to evaluate texts."""
+    """Wait until a script gives a value, and return it. Its policy forbids the page itself to evaluate texts."""
     deadline_s = time.monotonic() + within_s
     while not (found := page.evaluate(script)):
         assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {script}"

@@ -1,4 +1,4 @@
-"""A stretch of network between a browser and a station that can stall: what is sent meanwhile arrives when it goes on."""
+"""A stretch of network between a browser and a station that can stall: data sent meanwhile arrive when the stretch goes on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A station's page on a real server, in a thread of its own, and those who talk to it."""
+"""A station's page on a real server, in a thread of its own, and its clients."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Served:
         token: str | None = None,
         **options: Any,
     ) -> ClientConnection:
-        """A page's socket, or another one; ``host``: the server's name; ``token``: another than the page's."""
+        """A page's socket, or another client's; ``host``: the server's name; ``token``: another than the page's."""
         address = f"{'ws' if tls is None else 'wss'}://{host}:{self.port}/{path}?token={self.token if token is None else token}"
         return connect(address, origin=origin, ssl=tls, sock=create_connection(("127.0.0.1", self.port)), **options)
 

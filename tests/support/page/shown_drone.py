@@ -1,4 +1,4 @@
-"""What a station hears of one drone, whose frame is turned against the mission's."""
+"""Messages of one drone to a station; its frame is turned against the mission's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPEED_MPS = 2.0  # over the ground
 
 
 def exposure(mission: MissionConfig, number: int, lasts_s: float, counts: Counts, **changes: object) -> Exposure:
-    """One of a row of exposures without gaps from ``NOW_NS`` on; ``number``: of it."""
+    """An exposure in a gapless row from ``NOW_NS`` on; ``number``: of it."""
     lasts_ns = round(lasts_s * 1e9)
     given = {
         "stamp_ns": NOW_NS + number * lasts_ns,

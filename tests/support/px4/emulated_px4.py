@@ -45,7 +45,7 @@ class Heard(NamedTuple):
 
 
 class Companion:
-    """One end of a link: a socket that hears one vehicle and answers it."""
+    """An end of a link: a socket that hears one vehicle and answers it."""
 
     def __init__(self, system=245, component=190):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -97,7 +97,7 @@ class Companion:
 
 
 class Flight:
-    """One vehicle, stepped by hand; the companion is on its onboard link, and if wanted a station on the other."""
+    """A vehicle, stepped by hand; the companion is on its onboard link, and if wanted a station on the other."""
 
     def __init__(self, station=False, quiet=False, **options):
         """``quiet``: without the messages that the tests of flight modes do not look at; it flies on in less time."""

@@ -1,5 +1,5 @@
 """One pilot, its driver and an emulated PX4 without a link between them: in simulated time, as fast as it can be, and the same
-again with the same seed. What would cross the link are MAVLink's bytes, and MAVSDK's JSON of them.
+again with the same seed. The packets across the link are MAVLink's bytes, and MAVSDK's JSON of them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.vehicle.px4.release import ReleaseName
 from sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
-TICK_STEPS, LOOK_STEPS = 5, 50  # of the pilot, and of what the shell tells it
+TICK_STEPS, LOOK_STEPS = 5, 50  # of the pilot, and of its input from the shell
 UTC_NS = 1_800_000_000_000_000_000
 CEILING_M = 60.0
 PARAMETERS = {
@@ -47,7 +47,7 @@ _COMPANION = (1, 195)  # system and component of an agent
 
 
 class BytesLink:
-    """In the place of a link: packs what the driver sends and hands it on."""
+    """Stand-in for a link: packs the driver's messages and hands them on."""
 
     def __init__(self, deliver: Callable[[bytes], None]) -> None:
         self.counters: Counter[str] = Counter()
@@ -77,8 +77,8 @@ def _packed(value: Any) -> Any:
 
 
 class Solo:
-    """``pilot``, ``vehicle``: under test. ``states``: all telemetry; ``stages``: when which began, s; ``asked``: what was sent to
-    the vehicle, s and name and packet."""
+    """``pilot``, ``vehicle``: under test. ``states``: all telemetry; ``stages``: when which began, s; ``asked``: packets sent
+    to the vehicle (s, name, packet)."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class Solo:
         self.statuses: list[Status] = []
         self.stages: list[tuple[float, Stage]] = [(0.0, self.pilot.stage)]
         self.vehicle.on_state(self._observe)
-        self.deaf = False  # nothing of what the vehicle sends arrives
+        self.deaf = False  # no packet from the vehicle arrives
         self._steps = 0
 
     @property

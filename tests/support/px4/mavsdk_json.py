@@ -15,7 +15,7 @@ _EVENT = struct.Struct("<IIHBBB40s")
 
 
 def fields_of(packet: bytes) -> tuple[str, str] | None:
-    """Name and fields (JSON) of a MAVLink 2 packet; None where there is nobody who knows it."""
+    """Name and fields (JSON) of a MAVLink 2 packet; None if unknown here."""
     if int.from_bytes(packet[7:10], "little") == EVENT_ID:
         return "EVENT", _event(packet)
     try:

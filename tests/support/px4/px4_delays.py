@@ -18,7 +18,7 @@ FAILSAFE, FAILSAFE_OF, HOLD_FIRST, HOLD_FIRST_OF, DESCEND = 0x1DEDBD0, 0x194CA8A
 FUSION_STOPPED, STATION_LOST, FENCE = 0x1E04AA7, 0x1A4B458, 0x13E092F
 LOW, EMERGENCY, RETURN_LANDS = 0x14D0DA4, 0x1AD1B07, 0x102D3AA
 BY_LANDING = "06"
-SOON_MS = 3_000.0  # what comes later is of something else
+SOON_MS = 3_000.0  # later effects have another cause
 Found = Iterator[tuple[float, float | None]]  # cause, effect
 
 
@@ -59,7 +59,7 @@ def _after_commands(number: int, kind: str, *values: object, within_ms: float = 
             on_ground = [row[2] for row in of_kind(flown.rows, "landed") if row[0] <= sent][-1:] == [ON_GROUND]
             airborne = number == LAND
             if number == TAKEOFF and not _is_armed(flown, sent):
-                continue  # it counts from its arming
+                continue  # counted from arming
             effect = first_after(flown.rows, sent, kind, *values)
             if on_ground != airborne and effect is not None and effect - sent < within_ms:
                 yield sent, effect

@@ -23,7 +23,7 @@ async def fly(instance: int) -> None:
         altitude_m=float(os.environ["PX4_HOME_ALT"]),
     )
     told = {name.removeprefix("PX4_PARAM_"): float(value) for name, value in os.environ.items() if name.startswith("PX4_PARAM_")}
-    # Vehicle i of a fleet is system i + 1: those before it have no links.
+    # Vehicle i of a fleet is system i + 1: earlier vehicles have no links.
     configs = [Px4Config(onboard=None, ground_station=None) for _ in range(instance)]
     configs.append(
         Px4Config(onboard=("127.0.0.1", 14540 + instance), ground_station=("127.0.0.1", 14550), parameters=told),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextmanager
 def px4_ports() -> Iterator[None]:
-    """Wait until nobody else has them, and have them."""
+    """Wait until the ports are free, and take them."""
     with (Path(tempfile.gettempdir()) / "radron-px4-ports").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

@@ -1,8 +1,8 @@
 """Recordings' commands and setpoints, sent to emulated PX4s at their times: all of a group in one fleet, in simulated time.
 
 A recorder that waited for the vehicle is followed: at each change of a state of the recording (landed state, armed) the time of
-the replay stands still until the emulated vehicle has that state too; the stream and the heartbeats go on. What passes is decoded
-by the same code as the recordings.
+the replay stands still until the emulated vehicle has that state too; the stream and the heartbeats go on. The same code
+decodes the traffic and the recordings.
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ def start(name: str) -> str:
 
 
 class Replay:
-    """One recording and one emulated vehicle. ``flown``: what passed, from the recording's first moment on; ``course``: the time,
+    """A recording and an emulated vehicle. ``flown``: what passed, from the recording's first moment on; ``course``: the time,
     and position and velocity by the vehicle's estimate, NED.
     """
 
     def __init__(self, name: str, system: int, begin_s: float = 0.0) -> None:
-        """``begin_s``: what was before is left out."""
+        """``begin_s``: earlier packets are left out."""
         entry = recordings()[name]
         self.name, self.system = name, system
         self.flown = Timeline(name)
@@ -127,7 +127,7 @@ class Replay:
         return self._clock_s > self._duration_s and not self._barriers
 
     def step(self, now_s: float) -> None:
-        """Send what is due; ``now_s`` of the fleet."""
+        """Send the packets that are due; ``now_s`` of the fleet."""
         self._now_s = now_s
         since_s = now_s - PRELUDE_S[self._start]
         if not self._begun:
@@ -249,7 +249,7 @@ class Replay:
         filled = [*parameters, *[0.0] * (7 - len(parameters))]
         self._own(mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *filled))
 
-    # What was sent
+    # Packets sent
 
     def _heartbeat(self, row: Row) -> None:
         _, _, system, component, kind = row
@@ -265,7 +265,7 @@ class Replay:
             values[4:6] = [place.latitude_deg + metres / 111_230.0, place.longitude_deg]
         target = (self.system if meant else self.system + 100, component)
         if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and int(values[0]) not in _LOOKED_AT:
-            values[1] = -1.0  # nobody looks at it here
+            values[1] = -1.0  # not examined here
         if by_int:
             message = mavlink.MAVLink_command_int_message(*target, 0, number, 0, 0, *values[:4], 0, 0, nan)
         else:

@@ -1,4 +1,4 @@
-"""What two timelines of a vehicle have in common: sequences of states and announcements, and delays from causes to effects."""
+"""Common features of two timelines of a vehicle: sequences of states and announcements, and delays from causes to effects."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ def of_kind(rows: Rows, kind: str) -> Rows:
 
 
 class State(NamedTuple):
-    """What was shown; brief: for so short a time that another phase of the messages may leave it out."""
+    """A state shown; brief: for so short a time that another phase of the messages may leave it out."""
 
     values: tuple[Any, ...]
     brief: bool
 
 
 def states(rows: Rows, brief_ms: float, end_ms: float) -> list[State]:
-    """One after another."""
+    """In sequence."""
     return [State(tuple(row[2:]), after[0] - row[0] < brief_ms) for row, after in pairwise([*rows, [end_ms, ""]])]
 
 
 def agree(one: list[State], other: list[State], last: tuple[Any, ...] | None = None) -> bool:
-    """Whether the two are the same but for what is brief; ``last``: what both have shown before, and may show on."""
+    """Whether the two are the same except for brief states; ``last``: what both have shown before, and may show on."""
     if not one and not other:
         return True
     if one and other and one[0].values == other[0].values and agree(one[1:], other[1:], one[0].values):
@@ -71,13 +71,13 @@ def landed(rows: Rows, end_ms: float) -> list[State]:
 
 
 def acks(rows: Rows) -> list[tuple[int, int]]:
-    """(command, result) in the order of the commands; those of one command in theirs."""
+    """(command, result) in the order of the commands; results of one command in their own order."""
     found = of_kind(rows, "ack")
     return [(row[2], row[3]) for row in sorted(found, key=lambda row: (row[2], row[0]))]
 
 
 def events(rows: Rows) -> list[int]:
-    """Numbers; those that repeat at once are one."""
+    """Numbers; immediate repetitions count once."""
     found = [row[2] for row in of_kind(rows, "event") if row[2] not in UNSTEADY_EVENTS]
     return [number for number, before in zip(found, [None, *found], strict=False) if number != before]
 

@@ -27,7 +27,7 @@ STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000
 TICK_S = 0.02  # of the wall, between two commands
 CEILING_M = 60.0
-SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # what the driver asks for beyond PX4's defaults
+SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # parameters that the driver needs beyond PX4's defaults
 SANE |= {"EKF2_NOAID_TOUT": 2_000_000}
 STAY = VehicleCommand(Request.STAY)
 TAKEOFF = VehicleCommand(Request.TAKEOFF, takeoff_height_m=4.0)
@@ -39,7 +39,7 @@ def hover(east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0) -> V
 
 
 class Sky:
-    """``vehicle`` is what is tested; ``states`` is all that it told."""
+    """``vehicle`` is the driver under test; ``states`` is all that it told."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class Sky:
             await self._tick()
 
     async def wait(self, seconds: float, command: VehicleCommand | None = None) -> None:
-        """So long of the vehicle's time."""
+        """A duration in the vehicle's time."""
         end_s = self.fleet.time_s + seconds
         await self.fly(command, lambda: self.fleet.time_s >= end_s, timeout_s=60.0)
 
@@ -118,7 +118,7 @@ async def ready(flight: Sky) -> None:
 
 
 def free_port() -> int:
-    """A UDP port that nobody listens on."""
+    """A UDP port without a listener."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -135,7 +135,7 @@ async def sky(
     """An emulated vehicle on the ground, its links open; everything is closed at the end.
 
     ``frames``: where its localisation has its frame; then the driver's clock, too, is that of the simulation, by which poses are
-    stamped. ``onboard_port``: to which it sends; None: a free one. ``vehicle``: what the drone file says of it.
+    stamped. ``onboard_port``: to which it sends; None: a free one. ``vehicle``: the vehicle's part of the drone file.
     """
     rng = np.random.default_rng(5)
     port = onboard_port or free_port()

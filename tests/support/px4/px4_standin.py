@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Stands in for PX4's binary: notes how it was called, and sends heartbeats as that instance until it is ended.
 
-``PX4_STANDIN_ENDS``: ends at once with this code, as one that cannot start.
+``PX4_STANDIN_ENDS``: ends at once with this code, like an autopilot that cannot start.
 """
 
 import json

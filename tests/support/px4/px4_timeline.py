@@ -1,4 +1,4 @@
-"""What passes on a vehicle's link, decoded: timelines of a real PX4's recordings, and of an emulated one, by the same code."""
+"""Traffic on a vehicle's link, decoded: timelines of a real PX4's recordings, and of an emulated one, by the same code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _METRES_PER_DEGREE = 111_194.9
 
 
 class Packet(NamedTuple):
-    """One line of a recording."""
+    """A line of a recording."""
 
     time_us: int
     system: int
@@ -32,7 +32,7 @@ class Packet(NamedTuple):
 
 
 class Timeline:
-    """What passed on one vehicle's link, packet by packet. ``name``: of the recording.
+    """Traffic on a vehicle's link, packet by packet. ``name``: of the recording.
 
     rows, setpoints: as ``extract_timelines`` describes them.
     """

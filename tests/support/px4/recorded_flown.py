@@ -137,7 +137,7 @@ class FlownReplay(Replay):
 
     @staticmethod
     def _launch(name: str) -> LaunchPlace | None:
-        """It is measured: these recordings begin on the ground."""
+        """Measured: these recordings begin on the ground."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""A driver of PX4 that is given what a real one sent, byte for byte, at the times of the recording, as fast as it can be."""
+"""A driver of PX4 fed with a real autopilot's bytes, at the times of the recording, as fast as it can be."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from agent.vehicle.px4 import Px4Vehicle
 
 FOLDER = Path(__file__).parents[2] / "contract" / "recordings" / "messages"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xz"))
-LOOK_S = 0.1  # of the recording's time, between two looks at what the driver makes of it
+LOOK_S = 0.1  # of the recording's time, between two looks at the driver's state
 _HEAD_BYTES, _CHECKSUM_BYTES, _STAMP_BYTES = 10, 2, 8
 
 
@@ -51,7 +51,7 @@ class Asked(NamedTuple):
 
 
 class SilentLink:
-    """In the place of a link: keeps what the driver sends."""
+    """Stand-in for a link: keeps the packets that the driver sends."""
 
     def __init__(self, clock_s: Callable[[], float]) -> None:
         self.counters: Counter[str] = Counter()
@@ -74,7 +74,7 @@ class SilentLink:
 
 
 class Look(NamedTuple):
-    """What the driver said at a time."""
+    """The driver's state at a time."""
 
     time_s: float
     state: VehicleState | None
@@ -82,13 +82,13 @@ class Look(NamedTuple):
 
 
 class Replay:
-    """Where a recording begins in flight, the driver is that of an agent that was started anew and knows its launch place, which
+    """If a recording begins in flight, the driver belongs to a restarted agent that knows its launch place, which
     is the origin of the autopilot's frame here.
 
     ``looks``: ten for each second of the recording; ``states``, ``fixes``: all, with their times."""
 
     def __init__(self, name: str, *, exact: bool = False, **vehicle: Any) -> None:
-        """``exact``: the mission knows its frame exactly; ``vehicle``: what the drone file says of it."""
+        """``exact``: the mission knows its frame exactly; ``vehicle``: the vehicle's part of the drone file."""
         self._name = name
         self.now_s, self._begun_ns = 1000.0, 1_795_313_620_000_000_000
         self.link = SilentLink(lambda: self.now_s - 1000.0)
@@ -111,7 +111,7 @@ class Replay:
         return self._begun_ns + round((self.now_s - 1000.0) * 1e9)
 
     def run(self, command: Callable[[float], VehicleCommand] | None = None) -> Replay:
-        """Give the driver everything. ``command``: what it is given at each look, by its time; none: nothing."""
+        """Give the driver everything. ``command``: the command given at each look, by its time; none: no commands."""
         due_s = 0.0
         for time_s, messages in self._received():
             while time_s >= due_s:
@@ -124,7 +124,7 @@ class Replay:
         return self
 
     def _received(self) -> Iterator[tuple[float, list[Message]]]:
-        """What the driver reads of each packet of the recording; the vehicle is the one that speaks most."""
+        """The driver's reading of each packet of the recording; the vehicle is the most frequent sender."""
         recorded = list(packets(self._name))
         system = Counter(packet.system for packet in recorded if packet.component == AUTOPILOT_COMPONENT).most_common(1)[0][0]
         for packet in recorded:
@@ -140,7 +140,7 @@ class Replay:
         self.looks.append(Look(time_s, state, self.vehicle.problems))
 
     def at(self, time_s: float) -> Look:
-        """What the driver said then."""
+        """The driver's states then."""
         return min(self.looks, key=lambda look: abs(look.time_s - time_s))
 
     def changes(self, of: Callable[[VehicleState], Any]) -> list[tuple[float, Any]]:

@@ -34,7 +34,7 @@ def is_for_fitting(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording, ENU. Times in seconds since its first packet, of sending or reception.
+    """A recording, ENU. Times in seconds since its first packet, of sending or reception.
 
     setpoints: (M, 11) position, velocity, acceleration, yaw and its rate; NaN where PX4 was told to ignore them.
     estimates: (K, 7) position, velocity, yaw. truths: (L, 9) position, velocity, roll, pitch (FRD) and yaw.
@@ -50,13 +50,13 @@ class Recording:
 
     @property
     def vehicle(self) -> MultirotorTruth:
-        """What flew."""
+        """The vehicle that flew."""
         changed = next((values for part, values in CHANGED.items() if part in self.name), {})
         return MultirotorTruth(gust_mps2=0.0, **changed)
 
     @property
     def begin_s(self) -> float:
-        """The first setpoint whose outcome is known."""
+        """The first setpoint with a known outcome."""
         return float(max(self.sent_s[0], self.true_s[0], self.estimated_s[0]))
 
     @property
@@ -65,7 +65,7 @@ class Recording:
         return float(min(self.sent_s[-1], self.true_s[-1], self.estimated_s[-1]))
 
     def setpoint(self, time_s) -> np.ndarray:
-        """What was in force at these times."""
+        """Setpoints in force at these times."""
         return self.setpoints[np.maximum(np.searchsorted(self.sent_s, time_s, side="right") - 1, 0)]
 
     def truth(self, time_s) -> np.ndarray:
@@ -109,8 +109,9 @@ def _between(time_s, sampled_s, samples, angle) -> np.ndarray:
 def fly(flown, step_s, errors=None, vehicles=None):
     """Fly the setpoints of some recordings, all at once, from where their vehicles were.
 
-    errors: (N, T, 6), of position and velocity; none: those recorded. Returns the times (N, T) of the recordings, and positions
-    and velocities (N, T, 6) then and headings (N, T); what is after a recording's end counts for nothing.
+    errors: (N, T, 6), of position and velocity; none: the recorded ones. Returns the times (N, T) of the recordings, and
+    positions
+    and velocities (N, T, 6) then and headings (N, T); samples after a recording's end count for nothing.
     """
     count = len(flown)
     begin = np.array([recording.begin_s for recording in flown])

@@ -12,7 +12,7 @@ BUFFER_BYTES = 4096
 
 class SerialLine:
     """Passes on what both ends say. ``vehicle_port``: where the vehicle sends to; ``port``: where the adapter connects to, also
-    again, after the computer was switched off. What the computer does not take in time is lost, as on a line.
+    again, after the computer was switched off. Bytes that the computer does not take in time are lost, as on a line.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class SerialLine:
         with suppress(OSError):  # closed
             while data := self._said_by_vehicle():
                 adapter = self._adapter
-                with suppress(OSError, ValueError):  # it was switched off
+                with suppress(OSError, ValueError):  # switched off
                     if adapter is not None and select.select([], [adapter], [], 0.0)[1]:
                         adapter.sendall(data)
 

@@ -1,7 +1,8 @@
 """Emulated PX4s as a process of their own, in real time; a JSON line of reports 20 times a second on the standard output.
 
 The argument is JSON: ``ports`` (of the agents, one for each vehicle), ``places`` (x, y of the launches) and, if wanted,
-``unhealthy`` (by index, the text of an arming check that never passes) and ``parameters``. It ends with its standard input.
+``unhealthy`` (by index, the text of an arming check that never passes) and ``parameters``. The process ends with its standard
+input.
 """
 
 import asyncio
@@ -20,7 +21,7 @@ from sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 REPORT_STEPS = 5
-# What the preflight check asks for where PX4's own defaults are different.
+# Parameters that the preflight check asks for, different from PX4's own defaults.
 PARAMETERS = {"COM_OBL_RC_ACT": 3.0, "NAV_RCL_ACT": 2.0, "GF_MAX_HOR_DIST": 500.0, "RTL_RETURN_ALT": 20.0}
 PARAMETERS |= {"EKF2_NOAID_TOUT": 2_000_000.0}
 

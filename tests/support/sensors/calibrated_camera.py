@@ -1,4 +1,4 @@
-"""A simulated camera on the bench with a known source, whose gain, drift time and orientation differ from the assumed ones."""
+"""A simulated camera on the bench with a known source; its gain, drift time and orientation differ from the assumed ones."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -40,7 +40,7 @@ class BenchCamera:
         return cls(seed, gains, rng.uniform(72.0, 100.0), np.deg2rad(rng.normal(0.0, 5.0, 3)))
 
     def readouts(self, place: int, facing: Facing, seconds: float) -> list[Readout]:
-        """What it measures at one facing."""
+        """Measurement at one facing."""
         mounted = Rotation.from_euler("xyz", RPY_DEG, degrees=True) * Rotation.from_rotvec(self.turned_rad)
         x, y, z = mounted.inv().apply(facing.direction).tolist()
         view = SourceView((x, y, z), DISTANCE_M, ACTIVITY_BQ)
@@ -53,7 +53,7 @@ class BenchCamera:
         return [camera.expose(int(start), int(end)) for start, end in pairwise(edges)]
 
     def collected(self, seconds: float, calibration: Calibration | None = None) -> Collection:
-        """What a calibration collects of it in so long at each facing; its present ``calibration``: the nominal one."""
+        """Data of a calibration with this duration at each facing; its present ``calibration``: the nominal one."""
         present = calibration or Calibration.nominal()
         collection = Collection(present, "Cs-137", strongest_line_kev("Cs-137"), DetectionConfig())
         for place, facing in enumerate(FACINGS):

@@ -1,4 +1,4 @@
-"""What there is to read in simulated events, for a check of the physics: clusters, coincidences and the angular resolution.
+"""Quantities read from simulated events, for a check of the physics: clusters, coincidences and the angular resolution.
 
 Deliberately apart from the agent's detector chain: energies are taken as deposited, and the order of the two clusters of a
 coincidence is the true one.
@@ -128,14 +128,14 @@ def complete(found: Clusters, line_kev: float, window_kev: float = 45.0, least_p
 
 
 def electron_first(events: Events, found: Clusters) -> NDArray[np.bool_]:
-    """(E,) whether the more energetic cluster is the recoil electron's: the one nearer to the photon's first site."""
+    """(E,) whether the more energetic cluster is the recoil electron's: the cluster nearer to the photon's first site."""
     site = events.sites[:, 0, :2]
     distance = np.hypot(found.x_mm - site[:, :1], found.y_mm - site[:, 1:])
     return np.asarray(distance[:, 0] < distance[:, 1])
 
 
 def fwhm(values: FloatArray, bandwidth: float) -> float:
-    """Full width at half maximum of a distribution, from a Gaussian kernel estimate whose own width is taken out again."""
+    """Full width at half maximum of a distribution, from a Gaussian kernel estimate, its own width taken out again."""
     grid = np.arange(values.min(), values.max(), 0.1 * bandwidth)
     fine = np.histogram(values, np.append(grid, grid[-1] + 0.1 * bandwidth))[0]
     kernel = np.exp(-0.5 * (np.arange(-40, 41) * 0.1) ** 2)
@@ -154,7 +154,7 @@ class Cones:
 
 
 def cones(events: Events, found: Clusters, line_kev: float, drift_ns: float) -> Cones:
-    """Cones of the complete coincidences whose true order the kinematics allow.
+    """Cones of the complete coincidences with a kinematically allowed true order.
 
     The residual of the energies is shared by variance so that they sum to the line.
     """

@@ -1,4 +1,4 @@
-"""A TCP feed of lines for tests: a client gets what is sent after it has connected."""
+"""A TCP feed of lines for tests: a client gets the lines sent after it has connected."""
 
 from __future__ import annotations
 

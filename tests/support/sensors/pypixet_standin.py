@@ -1,6 +1,6 @@
 """A stand-in for the vendor's module ``pypixet`` with the calls that its manual documents, and a camera that a test commands.
 
-It is strict where the manual is: wrong arguments raise, pixels that are not released are counted.
+The stand-in is as strict as the manual: wrong arguments raise, pixels that are not released are counted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Row = tuple[int, int, int, int, int]  # matrix index, ToA, overflow, FToA, ToT
 
 
 class Pixels:
-    """What ``lastAcqPixelsRefInc`` gives."""
+    """Return value of ``lastAcqPixelsRefInc``."""
 
     def __init__(self, rows: Sequence[Row], released: Callable[[], None]) -> None:
         self._rows = rows
