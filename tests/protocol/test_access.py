@@ -1,4 +1,4 @@
-"""Who can read a file with a key."""
+"""Read access to a file with a key."""
 
 from __future__ import annotations
 

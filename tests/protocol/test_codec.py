@@ -77,7 +77,7 @@ def test_round_trip(kind: str) -> None:
 
 
 def test_what_was_accepted_although_binary_is_written_as_text_is_read_again() -> None:
-    """Found by ``make fuzz``: nobody signs such an entry, but without certificates it is in the log."""
+    """Found by ``make fuzz``: no member signs such an entry, but without certificates it is in the log."""
     entry = Credential(stamp_ns=1, drone="d1", mission="0" * 16, boot="1" * 16, sequence=0, certificate=b"YWJj")
     payload = packed(entry, certificate="YWJj")
     assert decode_as(Credential, payload) == decode(payload)

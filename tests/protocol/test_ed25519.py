@@ -1,4 +1,4 @@
-"""Signatures by libsodium: the library of the certificates decides alike on whatever somebody without the key can send."""
+"""Signatures by libsodium: the library of the certificates decides alike on all messages possible without the key."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def by_ours(key: bytes, signature: bytes, signed: bytes) -> bool:
 
 
 def both(key: bytes, signature: bytes, signed: bytes) -> bool:
-    """What both libraries decide."""
+    """Decisions of both libraries."""
     decisions = by_ours(key, signature, signed), by_the_other(key, signature, signed)
     assert decisions[0] == decisions[1], (key.hex(), signature.hex(), signed.hex())
     return decisions[0]
@@ -82,7 +82,7 @@ def test_garbage_is_accepted_by_neither(key: bytes, signature: bytes, signed: by
 
 @given(seed=seeds, signed=data, cut=st.integers(0, 63))
 def test_the_signature_must_have_its_length(seed: bytes, signed: bytes, cut: int) -> None:
-    """Also where its end stands at the beginning of what is signed: libsodium takes both in one piece."""
+    """Also if its end stands at the beginning of the signed bytes: libsodium takes both in one piece."""
     key = Ed25519PrivateKey.from_private_bytes(seed)
     public, signature = key.public_key().public_bytes_raw(), key.sign(signed)
     assert both(public, signature, signed)
@@ -93,7 +93,7 @@ def test_the_signature_must_have_its_length(seed: bytes, signed: bytes, cut: int
 
 @given(seed=seeds, signed=data, times=st.integers(1, 14))
 def test_the_same_signature_with_a_larger_number_is_accepted_by_neither(seed: bytes, signed: bytes, times: int) -> None:
-    """S and S + L fulfil the same equation: RFC 8032 (5.1.7) has S below L, so that nobody can change a signature."""
+    """S and S + L fulfil the same equation: RFC 8032 (5.1.7) has S below L, so that a signature cannot be changed."""
     key = Ed25519PrivateKey.from_private_bytes(seed)
     signature = key.sign(signed)
     larger = int.from_bytes(signature[32:], "little") + times * ORDER

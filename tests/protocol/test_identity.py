@@ -1,4 +1,4 @@
-"""Certificates and keys: who is recognised, and what an unusable file is told to be."""
+"""Certificates and keys: recognised members, and the report on an unusable file."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_an_identity_that_cannot_be_used_is_told_in_one_line(
 def test_a_file_that_this_user_may_not_read_is_told_with_the_command_that_mends_it(
     issuer: Issuer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
 ) -> None:
-    """As after copying with sudo. Root, as whom the tests may run, can read everything."""
+    """As after copying with sudo. The tests may run as root, which can read everything."""
     folder, opened = identity(issuer, tmp_path, "d1").folder, Path.open
 
     def denied(path: Path, *arguments: Any) -> IO[Any]:

@@ -75,7 +75,7 @@ def test_no_command_takes_a_secret_where_everybody_can_read_it_in_the_process_li
 def test_images_hold_no_keys() -> None:
     lines = (ROOT / ".dockerignore").read_text().splitlines()
     rules = [line for line in lines if line and not line.startswith("#")]
-    assert rules[0] == "*"  # what is not named goes into no image
+    assert rules[0] == "*"  # files not named go into no image
     tops = [rule.removeprefix("!") for rule in rules if rule.startswith("!")]
     assert {"agent", "protocol", "sim"} <= set(tops)
     assert rules.index("**/*.pem") > max(rules.index(f"!{top}") for top in tops)

@@ -1,4 +1,4 @@
-"""Signatures: what a publisher has signed is accepted, whoever passes it on; everything else is not."""
+"""Signatures: a publisher's signed messages are accepted from any relay; everything else is not."""
 
 import dataclasses
 
@@ -70,7 +70,7 @@ def test_the_proof_of_another_entry_of_the_batch_does_not_fit():
 
 
 def test_an_entry_under_another_name_is_not_accepted():
-    """d1 signs with its own key what it says d2 has seen."""
+    """d1 signs with its own key an alleged sighting by d2."""
     one = verifier(credential(), credential("d1", "1" * 16))
     assert not accepted(one, cones([1], sign=AUTHORITY.trust("d1").sign)[0])
     assert accepted(one, cones([1], "d1", "1" * 16)[0])
@@ -104,7 +104,7 @@ def test_a_credential_that_is_not_the_drones_is_refused_and_vouches_for_nothing(
 
 
 def test_a_credential_is_judged_by_itself_whatever_was_signed_together_with_it():
-    """Else logs would differ by what came first: after the cone its root is known, before it is not."""
+    """Else logs would differ by the order of arrival: after the cone its root is known, before it is not."""
     trust = AUTHORITY.trust("d2")
     cone, wrong = sign_entries([replace(cones([1])[0], proof=b""), replace(credential(sequence=5), proof=b"")], trust.sign)
     one = verifier()
@@ -113,7 +113,7 @@ def test_a_credential_is_judged_by_itself_whatever_was_signed_together_with_it()
 
 
 class Expiring:
-    """An authority whose certificates hold for one hour from the start."""
+    """An authority; its certificates hold for one hour from the start."""
 
     def verify(self, der):
         times = {"not_before_ns": START_NS, "not_after_ns": START_NS + 3600 * 10**9}
@@ -158,7 +158,7 @@ def test_a_status_without_an_obeyed_order_has_the_former_bytes_and_its_signature
 
 def test_a_reader_that_does_not_know_the_obeyed_order_can_verify_the_rest():
     fields = msgpack.decode(encode(status(obeyed=HOLD)))
-    del fields["obeyed"]  # as it is left out where it is not known
+    del fields["obeyed"]  # left out where unknown
     assert fields == msgpack.decode(encode(status()))
 
 

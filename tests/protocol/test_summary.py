@@ -88,7 +88,7 @@ def test_of_a_log_full_of_gaps_the_oldest_ranges_are_told() -> None:
     ranges, _, hashed = told["d1", BOOT]
     assert ranges == gappy[: len(ranges)]
     assert len(ranges) > 1000
-    assert hashed == blocks[:1]  # of the other one a peer would not know what is held
+    assert hashed == blocks[:1]  # a peer would not know the other's content
     assert told["d2", BOOT] == summary["d2", BOOT]
 
 

@@ -1,4 +1,4 @@
-"""What the commands for Foxglove and TAK refuse, in one line and before anything is begun."""
+"""Refusals of the commands for Foxglove and TAK, in one line and before anything is begun."""
 
 import importlib.util
 import json
@@ -23,7 +23,7 @@ id = "d1"
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """Run a command that is refused: what it says."""
+    """Run a command that is refused, and return its message."""
     (tmp_path / "mission.toml").write_text(MISSION)
     monkeypatch.chdir(tmp_path)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):

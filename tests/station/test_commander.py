@@ -23,7 +23,7 @@ STAGES = {Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING, Action.START: Sta
 
 
 class Drone:
-    """Does what it is told, if the number is above that of the last command."""
+    """A drone that obeys a command numbered above the last one."""
 
     def __init__(self, slow=(), tells_every_s=0.05):
         self.stage, self.number, self.slow = Stage.TRACK, 1, slow
@@ -46,7 +46,7 @@ class Drone:
 
 
 def commanded(drone, *given, within_s=10.0, until, refused=None):
-    """What a station tells of its commands; ``given``: actions, also with drones; ``refused``: collects why not."""
+    """A station's report on its commands; ``given``: actions, also with drones; ``refused``: collects why not."""
     said = []
 
     async def run():
@@ -108,7 +108,7 @@ def test_nobody_heard_is_told():
 
 
 def test_a_hold_goes_at_once_to_the_drones_that_are_heard_and_a_start_to_none():
-    """It was held back for 8 s, and then sent to none of them."""
+    """Before, the command was held back for 8 s, and then sent to none of them."""
     said = commanded(Drone(), (Action.HOLD, ("d1", "d7")), until=lambda said: ("hold: d1 hold", False) in said, within_s=4.0)
     assert said[0] == ("hold: not sent to d7: not heard", True)
     refused = []
@@ -128,7 +128,7 @@ def test_the_newest_command_counts_though_an_earlier_one_is_still_repeated():
 
 
 def uploaded(*drones):
-    """What a station tells of its upload, and whether it shows the new mission then."""
+    """A station's report on its upload, and whether the page then shows the new mission."""
     said, taken, commander = [], [], None
 
     def receive(key, payload):

@@ -1,4 +1,4 @@
-"""The operator's commands on the page: whom they are for, and what becomes of them, always in sight."""
+"""The operator's commands on the page: their addressees and their outcome, always in sight."""
 
 import pytest
 from browser import browsing, needs_browser, until

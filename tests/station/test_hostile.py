@@ -1,4 +1,4 @@
-"""Those who must not reach the page, in a real browser; and what an observer's page must not do."""
+"""Clients that must not reach the page, in a real browser; and actions forbidden to an observer's page."""
 
 import http.server
 import threading
@@ -23,7 +23,7 @@ MISSION = MissionConfig(
     drones=(DroneInMission(id="d1"), DroneInMission(id="d2")),
 )
 BEGAN_NS = 1_800_000_000_000_000_000
-# What becomes of a socket to an address: "message", or "refused".
+# Outcome of a socket to an address: "message", or "refused".
 SOCKET = """(address) => new Promise((resolve) => {
   const socket = new WebSocket(address);
   socket.addEventListener("message", () => resolve("message"));
@@ -141,7 +141,7 @@ def test_an_operators_page_has_them(hub):
         page.keyboard.press("h")
         page.locator("#command-land").click()
         page.locator("#confirm-yes").click()
-        with station.socket() as socket:  # answered after what the page has asked for
+        with station.socket() as socket:  # answered after the page's own requests
             socket.send('{"at_ms": 1}')
             first(socket, "at")
         until(page, "() => !document.getElementById('confirm').open")

@@ -45,5 +45,5 @@ def test_work_that_is_left_is_done_between_the_frames_and_makes_no_more_of_them(
         await asyncio.gather(following, return_exceptions=True)
 
     asyncio.run(run())
-    assert shown_s[-1] - shown_s[0] > 4.0 * SHOW_S  # five intervals, of which one may be made up for
+    assert shown_s[-1] - shown_s[0] > 4.0 * SHOW_S  # five intervals; one may be made up for
     assert log.slices > 2 * len(shown_s)

@@ -60,11 +60,11 @@ def test_a_recorded_flight_is_shown_with_its_source_and_any_time_of_it(recorded)
         until(page, "() => radron.at > 0 && radron.at === Number(document.getElementById('time').max)")
         until(page, "() => document.querySelector('#source .what')?.textContent.startsWith('Cs-137')")
         assert page.locator("#drones li").count() == 3
-        assert page.locator(".leaflet-rasters-pane canvas").count() == 2  # where the source may be, and the dose rate
+        assert page.locator(".leaflet-rasters-pane canvas").count() == 2  # possible source positions, and the dose rate
         assert "source found" in page.locator("#events").inner_text()
         assert page.locator("#drones canvas.spectrum").count() == 3
         assert page.evaluate(TOO_FAINT) == []
-        assert page.locator("#commands").is_hidden()  # a record obeys nobody
+        assert page.locator("#commands").is_hidden()  # a record takes no commands
         PICTURES.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=PICTURES / "record.png")
         page.locator("#time").focus()
@@ -114,7 +114,8 @@ def test_a_report_that_cannot_be_made_is_told():
         until(page, f"() => document.getElementById('report-told').textContent === '{says}'")
 
 
-# Colours on the canvas of what moves, at the places of the first drone and of the source, and how many of its pixels are drawn.
+# Colours on the canvas of moving objects, at the places of the first drone and of the source, and how many of its pixels are
+# drawn.
 COLOURS = """() => {
   const { canvas, map } = radron.map.sketch;
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -183,7 +184,7 @@ def test_a_station_that_is_gone_is_told_and_found_again(recorded):
 
 
 def test_a_page_that_has_given_way_says_so_and_stays_away(recorded):
-    """Else it would take the place of another one, which would come back in its turn."""
+    """Else the page would displace another page, which would reconnect in its turn."""
     with served(recorded) as station, browsing(station.address) as page:
         until(page, "() => radron.frames > 0 && radron.link?.isAlive")
         station.call(lambda: [each.leave(GAVE_WAY) for each in recorded._pages])
@@ -198,7 +199,7 @@ def test_an_address_without_its_token_says_what_to_open(recorded):
         assert page.locator("#drones li").count() == 0
 
 
-# What must be in view without scrolling, and which of it is not.
+# Elements that must be in view without scrolling, and the ones out of view.
 OUT_OF_VIEW = """() => ["map", "time", "command-hold", "command-return", "present"].filter((id) => {
   const part = document.getElementById(id);
   const { left, top, right, bottom, width, height } = part.getBoundingClientRect();

@@ -1,4 +1,4 @@
-"""A recorded flight shows what the drones knew."""
+"""A recorded flight shows the drones' knowledge."""
 
 import asyncio
 from pathlib import Path
@@ -30,7 +30,7 @@ def played(paths):
 
 
 def hypotheses(flight):
-    """Those of a record with their times: what the drone knew."""
+    """Messages of a record with their times: the drone's knowledge."""
     records = (record for record in RecordedFlight(flight).records() if record.topic == HYPOTHESIS)
     return [(record.log_ns, msgspec.json.decode(record.data)) for record in records]
 
@@ -102,7 +102,7 @@ def test_half_a_record_is_said_to_lack_its_end(flights, tmp_path):
 
 
 def test_a_record_of_the_former_protocol_is_shown():
-    """Its entries are unsigned, and their bytes those of the record: so is the digest."""
+    """The entries are unsigned, with the record's bytes: so the digest is the record's."""
     hub = played([FORMER_RECORD])
     frame = msgspec.json.decode(hub.history.frame(hub.history.last_ms), type=Frame)
     known = [expected for at_ns, expected in hypotheses(FORMER_RECORD) if at_ns <= frame.at_ms * 1_000_000]

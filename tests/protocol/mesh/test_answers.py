@@ -1,4 +1,4 @@
-"""Budgets of the log query: what a drone asks for leaves others theirs, and operators share one."""
+"""Budgets of the log query: a drone's queries leave the others' budgets untouched, and operators share one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why no link comes about is told with the certificate's file, what is wrong and what mends it; where links are made, nothing."""
+"""The report on a failed link names the certificate's file, the fault and the fix; for working links there is no report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from protocol.mesh.diagnosis import refusals
 
 
 def against_d1(folder: Path, own: Identity, d1: Identity | None = None) -> str:
-    """What is told of d1, which listens."""
+    """Reports on d1, which listens."""
 
     async def course() -> dict[str, str]:
         listen = endpoint()

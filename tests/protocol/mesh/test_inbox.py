@@ -1,4 +1,4 @@
-"""What reaches the event loop, in which order, and how much of it at a time."""
+"""Delivery to the event loop: order, and amount at a time."""
 
 import asyncio
 import threading
@@ -21,7 +21,7 @@ COMMAND = command_key("s", "gcs")
 
 
 class Received:
-    """An inbox and what it delivered; ``turns``: how often it was this loop's turn to do something else meanwhile."""
+    """An inbox and its deliveries; ``turns``: how often it was this loop's turn to do something else meanwhile."""
 
     def __init__(
         self, act: Callable[[str, bytes], None] = lambda key, payload: None, members: tuple[str, ...] | None = None
@@ -103,7 +103,7 @@ def test_a_flood_is_delivered_in_slices_between_which_the_loop_does_other_things
 
 
 def test_who_answers_with_the_entries_of_others_takes_up_its_own_share() -> None:
-    """One that answered with junk had the drone named for it whose key it bore, and kept that one's own messages out."""
+    """Before, an answer with junk blamed the drone named by the key, and kept that drone's own messages out."""
 
     async def run() -> None:
         received = Received()

@@ -1,4 +1,4 @@
-"""Connections that never become links, and members that flood: whoever is linked is still heard, and others can join."""
+"""Connections that never become links, and members that flood: linked members are still heard, and others can join."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from protocol.keys import ROOT, command_key, drone_key, log_query_key
 from protocol.mesh.rights import COMMANDS_PER_S, LOG_QUERIES_PER_S
 from protocol.units import STATION
 
-MUTE_S = 4.0  # for what takes milliseconds; one that is kept out by a flood stays out for as long as that lasts
+MUTE_S = 4.0  # for an exchange of milliseconds; a member kept out by a flood stays out for the whole flood
 
 
 def _context(folder: Path) -> ssl.SSLContext:
@@ -93,7 +93,7 @@ OVERSIZED = struct.pack(">BHH", 22, 0x0301, 16_384) + b"\x01\xff\xff\xff" + b"x"
 
 @pytest.mark.parametrize("data", [GARBAGE, OVERSIZED], ids=["garbage", "oversized"])
 def test_broken_handshakes_keep_nobody_out(folder: Path, data: bytes) -> None:
-    """Zenoh accepts nobody for 0.1 s after a handshake that failed (Zenoh's issue 2685): 10 of them, about 1 s."""
+    """Zenoh accepts no link for 0.1 s after a handshake that failed (Zenoh's issue 2685): 10 of them, about 1 s."""
     asyncio.run(_attacked(folder, data, 10, joins_s=10.0))
 
 
@@ -141,7 +141,7 @@ def test_slow_clients_before_the_handshake_keep_nobody_out(folder: Path) -> None
 
 
 def test_slow_clients_with_a_certificate_that_read_nothing_keep_nobody_out(folder: Path) -> None:
-    """They get through the TLS handshake, as a member can, and then send a byte of nonsense now and then."""
+    """The attackers pass the TLS handshake, as a member can, and then send a byte of nonsense now and then."""
 
     async def course() -> None:
         async with AsyncExitStack() as stack:
@@ -162,7 +162,7 @@ NEWS, ENTRIES, COMMANDS = drone_key(SWARM, "d2", "pose"), drone_key(SWARM, "d2",
 
 @pytest.mark.parametrize("key", [NEWS, ENTRIES, COMMANDS, drone_key(SWARM, "d3", "pose"), f"{ROOT}/{SWARM}/d2/nonsense"])
 def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str) -> None:
-    """Those that it may send are counted and told; what it may not send does not even arrive."""
+    """Messages within its rights are counted and reported; messages beyond them do not even arrive."""
 
     async def course() -> None:
         async with AsyncExitStack() as stack:
@@ -232,7 +232,7 @@ def _flood(member: Listening, keys: list[str], ended: threading.Event) -> int:
 
 @pytest.mark.parametrize("asked", [log_query_key(SWARM, "d1", STATION), f"{ROOT}/{SWARM}/**"])
 def test_a_member_that_floods_with_queries_gets_few_answers_and_keeps_nobody_from_theirs(folder: Path, asked: str) -> None:
-    """What reaches the agent takes time of its event loop, whether it is answered or not."""
+    """A query that reaches the agent takes time of its event loop, answered or not."""
 
     async def course() -> None:
         async with AsyncExitStack() as stack:

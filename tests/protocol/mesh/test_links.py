@@ -1,4 +1,4 @@
-"""Encrypted links: who gets in, and attacks, each with a twin that shows the allowed case."""
+"""Encrypted links: admission, and attacks, each with a twin that shows the allowed case."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from protocol.mesh.session import Mesh, MeshConfig
 
 
 def against_d1(folder: Path, own: Identity | None, dial: str = "") -> bool:
-    """Whether d1 hears somebody who dials it; ``dial``: what is dialled instead, such as "tcp"."""
+    """Whether d1 hears a peer that dials it; ``dial``: the dialled scheme instead, for example "tcp"."""
 
     async def course() -> bool:
         listen = endpoint()
@@ -47,7 +47,7 @@ def test_a_certificate_that_is_not_yet_valid(issuer: Issuer, folder: Path, tmp_p
 def test_a_certificate_of_another_authority_even_of_the_same_name(folder: Path, tmp_path: Path) -> None:
     foreign = identity(new_issuer(), tmp_path, "d3")
     assert not against_d1(folder, foreign)
-    known = (folder / "d1" / "ca.pem").read_bytes()  # it trusts d1, but d1 does not trust it
+    known = (folder / "d1" / "ca.pem").read_bytes()  # one-way trust: the peer trusts d1, d1 does not trust the peer
     (tmp_path / "d3" / "ca.pem").write_bytes(known)
     assert not against_d1(folder, foreign)
 
@@ -64,7 +64,7 @@ def test_a_certificate_for_releases_opens_no_links(issuer: Issuer, folder: Path,
 
 
 def _careless(good: Identity, folder: Path) -> Identity:
-    """An identity whose files ``load_identity`` refuses: an attacker's software need not."""
+    """An identity from files that ``load_identity`` refuses: an attacker's software need not."""
     return replace(good, folder=folder)
 
 
@@ -165,7 +165,7 @@ def _is_served(port: int, folder: Path, with_certificate: bool) -> bool:
                 encrypted.settimeout(0.4)
                 encrypted.recv(1)
         except TimeoutError:
-            return True  # it waits for Zenoh's first message
+            return True  # waiting for Zenoh's first message
         except (ssl.SSLError, ConnectionError):
             return False
     return False

@@ -21,7 +21,7 @@ TWO = ("d2: two sessions publish under its name (a copied key, or an agent start
 
 
 def told(*sessions: tuple[float, float], until_s: float = 20.0, period_s: float = 0.1) -> tuple[str, ...]:
-    """What is told at the end of sessions that each publish from one time to another."""
+    """Reports at the end of sessions that each publish from one time to another."""
     publishers = Publishers()
     news = [(begin_s + period_s * k, str(one)) for one, (begin_s, end_s) in enumerate(sessions)
             for k in range(round((end_s - begin_s) / period_s))]  # fmt: skip

@@ -21,7 +21,7 @@ CONTENT = bytes(range(256)) * (3 * PART_BYTES // 256) + b"end"  # four parts
 
 
 def fetched(serve: Callable[[Member], Awaitable[None]], content: bytes = CONTENT) -> bytes | None:
-    """What a drone fetches from the station "anna" where others serve something."""
+    """Entries that a drone fetches from the station "anna" while others serve something."""
 
     async def course() -> bytes | None:
         listen = endpoint()
@@ -35,7 +35,7 @@ def fetched(serve: Callable[[Member], Awaitable[None]], content: bytes = CONTENT
 
 
 async def answered(drone: Member, station: Member) -> None:
-    """Wait until the drone knows that the station answers: what the station publishes afterwards comes after its declaration."""
+    """Wait until the drone knows that the station answers: later publications of the station come after its declaration."""
     key = station_key(SWARM, "anna", "command")
     station.mesh.publish(key, b"after")
     await until(lambda: drone.got(key))
@@ -92,7 +92,7 @@ class joined:  # noqa: N801
     """A mesh with an identity."""
 
     def __init__(self, own: Identity, listen: str | None, connect: tuple[str, ...] = (), heard: set[str] | None = None) -> None:
-        """``heard``: gets the keys of what comes in."""
+        """``heard``: gets the keys of incoming messages."""
         drones = ("d1",) if own.own.role is Role.DRONE else None
         self._config = MeshConfig(listen=listen, connect=connect, identity=own, drones=drones)
         self._drone = own.own.name if drones else None

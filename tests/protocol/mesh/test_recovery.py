@@ -10,7 +10,7 @@ from protocol.mesh.recovery import HURRY_S, PERIOD_S, recover
 
 
 class Swarm:
-    """Peers that have so many answers left, by id; keeps who was asked and when."""
+    """Peers with a number of answers left, by id; records the queries: peer and time."""
 
     def __init__(self, left: dict[str, int]) -> None:
         self.left = left
@@ -71,7 +71,7 @@ def test_agents_ask_different_peers_first() -> None:
 
 
 def test_a_peer_that_always_answers_keeps_no_other_out() -> None:
-    """Whoever answered with what is known already was asked again and again, and nobody else."""
+    """Before, a peer with only known entries in its answer was asked again and again, and no other peer."""
     swarm = Swarm({"d1": 1_000_000, "d2": 5, "d3": 0, "d4": 0})
     alive = ["d4"]
 

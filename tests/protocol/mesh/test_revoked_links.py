@@ -41,7 +41,8 @@ def test_a_revoked_drone_publishes_nothing_and_hears_nothing(issuer: Issuer, fol
                 await until(lambda d1=d1: len(d1.messages) >= 21)  # type: ignore[misc]
                 assert "d3" not in d1.mesh.alive
                 assert {key for key, _ in d1.messages} == {drone_key(SWARM, "d2", "pose"), command_key(SWARM, "operator")}
-                # It dials again five times a second, and each link ends at once: how much comes through depends on the machine.
+                # The revoked drone dials again five times a second, and each link ends at once: the amount delivered depends on
+                # the machine.
                 assert len(d3.got(drone_key(SWARM, "d1", "pose"))) < 10
                 assert len(d2.got(drone_key(SWARM, "d1", "pose"))) > 10
 
@@ -49,7 +50,7 @@ def test_a_revoked_drone_publishes_nothing_and_hears_nothing(issuer: Issuer, fol
 
 
 def test_a_session_that_is_opened_anew_keeps_the_others_and_loses_no_entry(folder: Path) -> None:
-    """d3 is revoked: d1, whom both others dial, ends its links; what d1 measures meanwhile arrives at d2 all the same."""
+    """d3 is revoked: d1, dialled by both others, ends its links; d1's measurements meanwhile arrive at d2 all the same."""
 
     async def course() -> None:
         listen = endpoint()
@@ -79,7 +80,7 @@ def test_a_session_that_is_opened_anew_keeps_the_others_and_loses_no_entry(folde
             await opening
             await until(lambda: b"%d" % number in d2.got(drone_key(SWARM, "d1", "cone")))
             assert d2.got(drone_key(SWARM, "d1", "cone")) == [b"%d" % n for n in range(1, number + 1)]
-            assert max(later - one for one, later in pairwise([began_s, *heard_s])) < 2.0  # it dials again after 0.2 to 1 s
+            assert max(later - one for one, later in pairwise([began_s, *heard_s])) < 2.0  # redial after 0.2 to 1 s
             assert b"after" not in d1.got(drone_key(SWARM, "d3", "pose"))
             assert d1.mesh.alive == {"d2"}
             assert b"after" in d1.got(drone_key(SWARM, "d2", "pose"))

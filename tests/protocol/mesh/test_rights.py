@@ -1,4 +1,4 @@
-"""What a member can publish, declare and ask by its certificate: each attack with a twin that shows the allowed case."""
+"""Rights of a member by its certificate to publish, declare and ask: each attack with a twin that shows the allowed case."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_a_drone_answers_for_its_own_log_only(folder: Path) -> None:
                 d2.mesh._session.declare_queryable(key, lambda query: query.reply(own, b"forged"))
                 for key in (other, f"{ROOT}/**")
             ]
-            assert await d3.mesh.ask("d1", b"") == 1  # answered by d1 alone, whose log it is
+            assert await d3.mesh.ask("d1", b"") == 1  # answered by d1 alone, the owner of the log
             assert await d3.mesh.ask("d2", b"") >= 1  # the twin: its own
             for declared in forging:
                 declared.undeclare()
@@ -133,7 +133,7 @@ def test_a_drone_answers_for_its_own_log_only(folder: Path) -> None:
 
 
 def test_the_log_is_queried_under_the_own_name_and_caches_by_drones_only(folder: Path) -> None:
-    """So that the budget of a drone is its own, and operators draw no more than theirs."""
+    """Each drone has its own budget, and operators draw no more than theirs."""
 
     async def course() -> None:
         async with AsyncExitStack() as stack:
@@ -144,7 +144,7 @@ def test_the_log_is_queried_under_the_own_name_and_caches_by_drones_only(folder:
             got = {}
             for one in (d2, observer):
                 for way, key in ways.items():
-                    await asyncio.sleep(QUIET_S)  # what comes sooner is dropped
+                    await asyncio.sleep(QUIET_S)  # earlier ones are dropped
                     got[one.drone, way] = await asyncio.to_thread(_replies, one.mesh._session, key)
             assert {asked for asked, replies in got.items() if replies} == {
                 ("d2", STATION), ("d2", "d2"), ("d2", "cache"), (None, STATION)

@@ -1,4 +1,4 @@
-"""Meshes on this machine: who hears what, the log query, leaving, and configurations that cannot work."""
+"""Meshes on this machine: delivery, the log query, leaving, and configurations that cannot work."""
 
 import asyncio
 import os
@@ -47,7 +47,7 @@ def test_a_command_reaches_every_drone_that_is_seen_alive_though_the_operator_di
             await linked(d1, d2, d3)
             async with member(None, connect=(first,)) as operator:
                 await until(lambda: operator.mesh.alive == {"d1", "d2", "d3"})
-                everybody = (d1, d2, d3, operator)  # who orders is told the own orders too
+                everybody = (d1, d2, d3, operator)  # a sender of orders also gets its own orders
                 for i in range(5):
                     operator.mesh.publish(command_key("s", "gcs"), b"%d" % i)
                     await until(lambda i=i: all(len(one.messages) > i for one in everybody))  # type: ignore[misc]
@@ -68,7 +68,7 @@ def test_who_joins_late_gets_the_entries_so_far_and_then_the_new_ones_in_order()
             for i in range(300):
                 d1.publish("cone", b"%d" % i)
             async with member("d2", endpoint(), (first,)) as d2:
-                await until(lambda: len(d2.messages) >= 300)  # Zenoh can miss what is put while a link comes up
+                await until(lambda: len(d2.messages) >= 300)  # Zenoh can miss a message put while a link comes up
                 for i in range(300, 400):
                     d1.publish("cone", b"%d" % i)
                 await until(lambda: len(d2.messages) >= 400)
@@ -104,7 +104,7 @@ def test_the_log_query_brings_what_the_history_does_not_hold(monkeypatch: pytest
 
 
 def test_a_log_comes_once_to_one_that_takes_it_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever asked while the last answer still waited for its delivery got it again, twice or three times."""
+    """Before, a peer that asked while the last answer still waited for delivery got it again, twice or three times."""
     monkeypatch.setattr(inbox, "DELIVERED_S", 60.0)
     monkeypatch.setattr(session, "ASK_S", 60.0)
     log = [(drone_key("s", "d1", "cone"), b"%d" % i) for i in range(180)]
@@ -228,13 +228,13 @@ def test_what_is_too_large_is_dropped_and_counted() -> None:
 
 
 def test_who_leaves_is_gone_at_once_and_publishes_nothing_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(link._SETTINGS, LEASE, LONG_LEASE_MS)  # so that it is not a lease that ends
+    monkeypatch.setitem(link._SETTINGS, LEASE, LONG_LEASE_MS)  # so that no lease ends
 
     async def run() -> None:
         async with pair() as (d1, d2):
             start_s = time.monotonic()
             await d2.mesh.close()
-            assert time.monotonic() - start_s < link.CLOSE_S  # it ended by itself and was not given up
+            assert time.monotonic() - start_s < link.CLOSE_S  # ended by itself, not given up
             await until(lambda: not d1.mesh.alive)
             d2.publish("pose", b"")
             assert d2.mesh.counters["publish_failed"] == 1

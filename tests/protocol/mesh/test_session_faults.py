@@ -75,7 +75,7 @@ def test_a_killed_peer_is_gone_at_once_and_comes_back() -> None:
 
 @pytest.mark.slow
 def test_a_peer_that_stood_still_is_there_again_each_time() -> None:
-    """Zenoh can make the link anew without what the peer has declared, by its settings."""
+    """By its settings Zenoh can make the link anew without the peer's declarations."""
 
     async def run() -> None:
         first = endpoint()
@@ -99,7 +99,7 @@ def test_a_peer_that_stands_still_is_gone_within_a_lease_and_its_restart_counts(
             with peer_process("d2", endpoint(), first) as stopped:
                 await until(lambda: d1.mesh.alive == {"d2"})
                 stopped.send_signal(signal.SIGSTOP)
-                assert await until(lambda: not d1.mesh.alive) < 3.0  # lease 1 s, and what a busy machine adds; Zenoh's own: 10 s
+                assert await until(lambda: not d1.mesh.alive) < 3.0  # lease 1 s, and the machine's load; Zenoh's own: 10 s
                 stopped.send_signal(signal.SIGCONT)
                 await until(lambda: d1.mesh.alive == {"d2"})
                 stopped.send_signal(signal.SIGSTOP)
@@ -128,9 +128,9 @@ def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -
                 until_s = last_s + 2.0
                 while time.monotonic() < until_s:
                     start_s = time.monotonic()
-                    for _ in range(10):  # more than the sockets of those that stand still hold
+                    for _ in range(10):  # more than the sockets of the frozen peers hold
                         d1.publish("plan", bytes(60_000))
-                    assert time.monotonic() - start_s < 1.0  # an agent whose loop stands still for so long is killed
+                    assert time.monotonic() - start_s < 1.0  # an agent is killed if its loop stands still for so long
                     await asyncio.sleep(0.02)
                     if len(d1.messages) > heard:
                         heard, longest_s, last_s = len(d1.messages), max(longest_s, time.monotonic() - last_s), time.monotonic()
@@ -143,7 +143,7 @@ def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -
                     d1.publish("plan", bytes(60_000))
                 start_s = time.monotonic()
                 await d1.mesh.close()
-                assert time.monotonic() - start_s < CLOSE_S  # it ended by itself and was not given up
+                assert time.monotonic() - start_s < CLOSE_S  # ended by itself, not given up
 
     asyncio.run(run())
 
@@ -312,7 +312,7 @@ def test_a_peer_that_fetches_the_log_over_a_congested_link_does_not_hold_the_pub
                     d1.publish("cone", bytes(400))
                     longest_s = max(longest_s, time.monotonic() - before_s)
                     await asyncio.sleep(0.02)
-                assert longest_s < 1.0  # an agent whose loop stands still for so long is killed; the put itself waits for 5 s
+                assert longest_s < 1.0  # an agent is killed if its loop stands still for so long; the put itself waits for 5 s
 
     asyncio.run(run())
 

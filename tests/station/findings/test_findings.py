@@ -185,12 +185,12 @@ def test_without_a_datum_there_is_nothing_on_earth(findings, tmp_path):
 
 
 def row(text, name):
-    """What the report says in a row."""
+    """Text of a row of the report."""
     return re.search(rf"<th>{re.escape(name)}</th><td>(.*?)</td>", text)[1]
 
 
 def hypothesis_of(flight, at_ms):
-    """What the drones' own code makes of the log that a drone had at a time, without the station."""
+    """Result of the drones' own code for a drone's log at a time, without the station."""
     records = Records([flight])
     world, begun, until_ns = WorldModel(records.mission, (), estimator_named), False, None
     for heard in records.messages():
@@ -210,7 +210,7 @@ def hypothesis_of(flight, at_ms):
 
 
 def test_every_number_of_the_report_is_the_logs(findings, folder, flights):
-    """Counted here from the messages in the record, and compared with what the drone itself knew."""
+    """Counted here from the messages in the record, and compared with the drone's own knowledge."""
     text = (folder / "report.html").read_text()
     log, entries = ObservationLog(findings.mission.mission_id, findings.drones), {}
     for heard in Records(flights[:1]).messages():

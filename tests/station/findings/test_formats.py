@@ -21,13 +21,13 @@ from station.findings.facts import gather
 
 SCHEMAS = Path(__file__).parent / "schemas"
 NAME = 'Müller & <Söhne> "A", Übung Нр. 1'
-ANTIMERIDIAN = DatumConfig(latitude_deg=-16.8, longitude_deg=179.9998, altitude_m=12.0)  # which lies 21 m east of it
+ANTIMERIDIAN = DatumConfig(latitude_deg=-16.8, longitude_deg=179.9998, altitude_m=12.0)  # 21 m east of it
 PARTS = {"report.html", "tracks.csv", "cones.csv", "spectra.n42", "findings.geojson", "findings.kml", "dose.tif"}
 
 
 @pytest.fixture(scope="module")
 def findings(flights):
-    """Of a mission across the antimeridian, with a name that is no ASCII and drones whose ids are numbers."""
+    """A mission across the antimeridian, with a name beyond ASCII and numeric drone ids."""
     found = gather(flights[:1], lambda share: None)
     numbered = tuple(replace(drone, id=drone.id[1:]) for drone in found.mission.drones)
     mission = replace(found.mission, name=NAME, datum=ANTIMERIDIAN, drones=numbered)

@@ -26,7 +26,7 @@ def findings(*paths_m):
     picture = Picture(MISSION, None)
     for number, path_m in enumerate(paths_m):
         given = {"stamp_ns": NOW_NS + number, "drone": "d1", "mission": MISSION.mission_id, "boot": "0" * 16, "sequence": number}
-        entry = Coverage(**given, epoch=0, path_m=path_m, swath_m=1000.0)  # the mission's counts, not what a drone says
+        entry = Coverage(**given, epoch=0, path_m=path_m, swath_m=1000.0)  # the mission's value counts, not a drone's
         shown_drone.give(picture, MISSION, entry)
     picture.advance(NOW_NS + 10**9)
     hub = Hub(picture, replay=True)

@@ -1,4 +1,4 @@
-"""Who commanded, as a station hears it: of signed orders and of the drones' statuses."""
+"""Origin of commands at a station: from signed orders and from the drones' statuses."""
 
 import pytest
 from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
@@ -66,7 +66,7 @@ def test_who_commanded_what_and_which_drones_have_obeyed(picture):
 def test_orders_that_come_together_are_not_told_apart_beyond_what_is_known(picture):
     picture.receive(*hold(), START_NS)
     picture.receive(*order(Action.RESUME, START_NS, TOWER, station="tower", to=D1), START_NS)
-    hear(picture, status("d1", 6, 1), 1)  # the one or the other
+    hear(picture, status("d1", 6, 1), 1)  # either of the two
     assert told(picture)["hold", "d1"] == told(picture)["resume", "d1"] == UNSURE
     later = {"d1": Ticket("0" * 16, 6)}
     picture.receive(*order(Action.LAND, START_NS + 2 * SECOND, to=later), START_NS + 2 * SECOND)
@@ -194,7 +194,7 @@ def test_an_order_that_comes_before_or_after_what_the_drones_tell_of_it_is_one_o
     (heard,) = picture.orders.heard
     assert (heard.results, heard.copies, heard.told) == ({"d1": OBEYED, "d2": OBEYED}, 1, False)
     assert heard.signer.name == "lockstep"
-    assert events(picture, 9) == []  # it is told as any order that is heard
+    assert events(picture, 9) == []  # reported like any received order
 
 
 @pytest.mark.parametrize("is_late", [False, True])

@@ -17,7 +17,7 @@ SOURCE = SourceFrame(
 
 
 def overview_of(seconds):
-    """Of two drones: one flies east by a metre a second, nobody knows where the other one is."""
+    """Of two drones: one flies east by a metre a second, the other's position is unknown."""
     overview = Overview(2)
     for second in range(seconds):
         first = DroneFrame(id="d1", place=(float(second), 1.0, 2.0), rates_ps=(7.0, 1.0, 0.5) if second else None)

@@ -1,4 +1,4 @@
-"""A station leaves out of the log what the drones do."""
+"""A station leaves the same entries out of the log as the drones."""
 
 import pytest
 from members import AUTHORITY, FOREIGN, cones, credential, give, revocation, trusting

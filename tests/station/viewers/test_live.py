@@ -129,7 +129,7 @@ def test_after_the_end_of_a_subscription_nothing_comes(page):
         subscription, _, content = received(socket, channels["/events"])
         while "heard" in content.message or "stage" not in content.message:
             subscription, _, content = received(socket, channels["/events"])
-        assert (subscription, content.message) == (1, "<i>d1</i>: {stage}")  # told as it is, not interpreted
+        assert (subscription, content.message) == (1, "<i>d1</i>: {stage}")  # passed on as published, not interpreted
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def messages(written):
 
 @pytest.fixture(scope="module")
 def heard(flights):
-    """What the drone has received and sent."""
+    """Messages that the drone has received and sent."""
     return [decode_from(each.key, each.payload) for each in Records(flights[:1]).messages()]
 
 
@@ -142,7 +142,7 @@ def test_the_counts_are_those_of_the_log(messages, heard):
 
 
 class Seen:
-    """What the page is shown: frames by their times, and the newest layer of each kind."""
+    """Frames for the page, by their times, and the newest layer of each kind."""
 
     def __init__(self):
         self.frames, self.layers = {}, {}
@@ -157,7 +157,7 @@ class Seen:
 
 @pytest.fixture(scope="module")
 def seen(flights):
-    """What the page is shown of the same records."""
+    """Frames for the page from the same records."""
     records, seen = Records(flights[:1]), Seen()
     hub = Hub(Picture(records.mission, records.verifier), replay=True)
     hub.outlets.append(seen)

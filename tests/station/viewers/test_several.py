@@ -29,7 +29,7 @@ def hypothesis(x, nuclide, others=()):
 
 @pytest.fixture
 def told():
-    """What is told of the sources by topic, after the estimate has changed the order of its list."""
+    """Messages on the sources by topic, after the estimate has changed the order of its list."""
     picture = Picture(MISSION, None)
     foxglove = Foxglove(picture)
     schemas = {topic.name: topic.schema for topic in foxglove.topics}

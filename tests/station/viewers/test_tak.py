@@ -59,7 +59,7 @@ FRAME = Frame(at_ms=AT_MS, drones=(D1, SILENT), source=SOURCE)
 
 
 def sent(url, frames, receive):
-    """What ``receive()`` gets after the frames have been shown."""
+    """Data that ``receive()`` gets after the frames have been shown."""
 
     async def course():
         outlet = Tak(Picture(MISSION, None), url, print)
@@ -78,7 +78,7 @@ def sent(url, frames, receive):
 
 @pytest.fixture
 def events():
-    """Those of one frame by the ends of their names, received over UDP."""
+    """Events of one frame by the ends of their names, received over UDP."""
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     receiver.bind(("127.0.0.1", 0))
     receiver.setblocking(False)
@@ -154,7 +154,7 @@ def test_each_of_several_sources_has_its_mark_region_and_cordon_under_a_uid_of_i
     found = sent(Frame(at_ms=AT_MS, drones=(), source=SOURCE, others=(other, weak)))
     assert set(found) == {
         *("source", "region", "cordon", "source-2", "region-2", "cordon-2"),
-        *("source-5", "region-5"),  # nobody knows its activity
+        *("source-5", "region-5"),  # activity unknown
     }
     assert place_of(found["source-2"]) == pytest.approx(other.place, abs=0.01)
     assert found["source-2"].find("detail/contact").get("callsign") == "source 2 Co-60"
@@ -188,7 +188,7 @@ def test_a_lost_link_is_told_once_and_made_again(monkeypatch):
             writer.close()
 
         async with asyncio.timeout(20.0):
-            await until(lambda: told)  # nobody listens
+            await until(lambda: told)  # no listener
             async with await asyncio.start_server(serve, "127.0.0.1", port):
                 await until(lambda: len(lines) > 1)  # the server has ended the first connection
         sending.cancel()

@@ -1,4 +1,4 @@
-"""The server against whom it should not serve; each refusal beside the allowed case."""
+"""Refusals of the server; each refusal beside the allowed case."""
 
 import datetime
 import json
@@ -172,7 +172,7 @@ def test_a_page_may_look_back_and_follow_again(page):
     page.call(page.hub.show, 5_000_000_000)
     with page.socket() as socket:
         first(socket, "progress")
-        assert first(socket, "at")["at_ms"] == 5000  # what it begins with
+        assert first(socket, "at")["at_ms"] == 5000  # first bytes
         socket.send('{"live": false, "at_ms": 5500}')
         assert first(socket, "at")["at_ms"] == 5500
         assert first(socket, "frame")["at_ms"] == 5000
@@ -229,7 +229,7 @@ def test_an_operators_page_commands_the_drones_that_it_names(page):
 
 
 def taking(hub):
-    """What a station that may command is told to do."""
+    """Commands to a station that may command."""
     given = []
 
     def take(action, drones, age_s):
@@ -368,7 +368,7 @@ def flood(socket):
 
 
 def test_of_too_many_pages_the_one_that_has_been_idle_the_longest_gives_way(page):
-    """They locked the operator out."""
+    """Such requests locked the operator out."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(page.socket()) for _ in range(MAX_PAGES)]
         for socket in sockets:
@@ -397,7 +397,7 @@ def test_half_requests_of_other_processes_take_neither_the_descriptors_of_the_st
             assert page.get("/")[0] == 200
         with suppress(ConnectionResetError):
             assert half[0].recv(1) == b""
-        fresh(socket)  # it is no connection that has asked for nothing
+        fresh(socket)  # not an idle connection
 
 
 def test_a_page_that_reads_too_slowly_is_let_go(hub):
