@@ -35,7 +35,7 @@ def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=
 
 
 def cone_entry(mission, time_s, apex, axis, theta, *, drone="a", sequence=0, epoch=0, probability=0.8, boot=BOOT):
-    """A cone whose first order is the one to be believed; the second looks the other way."""
+    """A cone whose first order is the right one; the second looks the other way."""
     axis = tuple(float(value) for value in np.asarray(axis, dtype=float))
     orders = (
         ConeOrder(axis, float(theta), 0.1, probability),
@@ -152,7 +152,7 @@ def kit():
 
 @pytest.fixture(scope="session")
 def mission():
-    """One in which x0 takes six cones."""
+    """A mission in which x0 takes six cones."""
     return mission_of(initial_cones=6)
 
 

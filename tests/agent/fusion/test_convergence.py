@@ -35,7 +35,7 @@ def errors(kit):
 
 @pytest.mark.parametrize(("estimator", "limit_m"), [("paper", 1.2), ("paper-geometric", 0.6)])
 def test_a_static_source_is_found(errors, estimator, limit_m):
-    """ARM of 0.08 rad at 12 m is 1 m per cone; the two rules differ by what the paper's pulls to the cameras."""
+    """ARM of 0.08 rad at 12 m is 1 m per cone; the two rules differ by the pull of the paper's rule to the cameras."""
     found, _ = errors(estimator, range(4), 90.0, lambda _: (35.0, 62.0))
     assert np.median(found) < limit_m
 

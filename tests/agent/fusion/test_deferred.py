@@ -1,4 +1,4 @@
-"""An estimator that is computed elsewhere tells what it would have told in place, whatever was computed when."""
+"""An estimator computed elsewhere returns the same hypotheses as in place, in any order of computation."""
 
 import pickle
 import random

@@ -76,7 +76,7 @@ def test_radio_delays_in_a_running_flight(kit, mission, entries, in_order, seed)
 
 @pytest.mark.parametrize("now_s", [5.0, 12.3, 29.9])
 def test_the_hypothesis_of_any_moment_is_that_of_its_grid_step(kit, mission, entries, now_s):
-    """A log that knows more already (stamps ahead of now) says the same as one that knows only what is due."""
+    """A log that knows more already (stamps ahead of now) says the same as a log with the due entries only."""
     ahead, due = fusion_of(mission), fusion_of(mission)
     now_ns = kit.T0_NS + round(now_s * 1e9)
     end_ns = (now_ns // 500_000_000 + 1) * 500_000_000
@@ -146,7 +146,7 @@ def test_a_start_leaves_out_the_same_whenever_it_is_told(kit, mission, entries, 
 
 @pytest.mark.parametrize("back_s", [0.5, 7.0, 25.0, 45.0])
 def test_where_time_goes_back_so_does_the_hypothesis(kit, mission, entries, in_order, back_s):
-    """The swarm's common time was ahead: what the log says of the time that it is now counts, and again when that has passed."""
+    """The swarm's common time was ahead: the log's entries up to the present time count, and later ones again once due."""
     fusion, never = fusion_of(mission), fusion_of(mission)
     for one in (fusion, never):
         kit.feed(one, entries)

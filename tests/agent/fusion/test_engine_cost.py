@@ -1,4 +1,4 @@
-"""What the engine computes and keeps, whatever comes and however late: bounded, and nothing twice without need."""
+"""The engine's computation and memory, for any input however late: bounded, and nothing twice without need."""
 
 import random
 import tracemalloc
@@ -49,7 +49,7 @@ def counting_fusion(mission):
 
 
 def test_old_entries_again_and_again_delay_nothing_and_are_all_in_it_in_the_end(kit, mission, entries):
-    """One each 0.3 s, each of which would have everything computed again: every call costs a slice at most, and the hypothesis
+    """An entry each 0.3 s, enough to have everything computed again: every call costs a slice at most, and the hypothesis
     stays the newest.
     """
     cones = kit.flight(mission, np.random.default_rng(5), 120.0, lambda _: (40.0, 60.0), rate_hz=2.0)
@@ -115,7 +115,7 @@ def fusion_at_rest(fusion, now_ns):
 
 
 def test_old_entries_all_the_time_are_in_the_hypotheses_of_all_at_the_same_times(kit):
-    """One each 0.3 s, 6.6 s late, and up to 0.1 s later at the other agent; a replay takes twelve calls."""
+    """An entry each 0.3 s, 6.6 s late, and up to 0.1 s later at the other agent; a replay takes twelve calls."""
     mission = kit.mission_of(initial_cones=6, grid_s=0.1)
     cones = kit.flight(mission, np.random.default_rng(4), 40.0, lambda _: (40.0, 60.0), rate_hz=10.0)
     rng, agents, same, looks = random.Random(4), (fusion_of(mission), fusion_of(mission)), 0, 0
@@ -170,7 +170,7 @@ def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
         again = kit.cone_entry(mission, 0.3, (1.0, 2.0, 3.0), (0.6, 0.0, 0.8), 0.5, sequence=10**6)
         kit.feed(fusion, [again])
         fusion.advance(now_ns + 1)
-        assert counting.folded == 0  # what does not count costs nothing
+        assert counting.folded == 0  # entries that do not count cost nothing
     assert states[0] == states[1]
 
 

@@ -24,7 +24,7 @@ def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entri
 
 
 def test_a_frame_that_is_lost_while_late_entries_wait_ends_no_flight(kit, mission, entries, monkeypatch):
-    """What was measured in it goes with the next change of the frames; a step that is computed again before leaves it out."""
+    """Measurements in it go with the next change of the frames; a step that is computed again before leaves it out."""
     monkeypatch.setattr(observations, "MOST_HELD", 0)
     graph = FrameGraph.from_launch_layout(mission)
     fusion = Fusion(mission, graph)
@@ -143,6 +143,6 @@ def test_a_frame_that_moves_from_some_time_on_moves_what_was_measured_since_alon
     kit.feed(reference, [entry for entry in entries if entry.sequence < 1000])
     expected = kit.settle(reference, kit.T0_NS + kit.END_NS).position
     np.testing.assert_allclose(kit.settle(fusion, kit.T0_NS + kit.END_NS).position, expected, atol=1e-6)
-    frames.replace_from("b", 0, jump_ns, [(jump_ns, None)])  # lost: what was measured since waits again
+    frames.replace_from("b", 0, jump_ns, [(jump_ns, None)])  # lost: later measurements wait again
     fewer = kit.settle(fusion, kit.T0_NS + kit.END_NS)
     assert fewer.cones == sum(not (e.drone == "b" and e.stamp_ns >= jump_ns) for e in moved if isinstance(e, Cone))

@@ -70,7 +70,7 @@ def test_bayes_finds_the_source_on_the_slope_and_says_how_high(kit):
 
 
 def test_who_takes_the_ground_for_even_is_led_astray(kit):
-    """What the model of the ground is good for: the same flight without it."""
+    """The benefit of the ground model: the same flight without it."""
     mission = kit.mission_of(estimator="bayes")
     found = believed(kit, mission, entries_of(kit, mission, np.random.default_rng(1), 60.0), 60.0)
     assert found is None or math.dist(found.position[:2], SOURCE[:2]) > 1.5

@@ -80,7 +80,7 @@ def test_another_mission_is_refused(mission, entries):
 
 
 def test_a_drone_that_is_not_in_the_mission_is_refused(mission, entries):
-    """However many of them somebody makes up, they fill no memory: neither records nor ranges of sequence numbers."""
+    """However many an attacker makes up, they fill no memory: neither records nor ranges of sequence numbers."""
     log = empty_log(mission)
     for number in range(20):
         stranger = msgspec.structs.replace(entries[0], drone=f"stranger-{number}")
@@ -130,7 +130,7 @@ def test_an_answer_costs_what_is_in_it_however_many_gaps_there_are(mission, entr
     held._firsts = CountedList(held._firsts)
     CountedList.looked = 0
     assert list(held.without(whole)) == []
-    assert CountedList.looked == 1  # what the peer holds in one range is passed over at once
+    assert CountedList.looked == 1  # a range held by the peer is passed over at once
 
 
 class CountedList(list):
@@ -183,7 +183,7 @@ def test_entries_of_a_kind_are_a_function_of_the_content(mission, entries, seed)
 @settings(max_examples=50)
 @given(kept=st.sets(st.integers(0, 11)), chance=st.randoms(use_true_random=False))
 def test_what_is_forgotten_leaves_no_trace(mission, entries, kept, chance):
-    """And what is forgotten can be taken again."""
+    """Forgotten entries can be taken again."""
     left = [entry for place, entry in enumerate(entries) if place in kept]
     gone = [entry for entry in entries if entry not in left]
     chance.shuffle(gone)

@@ -36,7 +36,7 @@ def entry(kit, mission):
 
 
 class Holder:
-    """A log whose owner takes out what does not count, as drones do."""
+    """A log whose owner removes entries that do not count, as drones do."""
 
     def __init__(self, mission, entries=()):
         self.log = ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
@@ -52,7 +52,7 @@ class Holder:
         return outcome
 
     def ask(self, other):
-        """Get what the other one holds and this one lacks; how many entries that were."""
+        """Get the other log's entries that this log lacks; return their number."""
         replies = other._exchange.answer(self._exchange.summary())
         for _, payload in replies:
             self.take(decode(payload))
@@ -64,7 +64,7 @@ class Holder:
 
 
 def exchanged(holders, rounds=40):
-    """Each asks each, again and again, until nobody gets anything any more."""
+    """Each asks each, again and again, until no log gets anything any more."""
     for _ in range(rounds):
         if not sum(one.ask(other) for one in holders for other in holders if one is not other):
             return
@@ -93,7 +93,7 @@ def test_what_is_left_out_does_not_depend_on_the_order_of_arrival(mission, entry
     parts=st.lists(st.integers(0, 2), min_size=60, max_size=60),
 )
 def test_logs_that_were_told_different_things_agree_after_the_exchange(mission, entry, told, parts):
-    """However they were told: each got a part, and nobody two versions of a number."""
+    """In any distribution: each got a part, and no log two versions of a number."""
     made = [entry(number, version, drone) for number, version, drone in told]
     logs = [Holder(mission) for _ in range(3)]
     for one, part in zip(made, parts, strict=False):
@@ -130,7 +130,7 @@ def test_a_log_without_contradiction_is_asked_and_told_nothing_twice(mission, en
 
 
 def test_the_proof_is_enough_and_nothing_that_does_not_count_is_sent(mission, entry):
-    """To one that has many of the liar's entries it takes two; to one that has left them out none is sent any more."""
+    """A log with many of the liar's entries needs two; a log that has left them out gets none any more."""
     one = Holder(mission, [entry(number) for number in range(400)])
     other = Holder(mission, [entry(number) for number in range(10, 400)])
     assert one.take(entry(7, version=1)) is Outcome.CONTRADICTION

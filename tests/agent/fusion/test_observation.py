@@ -77,7 +77,7 @@ def test_the_place_in_the_middle_lies_between_the_samples_around_it(kit):
     only = observe(msgspec.structs.replace(exposure, poses=poses[:1]), Transform())
     assert only.position == (1.0, 0.0, 3.0)
     early = observe(msgspec.structs.replace(exposure, poses=poses[:2]), Transform())
-    assert early.position == (2.0, 0.0, 3.0)  # nothing is known of what came after
+    assert early.position == (2.0, 0.0, 3.0)  # nothing later is known
 
 
 def test_the_errors_of_an_estimated_frame_count_instead_of_what_the_drone_tells(cone, kit):
@@ -86,9 +86,7 @@ def test_the_errors_of_an_estimated_frame_count_instead_of_what_the_drone_tells(
     covariance = np.diag([0.09, 0.16, 4.0, 0.01])
     far = msgspec.structs.replace(cone, apex_m=(30.0, 40.0, 3.0))
     seen = observe(far, Transform(0.3, (5.0, 0.0, 0.0), covariance))
-    assert seen.position_sigma_m == pytest.approx(
-        math.sqrt(0.25 + (50.0 * 0.1) ** 2)
-    )  # the heading's error turns what is far away
+    assert seen.position_sigma_m == pytest.approx(math.sqrt(0.25 + (50.0 * 0.1) ** 2))  # the heading's error turns distant places
     assert seen.yaw_sigma_rad == pytest.approx(0.1)
     late = observe(msgspec.structs.replace(far, clock_sigma_m=2.0), Transform(0.3, (5.0, 0.0, 0.0), covariance))
     assert late.position_sigma_m == pytest.approx(math.hypot(seen.position_sigma_m, 2.0))

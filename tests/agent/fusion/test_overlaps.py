@@ -1,4 +1,4 @@
-"""Exposures of one drone that overlap do not count; those that are too long are not taken."""
+"""Overlapping exposures of a drone do not count; too long ones are not taken."""
 
 import itertools
 import random
@@ -25,7 +25,7 @@ def log_of(mission, entries, **rules):
 
 
 def exposures(kit, mission, spans, drone="a"):
-    """One for each span (begin, end), s; of two boots in turn."""
+    """An exposure for each span (begin, end), s; of two boots in turn."""
     made = [
         kit.exposure_entry(mission, begin_s, (0.0, 0.0, 3.0), drone=drone, sequence=number, duration_s=end_s - begin_s)
         for number, (begin_s, end_s) in enumerate(spans)

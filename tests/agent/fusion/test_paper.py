@@ -98,7 +98,7 @@ def test_cones_from_one_place_are_no_baseline(estimator, cones, kit):
     flown = [kit.cone_entry(mission, 60.0 + i, apex, (0.0, 1.0, 0.0), 0.5, sequence=i) for i, apex in enumerate(apexes)]
     seen = [observe(entry, Transform()) for entry in flown]
     assert fold(estimator, seen[:8], state).track is None
-    assert fold(estimator, seen, state).track.cones == 39  # those that were no use for x0 count, too
+    assert fold(estimator, seen, state).track.cones == 39  # cones without use for x0 count, too
 
 
 def test_noise_grows_with_time_and_not_with_the_number_of_steps(estimator, cones):
@@ -146,7 +146,7 @@ def random_cone(kit, rng, sequence, reach_m):
 
 @pytest.mark.parametrize("reach_m", [290.0, 2000.0, 1e5])
 def test_no_cone_takes_the_hypothesis_away(estimator, cones, kit, reach_m):
-    """Neither those from far away nor many from just within the limit: after each it is at most 200 m from the area."""
+    """Neither cones from far away nor many from just within the limit: after each it is at most 200 m from the area."""
     rng = np.random.default_rng(8)
     state = fold(estimator, cones(rng, 10))
     moved = 0

@@ -25,7 +25,7 @@ def angle_from(axis, apex, point):
 
 
 def by_the_paper(point, apex, axis, theta):
-    """Eq. (projection) as it is printed: w is v turned by -beta about the normal of the plane of u and v."""
+    """Eq. (projection) as printed: w is v turned by -beta about the normal of the plane of u and v."""
     u, v = np.array(axis), np.subtract(point, apex)
     length = np.linalg.norm(v)
     v = v / length

@@ -1,4 +1,4 @@
-"""What its own drone takes back, because a wrong clock has stamped it, stays in the log and does not count."""
+"""Entries retracted by their own drone, after stamps of a wrong clock, stay in the log and do not count."""
 
 import random
 from functools import partial
@@ -115,7 +115,7 @@ def test_one_that_takes_back_all_that_it_says_keeps_nobody_from_folding_the_othe
 
 
 def test_many_retractions_that_do_not_count_any_more_are_worked_off_together(kit, mission, entries):
-    """One for each number: to look for what counts again after each of them would take seconds."""
+    """A retraction for each number: a new selection after each of them would take seconds."""
     back = [retraction(kit, mission, number, number, sequence=20_000 + number) for number in range(5000)]
     log = log_of(mission, [*entries, *back])
     own = [entry.entry_id for entry in entries if entry.drone == "a"]

@@ -8,7 +8,7 @@ from fusions import fusion_of
 
 SECONDS = 50
 STEP_NS = 300_000_000  # between two calls of a slow agent: three new steps of the grid, 6.6 units of work in the mean
-START_S, LOG_S = 20.0, 4.0  # of one that is started late, and until it has the others' log
+START_S, LOG_S = 20.0, 4.0  # of a late agent, and until it has the others' log
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +87,8 @@ def test_a_clock_that_was_set_back_does_not_make_it_wait_until_the_former_time_h
 
 
 def test_one_that_is_started_late_begins_again_instead_of_folding_twice(kit, mission, cones):
-    """It gets the log of before in any order: what comes late would not be in a chain that reaches the present, and a replay
-    beside that one would never catch up.
+    """The agent gets the earlier log in any order: late entries would not be in a chain that reaches the present, and a replay
+    beside that chain would never catch up.
     """
     rng, start_ns = random.Random(7), kit.T0_NS + round(START_S * 1e9)
     delays_ns = [rng.randrange(round(LOG_S * 1e9)) for _ in cones]
@@ -106,8 +106,8 @@ def test_one_that_is_started_late_begins_again_instead_of_folding_twice(kit, mis
 
 @pytest.mark.parametrize(("times", "most_s"), [(2.3, 30.0), (1.5, 25.0), (1.15, 35.0)])
 def test_what_came_late_is_computed_again_however_little_time_is_left(kit, mission, cones, times, most_s):
-    """25 cones come 9 s late, and it has time for 2.3, 1.5 or 1.15 times what is new: beside a chain that goes on without them it
-    would take half a minute with the first, and never come to an end with the others. What is told is of now all the time.
+    """25 cones come 9 s late, and the agent has time for 2.3, 1.5 or 1.15 times the new work: beside a chain that goes on without
+    them, a replay would take half a minute with the first, and never end with the others. The hypothesis stays of the present.
     """
     late = {cone.stamp_ns for cone in [cone for cone in cones if cone.stamp_ns >= kit.T0_NS + 2 * 10**9][:25]}
     arrivals = [(cone.stamp_ns + (cone.stamp_ns in late) * 9 * 10**9, cone) for cone in cones]

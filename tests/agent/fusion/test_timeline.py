@@ -1,4 +1,4 @@
-"""What counts of a drone in a step of the time grid: of exposures as many as three cameras make, in any order of arrival."""
+"""The entries of a drone that count in a step of the time grid: exposures of up to three cameras, in any order of arrival."""
 
 from itertools import permutations
 

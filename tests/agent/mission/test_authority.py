@@ -1,4 +1,4 @@
-"""The table of who flies: a takeover ends on the ground or by a command, and no state is a dead end."""
+"""The table of flight authority: a takeover ends on the ground or by a command, and no state is a dead end."""
 
 from pathlib import Path
 

@@ -28,7 +28,7 @@ def test_a_drone_that_is_told_to_hold_brakes_by_its_own_setpoints():
     assert held(MOVING, 2.0, OFFBOARD, slow_s=0.7) is Request.OFFBOARD  # slow, and still leaning against its way
     assert held(MOVING, 2.0, OFFBOARD, slow_s=0.9) is Request.HOLD  # at rest
     assert held(OFFBOARD, 0.05) is Request.HOLD
-    assert held(MOVING, 5.1) is Request.HOLD  # it never came to rest
+    assert held(MOVING, 5.1) is Request.HOLD  # never came to rest
 
 
 @pytest.mark.parametrize("changes", [{"mode": FlightMode.HOLD}, {"mode": FlightMode.MANUAL}, {"position_trusted": False}])

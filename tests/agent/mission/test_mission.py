@@ -102,7 +102,7 @@ def test_a_search_for_further_sources_goes_on_beside_one_that_is_found():
     assert mission.stage is Stage.TRACK
     mission.step(at(40.0))
     assert mission.stage is Stage.SURVEY
-    mission.step(at(41.0, has_hypothesis=True))  # it was gone for a moment
+    mission.step(at(41.0, has_hypothesis=True))  # gone for a moment
     assert mission.stage is Stage.TRACK
 
 
@@ -237,7 +237,7 @@ def test_a_revoked_drone_returns_at_once(holds):
 
 
 def test_what_a_pilot_has_stopped_is_not_sent_home_by_the_agent():
-    """A hold that somebody else has chosen: its end is the pilot's, or the autopilot's own failsafe."""
+    """A hold not commanded by the agent: its end is the pilot's, or the autopilot's own failsafe."""
     mission = tracking()
     for tick in range(100):
         mission.step(at(11.0 + 0.05 * tick, OFFBOARD if tick < 50 else VEHICLE, has_hypothesis=True, last_cone_ns=10 * SECOND))
@@ -272,7 +272,7 @@ def test_after_a_landing_it_can_be_started_again() -> None:
 
 
 def test_what_ended_the_flight_before_does_not_end_the_next_one() -> None:
-    """A drone that had returned alone, and was started again, returned at once where nobody was heard."""
+    """A drone that had returned alone, and was started again, returned at once where no peer was heard."""
     mission = surveying()
     for at_s in (10.0, 16.0):
         mission.step(at(at_s, stranded_s=STRANDED_S))

@@ -24,14 +24,14 @@ def test_the_same_key_gives_the_same_nonces_for_a_replay():
 
 
 def test_a_command_with_a_nonce_computed_from_boot_and_time_is_refused_and_one_with_the_told_nonce_obeyed():
-    """What a status tells, boot and clock, was once all that one had to know."""
+    """The published boot and clock once sufficed to compute a valid nonce."""
     boot = "0" * 15 + "1"
     one = Pilot(MISSION, DroneConfig(id="d1"), boot=boot, nonce_key=b"drawn at random.")
     one.observe_vehicle(state(START_NS))
     predicted = command(Action.LAND, stamp_ns=START_NS, boot=boot)
     one.receive(*predicted, START_NS)
     assert (one.stage, one.counters["dropped_command_too_old"]) == (Stage.PREFLIGHT, 1)
-    told = one_pilot(boot=boot)  # one whose key the test knows
+    told = one_pilot(boot=boot)  # a pilot with a key known to the test
     told.observe_vehicle(state(START_NS))
     told.receive(*command(stamp_ns=START_NS, boot=boot), START_NS)
     assert told.stage is not Stage.PREFLIGHT

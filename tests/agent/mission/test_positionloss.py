@@ -19,7 +19,7 @@ def test_without_a_position_it_stays_by_its_setpoints_and_then_holds() -> None:
     assert mission.request is Request.OFFBOARD
     mission.step(at(11.0, BLIND))
     assert mission.request is Request.HOLD
-    for tick in range(60):  # hold, which was asked for, is nobody's takeover
+    for tick in range(60):  # a requested hold is no takeover
         mission.step(at(11.0 + 0.05 * tick, replace(BLIND, mode=FlightMode.HOLD)))
     assert not mission.released
     mission.step(at(14.0, replace(VEHICLE, mode=FlightMode.HOLD)))
@@ -78,7 +78,7 @@ def test_while_it_lands_for_want_of_a_position_it_cannot_be_sent_elsewhere() -> 
 
 
 def test_once_its_position_is_back_an_operator_may_send_it_home() -> None:
-    """Unasked it lands on. Before, it turned back to landing at once, and told nobody."""
+    """Without a command it lands on. Before, it turned back to landing at once, unreported."""
     mission = landing_without_a_position()
     for second in (41.0, 42.0, 43.0):
         mission.step(at(second, replace(VEHICLE, mode=FlightMode.LAND)))
@@ -105,7 +105,9 @@ def test_a_takeoff_goes_on_through_a_jump_and_ends_when_the_position_is_confirme
 
 @pytest.mark.parametrize("set_s", [30.0, -30.0])
 def test_a_clock_that_is_set_neither_lands_nor_frees_a_drone_that_does_not_know_where_it_is(set_s) -> None:
-    """It counted as lost for 30 s more, and landed at once, or for less, and flew on by a position that is none."""
+    """The position counted as lost for 30 s more, and the drone landed at once; or for less, and it flew on by an invalid
+    position.
+    """
     mission = surveying()
     for tick in range(100):
         now_s = 50.0 + 0.05 * tick + (set_s if tick >= 40 else 0.0)

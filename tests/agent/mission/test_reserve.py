@@ -1,4 +1,4 @@
-"""Who returns when for want of battery."""
+"""The returns for want of battery: which drone, and when."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def test_who_would_land_with_too_little_waits_for_nobody(way_home_s, goes) -> No
 
 @pytest.mark.parametrize(("way_home_s", "spent_at_s"), [(0.0, 9), (12.0, 5), (20.0, 5)])
 def test_whose_battery_does_not_last_for_the_way_home_knows_it(way_home_s, spent_at_s) -> None:
-    """From 10 % it drains by 0.4 % each second, 1 % of which may be a step of what the autopilot tells."""
+    """From 10 % it drains by 0.4 % each second, of which 1 % may be a step of the autopilot's reading."""
     reserve, since_s = Reserve("d2", 0.2), None
     for second in range(12):
         reserve = reserve.observed(second * SECOND, replace(state(0), battery=0.1 - 0.004 * second), {}, way_home_s=way_home_s)

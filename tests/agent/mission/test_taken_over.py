@@ -1,4 +1,4 @@
-"""What a mission and its autopilot's commands come to when a human pilot intervenes, and what an operator can do afterwards."""
+"""Manual override: its effect on the mission and on the autopilot's commands, and the operator's options afterwards."""
 
 import pytest
 from msgspec.structs import replace
@@ -23,7 +23,7 @@ class Flight:
         self.vehicle = VEHICLE
 
     def run(self, until_s: float, mode: FlightMode, *, believed_armed: bool | None = None, **vehicle: object) -> list[Act]:
-        """What is commanded meanwhile, while the autopilot is in that mode. ``believed_armed``: other than it reports."""
+        """The commands given while the autopilot is in that mode. ``believed_armed``: other than it reports."""
         acts = []
         while self.now_s < until_s - 1e-9:
             self.vehicle = shown = replace(VEHICLE, stamp_ns=int(self.now_s * SECOND), mode=mode, **vehicle)
@@ -60,7 +60,7 @@ def landing() -> Flight:
 
 
 def test_a_pilots_hold_during_a_landing_is_a_takeover() -> None:
-    """It was told as a landing for good, and neither hold nor resume nor land had an effect."""
+    """The status stayed "landing" for good, and neither hold nor resume nor land had an effect."""
     flight = landing()
     assert flight.run(30.0, FlightMode.HOLD) == []
     assert (flight.mission.stage, flight.mission.released) == (Stage.HOLD, True)
@@ -102,7 +102,7 @@ def test_but_not_against_a_pilot_at_the_sticks() -> None:
 
 @pytest.mark.parametrize("action", [Action.LAND, Action.HOLD, Action.RETURN, Action.ABORT])
 def test_one_that_was_not_armed_has_landed_once_it_is_to_do_something_else(action: Action) -> None:
-    """It was told as flying on the ground, and refused to start, until its agent was restarted."""
+    """The drone on the ground was reported as flying, and refused to start until its agent was restarted."""
     flight, ground = Flight(Mission(TrackConfig(), floor_m=1.5), 1.0), {"armed": False, "in_air": False, "height_m": 0.0}
     flight.vehicle = replace(VEHICLE, armed=False, in_air=False, height_m=0.0)
     assert flight.command(Action.START) is None
@@ -143,7 +143,7 @@ def test_a_position_that_is_lost_during_a_takeover_counts_after_it(action: Actio
 
 @pytest.mark.parametrize("action", [Action.LAND, Action.ABORT])
 def test_an_abort_that_a_pilot_takes_over_is_told_as_what_the_pilot_does_and_may_be_commanded_again(action: Action) -> None:
-    """It was told as such for good; and left in hold afterwards, it refused even to land."""
+    """The abort was reported for good; and left in hold afterwards, the drone refused even to land."""
     flight = tracked()
     assert flight.command(Action.ABORT) is None
     flight.run(17.0, FlightMode.LAND)
@@ -182,7 +182,7 @@ def rising() -> Flight:
 
 
 def test_a_pilots_hold_while_it_rises_by_setpoints_is_a_takeover() -> None:
-    """Nobody was told of it, and a return that an operator commanded had no effect."""
+    """The takeover was not reported, and a return commanded by an operator had no effect."""
     flight = rising()
     flight.run(23.0, FlightMode.HOLD, height_m=1.4)
     assert not flight.mission.released

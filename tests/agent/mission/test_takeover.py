@@ -1,4 +1,4 @@
-"""Who flies: a failsafe, a human pilot or a ground station takes over, and what a late heartbeat or a slow mode is not."""
+"""Flight authority: takeover by a failsafe, a pilot or a ground station; a late heartbeat or a slow mode is no takeover."""
 
 import pytest
 from msgspec.structs import replace
@@ -22,7 +22,7 @@ def test_gives_way_to_the_failsafe_but_not_to_a_late_heartbeat():
     mission.step(at(21.0 + TAKEOVER_NS / SECOND + 0.1, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
     assert (mission.stage, mission.request) == (Stage.RETURN, Request.RELEASE)
     mission.step(at(60.0, replace(returning, armed=False, in_air=False)))
-    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)  # which gets it ready for the next start
+    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)  # ready for the next start
 
 
 def test_a_human_pilot_is_noticed_although_the_clock_is_set_back():
@@ -116,7 +116,7 @@ def test_who_is_disarmed_during_takeoff_is_not_armed_again():
     assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)
 
 
-# What a real PX4 shows of its takeoff: heartbeats come once a second, the landed state on a grid of its own.
+# A real PX4's takeoff as reported: heartbeats come once a second, the landed state on a grid of its own.
 
 
 def test_a_stale_hold_of_before_the_takeoff_is_not_its_end() -> None:
@@ -160,7 +160,7 @@ def test_what_a_failsafe_has_brought_below_the_floor_does_not_fly_on_from_there(
 
 
 def test_a_failsafe_that_holds_before_it_goes_home_is_told_as_such() -> None:
-    """Of one that is held, nobody expected that it comes home; and one that its pilot holds again was taken to be down."""
+    """No peer expected a held drone to return; and a drone held again by its pilot counted as down."""
     mission, low = tracking(), {"has_hypothesis": True, "last_cone_ns": 10 * SECOND}
     stages = []
     modes = [(20.0, FlightMode.HOLD), (24.0, FlightMode.HOLD), (26.0, FlightMode.RETURN), (28.0, FlightMode.HOLD),

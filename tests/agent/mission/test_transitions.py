@@ -1,4 +1,4 @@
-"""The table of stages: each is reached and left; a flight begins by a command or in somebody else's hands, and ends disarmed."""
+"""The table of stages: each is reached and left; a flight begins by a command or under manual override, and ends disarmed."""
 
 from pathlib import Path
 

@@ -22,8 +22,8 @@ UNKNOWN = {"reported_yaw_deg": 0.0, "yaw_sigma_deg": 180.0}
 
 
 def recorded(seed):
-    """A flight with all that makes frames change: one that jumps, one that restarts its localisation, one whose heading nobody
-    knows, one that joins late, sightings of a wrong time.
+    """A flight with every cause of a frame change: a jump, a restarted localisation, an unknown heading, a late drone, sightings
+    with a wrong time.
     """
     drones = [
         Drone("d1", kind="gnss", wander_m=1.0, fixes=True, shift_m=(9.0, -5.0, 0.0), shift_s=9.0),
@@ -89,7 +89,7 @@ def take(world, entry, now_ns):
 
 
 def belief(world):
-    """What an agent holds of the source, bit for bit."""
+    """An agent's hypothesis of the source, bit for bit."""
     hypothesis = world.fusion.hypothesis
     if hypothesis is None:
         return None
@@ -98,7 +98,7 @@ def belief(world):
 
 
 def frames_of(world, flown):
-    """What an agent holds of all frames, bit for bit."""
+    """An agent's transforms of all frames, bit for bit."""
     stamps_ns = [*range(START_NS, int(flown.stamps_ns[-1]), SECOND // 2), None]
     places = ((drone, epoch, stamp_ns) for drone in flown.place for epoch in (0, 1) for stamp_ns in stamps_ns)
     return [bits(world.frames.graph.mission_from_local(*place)) for place in places]
@@ -111,7 +111,7 @@ def bits(transform):
 
 
 def taken_back(entries):
-    """What d2 has measured in three seconds, as stamped by a wrong clock: numbered anew, and taken back two seconds later."""
+    """Three seconds of d2's measurements, stamped by a wrong clock: numbered anew, and retracted two seconds later."""
     numbered = [entry for entry in entries if entry.drone == "d2" and 8.0 < 1e-9 * (entry.stamp_ns - START_NS) < 11.0]
     others = [entry for entry in entries if entry not in numbered]
     wrong = [structs.replace(entry, boot="a" * 16, sequence=k) for k, entry in enumerate(numbered)]
@@ -217,10 +217,11 @@ def costly_world(flown, entries, units):
 
 @pytest.mark.parametrize(("late_s", "units", "most_s"), [(6.6, 200, 4.8), (9.0, 400, 8.0)])
 def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, units, most_s):
-    """All of d2's entries come late, cones as well as what frames follow from. A call computes two new steps, or one, and one of
-    a replay: they take 5 ms and more, above what a replay may have of a call. In the first case a replay has up to 32 steps with
-    cones, 1.6 s, and an entry waits for that under way, the rest after it, and its own: three times as long. In the second one
-    the flight itself takes half of the calls, and a replay is longer than it is from border to border.
+    """All of d2's entries come late, cones as well as the entries behind the frames. A call computes two new steps, or one, and
+    one of
+    a replay: 5 ms and more, above a replay's budget per call. In the first case a replay has up to 32 steps with
+    cones, 1.6 s, and an entry waits for the replay under way, the rest after it, and its own: three times as long. In the
+    second case the flight itself takes half of the calls, and a replay is longer than from border to border.
     """
     flown, entries = recorded(2)
     world, entries = costly_world(flown, entries, units)
@@ -239,8 +240,8 @@ def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, uni
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_what_follows_from_late_entries_is_computed_once_the_frames_have_them(seed):
-    """A slow agent starts again and gets the log in two parts, of which the second one comes while it works off the first. A
-    replay by what frames follow from the first would keep the frames from the second for as long as it takes: 4.6 s and 5.0 s.
+    """A slow agent starts again and gets the log in two parts, the second while it works off the first.
+    A replay by the frames of the first part would keep the frames of the second waiting to its end: 4.6 s and 5.0 s.
     """
     flown, entries = recorded(seed)
     world, entries = costly_world(flown, entries, 100)

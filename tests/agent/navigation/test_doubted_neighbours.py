@@ -1,4 +1,4 @@
-"""Drones that may be in either of two places, as their localisation has jumped unannounced: to others, and to themselves."""
+"""Drones with two position hypotheses after an unannounced jump of their localisation: as seen by peers, and by themselves."""
 
 import numpy as np
 import pytest
@@ -34,9 +34,10 @@ def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, plac
 
 
 def jumped_m(along_m: float, told: bool) -> tuple[Neighbourhood, Peers]:
-    """b, at (10, 1) m and flying on at 2 m/s along the mission's y axis, whose localisation jumps by so much along that axis.
+    """Peer b, at (10, 1) m and flying on at 2 m/s along the mission's y axis; its localisation jumps by that much along that
+    axis.
 
-    ``told``: as it has said with its frame, both places are equally likely.
+    ``told``: b has published with its frame that both places are equally likely.
     """
     frames, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
     around = Neighbourhood(MISSION, frames, "a")
@@ -66,7 +67,7 @@ def test_one_that_tells_of_its_doubt_is_in_either_of_two_places_and_not_around_t
 
 
 def test_what_is_in_doubt_of_a_frame_but_not_between_its_two_places_counts_as_before():
-    """Its frame may lie 8 m elsewhere, but its localisation says 30 m: that is no place of which it has told."""
+    """The alternative frame lies 8 m away, but the localisation says 30 m: neither of the two published places."""
     around, peers = jumped_m(8.0, told=True)
     peers.receive(replace(pose(2 * NOW_NS, 5.7, epoch=1), position_m=(30.0, 0.0, 3.0)), 2 * NOW_NS)
     around.frames._graph.place("b", 1, Transform(np.pi / 2, (10.0, -29.0, 0.0), np.diag([16.0, 16.0, 0.0, 0.0])))
@@ -78,7 +79,7 @@ OWN = Transform(translation=(10.0, 0.0, 0.0))  # the own frame by continuity; by
 
 
 def test_one_in_doubt_itself_keeps_clear_of_others_as_seen_from_both_of_its_places():
-    """It takes itself to be 10 m further along x than its localisation says: so b may be 10 m further along x for it."""
+    """The drone's alternative position lies 10 m further along x than its localisation says: so b may be 10 m further along x."""
     around, peers = jumped_m(0.0, told=False)
     peers.receive(status(Stage.TRACK), NOW_NS)
     me = Self(NOW_NS, 1, 10.0 / 2**0.5, OWN.inverse(), otherwise=Transform(), doubt_m=10.0)
@@ -86,12 +87,12 @@ def test_one_in_doubt_itself_keeps_clear_of_others_as_seen_from_both_of_its_plac
     assert places(found) == [pytest.approx((0.0, 1.2)), pytest.approx((10.0, 1.2))]
     assert [one.plan.sigma_m for one in found] == pytest.approx([0.4, 0.4], abs=0.05)
     assert [one.takes_part for one in found] == [True, False]
-    assert not found[1].plan.blind  # it keeps clear of both places, too
+    assert not found[1].plan.blind  # clear of both places, too
 
 
 @pytest.mark.parametrize("is_elsewhere", [False, True])
 def test_one_in_doubt_itself_has_another_that_it_sees_in_one_place_only(is_elsewhere):
-    """It lies where it is seen, wherever this drone is; twice in one place it would take the room of others in its plans."""
+    """The peer is where it is sighted, wherever this drone is; twice in one place it would displace others from the plans."""
     peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     own_from_mission = Transform() if is_elsewhere else OWN.inverse()
     for tick in range(11):  # b flies along the mission's y axis at 2 m/s
@@ -120,7 +121,7 @@ def test_two_in_doubt_reckon_with_all_four_ways_in_which_they_may_lie():
 
 @pytest.mark.parametrize(("returning_s", "revoked", "both"), [(5.0, True, True), (PATIENT_S, True, False), (90.0, False, True)])
 def test_one_that_is_not_heard_keeps_clear_of_silent_ones_from_its_other_place_for_a_while_only(returning_s, revoked, both):
-    """Those that do not hear it expect it to come down."""
+    """Peers without a link to it expect it to land."""
     now_ns = 2 * SECOND
     peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     for message in (pose(), plan(), status(Stage.TRACK)):
@@ -156,7 +157,7 @@ def test_one_in_doubt_that_falls_silent_is_still_in_either_of_two_places(along_m
 
 
 def test_one_in_doubt_itself_goes_around_the_homes_of_silent_ones_as_they_lie_from_both_of_its_places():
-    """It stood before one of them until that drone had to be down."""
+    """The drone stood before one of the homes until its owner had to be down."""
     around, _, _ = silent_in_doubt(0.0, 10.0, otherwise=Transform(translation=(5.0, 0.0, 0.0)), doubt_m=5.0)
     homes = sorted(round(home.place[0], 1) for home in around.absence.homes)
     assert homes == [5.0, 10.0]
@@ -179,7 +180,7 @@ def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
 
 
 def test_after_a_restart_of_its_observer_one_in_doubt_is_still_in_either_of_two_places():
-    """It had jumped announced, by 20 m, before it jumped unannounced: by the frame of the launch it was nowhere near."""
+    """An announced jump by 20 m came before the unannounced one: the launch frame placed the drone nowhere near."""
     former, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     graph = former.frames._graph
     launch = graph.mission_from_local("b", 0)

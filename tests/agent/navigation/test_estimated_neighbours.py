@@ -31,7 +31,7 @@ NOW_NS = 3 * SECOND
 
 
 def flying_b(epoch=0, shift=(0.0, 0.0)):
-    """b's poses at 10 Hz for three seconds along its x axis at 2 m/s, up to x = 6 m; ``shift``: what it has wrong of itself."""
+    """b's poses at 10 Hz for three seconds along its x axis at 2 m/s, up to x = 6 m; ``shift``: its own position error."""
     for tick in range(31):
         x, y = 0.2 * tick + shift[0], shift[1]
         yield replace(pose(NOW_NS + (tick - 30) * SECOND // 10, epoch=epoch), position_m=(x, y, 3.0))
@@ -39,7 +39,7 @@ def flying_b(epoch=0, shift=(0.0, 0.0)):
 
 
 def sights_of_b(mission_from_b, epoch=0, **values):
-    """What a sees of b, five times a second, from the origin of the mission frame, which is its own."""
+    """Sightings of b by a, five times a second, from the origin of the mission frame, which is a's own."""
     for tick in range(0, 31, 2):
         x, y, z = mission_from_b.apply_point((0.2 * tick, 0.0, 3.0))
         distance = float(np.linalg.norm((x, y, z)))
@@ -51,7 +51,7 @@ def sights_of_b(mission_from_b, epoch=0, **values):
 
 
 def around_a(messages, sights=(), known=None, own=HERE, neighbourhood=None):
-    """Who flies around a. ``known``: b's frame by epoch; ``own``: a's, None while it is not known."""
+    """The neighbours of a. ``known``: b's frame by epoch; ``own``: a's, None while it is not known."""
     peers, graph = Peers(["b"]), FrameGraph()
     for epoch, transform in (known or {}).items():
         graph.place("b", epoch, transform)
@@ -138,7 +138,7 @@ def test_nor_seen_it_is_near_its_launch_place_while_it_has_not_gone_far():
 
 @pytest.mark.parametrize("seconds", [4.0, 60.0])
 def test_a_drone_that_is_heard_no_more_is_where_it_is_seen(seconds):
-    """It went on for longer than its autopilot should, and hangs at (10, 15)."""
+    """Drone b went on for longer than its autopilot should, and hovers at (10, 15)."""
     now_ns, peers, graph = NOW_NS + round(seconds * SECOND), Peers(["b"]), FrameGraph()
     graph.place("b", 0, TRUE)
     for message in flying_b():
@@ -164,7 +164,7 @@ def test_one_that_is_seen_on_the_ground_after_it_must_be_down_is_in_nobodys_way(
 
 
 def hanging(place=(10.0, 15.0, 3.0)):
-    """What a sees of b that hangs there."""
+    """Sightings by a of b hovering there."""
     distance = float(np.linalg.norm(place))
     direction = tuple(axis / distance for axis in place)
     return [replace(sight, direction=direction, range_m=distance) for sight in sights_of_b(TRUE)]
@@ -198,7 +198,7 @@ def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to
 
 @pytest.mark.parametrize(("epoch", "found"), [(0, True), (1, False)])
 def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_tells_it(epoch, found):
-    """All that held the log were restarted: nobody sees b, which is 6 m from its launch and has gone on in the same epoch."""
+    """All holders of the log were restarted: b, out of everyone's sight, is 6 m from its launch, still in the same epoch."""
     before, graph = FrameGraph(), FrameGraph()
     before.place("b", 0, WRONG)
     former = Neighbourhood(ESTIMATED, before, "a")
@@ -218,7 +218,7 @@ def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_
         assert other.plan.measured.position == pytest.approx((10.0, 18.0, 3.0))
         graph.replace_from("b", 0, 0, [(0, None)])
         (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
-        assert other.plan.sigma_m == WORST_SIGMA_M  # what the log has told and tells no more is in doubt
+        assert other.plan.sigma_m == WORST_SIGMA_M  # a frame that the log no longer gives is uncertain
 
 
 @pytest.mark.parametrize("seconds", [12, 60])
@@ -236,7 +236,7 @@ def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(seconds):
 
 
 def test_to_read_the_frames_that_are_kept_changes_nothing():
-    """Between two plans the log tells the frame, and tells it no more: what is known of the drone is as if nobody had looked."""
+    """Between two plans the log gives the frame, and withdraws it: the drone's known position stays as without a reading."""
     found = []
     for looks in (False, True):
         graph = FrameGraph()

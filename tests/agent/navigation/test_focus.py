@@ -1,4 +1,4 @@
-"""Which of several sources is circled."""
+"""The choice of the source to circle among several."""
 
 from __future__ import annotations
 

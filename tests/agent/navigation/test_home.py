@@ -78,7 +78,7 @@ def test_nothing_is_reached_by_a_position_that_cannot_be_trusted() -> None:
 
 
 def test_a_return_that_is_kept_from_home_is_given_up() -> None:
-    """It comes within 5 m, and hovers there."""
+    """The drone comes within 5 m, and hovers there."""
     home, given_up = home_at(state(0, position=(0.0, 0.0, 0.0))), []
     for tick in range(1500):
         now_s = 1.0 + 0.05 * tick
@@ -100,8 +100,8 @@ def test_who_has_arrived_and_is_driven_away_again_and_again_is_given_up_in_time(
 
 
 def test_the_home_of_an_agent_that_is_restarted_soon_after_its_launch_gets_as_sure_as_without_the_restart() -> None:
-    """It kept the place by the launch layout, 5 m off, although others were seen a moment later. While its log fills again it is
-    told less surely than it was known.
+    """The agent kept home by the launch layout, 5 m off, although peers were sighted a moment later. While its log fills again,
+    the published home is less certain than the known one.
     """
     mission = replace(MISSION, drones=(DroneInMission(id="d1", localization="rtk", origin_sigma_m=3.0),))
 

@@ -18,7 +18,7 @@ from agent.vehicle.interface import FlightMode, VehicleState
 
 SECOND = 1_000_000_000
 NO_LAGS = ResponseConfig(drag_ps=0.0, attitude_lag_s=0.0, derivative_gain=0.0)
-CIRCLE_M, SEARCH_M = 0.6, 0.9  # what a vehicle may deviate from its plan, RMS
+CIRCLE_M, SEARCH_M = 0.6, 0.9  # permitted deviation of a vehicle from its plan, RMS
 AS_RECORDED = 2.0  # noise: 0.18 m and 0.14 m/s of each axis, as a PX4 was recorded in flight
 
 
@@ -199,7 +199,7 @@ def test_what_was_found_before_a_restart_is_gone_on_with() -> None:
     estimator.remember(FoundResponse(1.0, 0.1, 0.3))
     assert (estimator.response.drag_ps, estimator.response.lag_s) == (1.0, 0.1)
     assert estimator.found == FoundResponse(1.0, 0.1, 0.3)
-    for state in swinging(0.4, 20.0):  # it was another vehicle's
+    for state in swinging(0.4, 20.0):  # another vehicle's
         estimator.follow(state)
     assert estimator.response.drag_ps == pytest.approx(0.4, abs=0.1)
 

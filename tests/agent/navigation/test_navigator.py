@@ -59,7 +59,7 @@ def test_no_setpoint_runs_back_along_the_plan_where_the_clock_is_set_back():
 
 @pytest.mark.parametrize("age_s", [0.0, 0.6, 0.9])
 def test_a_vehicle_that_is_not_heard_flies_on_towards_the_others(age_s):
-    """By telemetry of 0.9 s ago another one, 8 m ahead, seemed 4.5 m farther away, and the plan did not brake before it."""
+    """By telemetry of 0.9 s ago a peer 8 m ahead seemed 4.5 m farther away, and the plan did not brake before it."""
     navigator, own, frames = made()
     local, peers = frames.mission_from_local("d1", 0).inverse(), Peers(["d2"])
     there = frames.mission_from_local("d2", 0).inverse().apply_point((35.0, 33.0, 3.0))
@@ -166,7 +166,7 @@ def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
             peers.receive(replace(pose, stamp_ns=now_ns), now_ns)
 
     places = flown(believed, stage=Stage.RETURN, peers=peers, home_m=(10.0, 25.0, 0.0))
-    across = places[(places[:, 0] < 27.0) & (places[:, 0] > 12.0)]  # it hears the other one for a second yet
+    across = places[(places[:, 0] < 27.0) & (places[:, 0] > 12.0)]  # the peer is still heard for a second
     layer_m = MISSION.return_height_m("d1") if missing else MISSION.survey.height_m
     assert len(across) > 50
     assert across[:, 2] == pytest.approx(np.full(len(across), layer_m), abs=1.1)
@@ -174,7 +174,7 @@ def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
 
 
 def test_who_misses_others_comes_home_around_theirs_in_a_row_before_its_own():
-    """They may come down there; it stopped before the row, and hovered until they must be down."""
+    """The lost peers may land on the row; the drone stopped before it, and hovered until they had to be down."""
     row = tuple(DroneInMission(id=f"d{k}", origin_m=(22.0, y, 0.0)) for k, y in enumerate((13.0, 19.0, 25.0, 31.0, 37.0), 2))
     mission, peers = replace(MISSION, drones=(MISSION.drones[0], *row)), Peers([one.id for one in row])
     for name in peers.names:
@@ -231,8 +231,8 @@ def test_who_comes_home_flies_around_two_that_human_pilots_hold_beside_each_othe
 
 
 def test_the_place_on_the_circle_that_is_kept_for_one_that_is_not_heard_is_reckoned_with():
-    """It was heard at the other end of the circle, at 3 m/s, is missed a second later, and stands after another one, as its
-    vehicle may hover.
+    """The peer was heard at the other end of the circle, at 3 m/s; a second later its link is lost, after another second it
+    stands, as its vehicle may hover.
     """
     navigator, own, frames = made()
     local, theirs = (frames.mission_from_local(name, 0).inverse() for name in ("d1", "d2"))
@@ -257,7 +257,9 @@ def test_the_place_on_the_circle_that_is_kept_for_one_that_is_not_heard_is_recko
 
 
 def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centre_moves_into_the_fence():
-    """It stops near the fence, and circles on when the source is elsewhere: not all that was once too near has to return."""
+    """The drone stops near the fence, and circles on when the source is elsewhere: having once been too near is no reason to
+    return.
+    """
     navigator, own, frames = made(replace(MISSION, area=replace(MISSION.area, fence_margin_m=5.0)))
     x_max = max(x for x, _ in MISSION.area.polygon_m)
     peers, position = Peers(["d2"]), frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, 3.0))
@@ -277,7 +279,7 @@ def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centr
 
 
 def test_who_has_to_stay_stops_ahead_of_itself_and_does_not_fly_back():
-    """At 6 m/s; it flew back by 5 m to where it had begun to brake, against those that came behind it."""
+    """At 6 m/s; the drone flew back by 5 m to where it had begun to brake, against the drones behind it."""
     navigator, own, frames = made()
     local = frames.mission_from_local("d1", 0).inverse()
     position, velocity, travelled = local.apply_point((20.0, 25.0, 3.0)), local.rotate_direction((6.0, 0.0, 0.0)), []
@@ -333,7 +335,7 @@ def test_the_fence_stays_in_the_mission_frame_when_the_own_frame_is_corrected():
 
 
 def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
-    """0.2 m to and fro each second: setpoints move on as smoothly as without, to what the vehicle's limits allow."""
+    """0.2 m to and fro each second: setpoints move on as smoothly as without, within the vehicle's limits."""
     other = Transform(0.3, (5.2, 5.0, 0.0), SURE.covariance)
     places = flown_in(lambda time_s: other if int(time_s) % 2 else SURE)
     local = [other.inverse() if int(tick * 0.05) % 2 else SURE.inverse() for tick in range(len(places))]
@@ -344,7 +346,7 @@ def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
 
 @pytest.mark.parametrize(("taken_s", "least_s"), [(5.0, 5.0), (0.0, 2.0)], ids=["taken over", "refused"])
 def test_a_vehicle_that_somebody_else_flies_publishes_no_plan_and_would_go_on_from_where_it_is(taken_s, least_s):
-    """After 5 s in offboard somebody stops it, or it never gets there."""
+    """After 5 s in offboard the pilot stops the vehicle, or it never gets there."""
     navigator, own, frames = made()
     position, velocity = frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0)
     published, apart_m = [], []
@@ -361,7 +363,7 @@ def test_a_vehicle_that_somebody_else_flies_publishes_no_plan_and_would_go_on_fr
 
 
 def test_jumps_of_the_others_are_bridged_while_it_plans_nothing_itself():
-    """It holds for 3 s, while the other one's localisation jumps by 10 m and both fly on at 2 m/s."""
+    """The drone holds for 3 s, while the peer's localisation jumps by 10 m and both fly on at 2 m/s."""
     navigator, own, frames = made()
     peers, hold_s = Peers(["d2"]), 3.0
     launch = frames.mission_from_local("d2", 0)
@@ -402,5 +404,5 @@ def test_one_that_is_restarted_without_its_log_climbs_and_searches_above_those_t
     over_m = crossing_height_m(MISSION, "d1")
     low = places[places[:, 2] < over_m - 1.5]
     assert np.hypot(*(low[:, :2] - (35.0, 25.0)).T).max() < 1.0
-    assert places[-600:, 2] == pytest.approx(np.full(600, over_m), abs=0.2)  # as long as it hears nobody
+    assert places[-600:, 2] == pytest.approx(np.full(600, over_m), abs=0.2)  # as long as no peer is heard
     assert np.ptp(places[-600:, :2], axis=0).max() > 20.0

@@ -46,7 +46,7 @@ def test_errors_of_both_positions_count_but_not_without_limit(theirs, own, toget
 
 
 def flown(apart_m, seconds, hood, peers, since_s=0.0):
-    """b flies along its plans, apart from them to its side; what is believed of it in the end."""
+    """b flies along its plans, apart from them to its side; the estimate of it in the end."""
     found = []
     for tick in range(round(10 * seconds)):
         now_ns = round((since_s + 0.1 * tick) * SECOND)
@@ -75,8 +75,8 @@ def test_a_jump_of_its_frame_is_no_deviation():
 
 
 def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_no_way():
-    """Its plan leads it past at 4 m/s, but somebody has stopped it: after 0.6 s it is 2.4 m behind its plan. For as long as that
-    is recent the pose may be what is false.
+    """Its plan leads it past at 4 m/s, but its pilot has stopped it: after 0.6 s it is 2.4 m behind its plan. For as long as that
+    is recent, the pose may be wrong instead.
     """
     peers, now_ns = Peers(["b"]), 6 * SECOND // 10
     stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))

@@ -15,8 +15,8 @@ FLOOR_M, CEILING_M = 1.5, 6.0
 
 
 def heights(off_m=0.0, wanted_m=3.0, drift_m=0.0):
-    """The last heights of a vehicle in the search whose autopilot stays so far off its setpoints, upwards; ``drift_m``: by which
-    its own height is too high in the end.
+    """The last heights of a searching vehicle that stays that far above its setpoints; ``drift_m``: final error of its own
+    height, positive if too high.
     """
     area = replace(MISSION.area, floor_m=FLOOR_M, ceiling_m=CEILING_M)
     mission = replace(MISSION, area=area, survey=replace(MISSION.survey, height_m=wanted_m))
@@ -40,7 +40,7 @@ def test_who_keeps_its_distance_from_floor_and_ceiling_flies_as_high_as_it_is_to
 
 @pytest.mark.parametrize(("off_m", "wanted_m"), [(-0.8, 2.2), (0.8, 5.3)], ids=["floor", "ceiling"])
 def test_who_comes_near_floor_or_ceiling_by_its_rangefinder_is_told_to_keep_off(off_m, wanted_m):
-    """An autopilot whose climb rate was wrong flew a second below the floor, where it was told to fly 1.3 m above it."""
+    """An autopilot whose climb rate was wrong flew a second below the floor, against a command to fly 1.3 m above it."""
     found = heights(off_m, wanted_m)
     assert found.min() > FLOOR_M + 0.1
     assert found.max() < CEILING_M - 0.1
@@ -48,5 +48,5 @@ def test_who_comes_near_floor_or_ceiling_by_its_rangefinder_is_told_to_keep_off(
 
 @pytest.mark.parametrize(("wanted_m", "drift_m"), [(2.2, -2.0), (5.3, 2.0)], ids=["floor", "ceiling"])
 def test_floor_and_ceiling_stay_where_they_are_while_the_autopilots_height_drifts(wanted_m, drift_m):
-    """They drifted along with it: a drone could not come down to its height any more, and flew by the drift too high."""
+    """Floor and ceiling drifted along: a drone could not descend to its height any more, and flew too high by the drift."""
     assert heights(wanted_m=wanted_m, drift_m=drift_m) == pytest.approx(np.full(40, wanted_m), abs=0.25)

@@ -51,7 +51,7 @@ def take(search, drone, path):
 
 
 def fly(search, active, start, seconds):
-    """Where a drone goes that follows exactly."""
+    """The path of a drone that follows exactly."""
     track = [start]
     for _ in range(round(seconds / STEP_S)):
         positions, _ = search.reference(active, track[-1], 5, STEP_S)
@@ -78,7 +78,7 @@ def test_two_share_and_the_survivor_takes_over_what_is_left(search):
 
 
 def test_coverage_of_others_is_read_in_their_own_frame(search):
-    """b's frame is turned by 90 degrees: its (y, x) is what a has before it."""
+    """b's frame is turned by 90 degrees: its (y, x) lies before a."""
     mine = fly(search, ["a", "b"], (0.0, 0.0), 1.0)
     flown = [(0.0, 35.0), (30.0, 35.0)]  # in b's frame; in the mission frame from (5, 0) to (5, 30)
     take(search, "b", flown)
@@ -92,13 +92,13 @@ def test_a_standstill_does_not_last(search, left_m):
     search.reference(["a"], (0.0, 0.0), 5, STEP_S)
     follower = search._follower
     near_s = follower.length_m - left_m
-    while search._progress < near_s:  # it flies the path up to there
+    while search._progress < near_s:  # flies the path up to there
         search.reference(["a"], tuple(follower.at(np.array([min(search._progress + 0.5, near_s)]))[0]), 5, STEP_S)
     there = tuple(follower.at(np.array([near_s]))[0])
     for _ in range(round(left_m / 0.05)):
         search.reference(["a"], there, 5, STEP_S)
     search.reference(["a"], there, 5, STEP_S)
-    assert search._follower is not follower  # what is left has been divided again
+    assert search._follower is not follower  # the remaining area has been divided again
 
 
 def test_all_that_is_covered_is_known_to_be_so_before_the_own_path_ends(search):
@@ -141,7 +141,7 @@ def shape_work(monkeypatch):
 
 
 def test_what_is_published_costs_a_bounded_part_of_each_step(search, monkeypatch):
-    """However much comes: the division is made of what is counted by then, and again when all is."""
+    """However much comes: the area is divided by the coverage counted so far, and again when all is counted."""
     made = shape_work(monkeypatch)
     rng = np.random.default_rng(1)
     for number in range(3000):  # five an hour
@@ -252,7 +252,7 @@ def informed(known, mission=MISSION):
 
 
 def led(search, seconds, position=(20.0, 2.0)):
-    """Where a drone comes to that follows the reference exactly, and the fastest it goes."""
+    """The final position of a drone that follows the reference exactly, and its top speed."""
     velocity, fastest = (0.0, 0.0), 0.0
     for tick in range(round(seconds / STEP_S)):
         found = search.reference(tick * int(STEP_S * 1e9), position, velocity, [], 20, STEP_S)

@@ -34,7 +34,7 @@ def test_a_source_of_unknown_height_is_circled_at_two_heights():
 
 
 def test_at_one_height_only_while_a_drone_is_not_heard():
-    """Those that do not hear each other differ in height on purpose."""
+    """Drones without a link to each other differ in height on purpose."""
     peers = Peers(["d2"])
     pose = Pose(
         stamp_ns=START_NS,

@@ -49,7 +49,7 @@ def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
 
 @pytest.mark.parametrize("seconds", [1.5, 5.0, 16.0, 30.0])
 def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
-    """Where it may be, until it must be down, follows from its last pose, whatever it says, or somebody else with its key."""
+    """Its possible positions, until it must be down, follow from its last pose, whatever it or an impostor with its key says."""
     found = []
     for tells in (False, True):
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
@@ -67,7 +67,7 @@ def test_what_a_revoked_drone_tells_frees_the_circle_and_nothing_else(seconds):
 )
 @pytest.mark.parametrize("excluded", [False, True])
 def test_one_that_is_revoked_is_flown_home_by_its_agent_whatever_its_autopilot_would_do(localization, agent_lost, excluded):
-    """It was expected to stay where it was, and another one was 2 m from it when it came down over its home."""
+    """The revoked drone was expected to stay where it was, and a peer was 2 m from it when it landed at its home."""
     a, b = MISSION.drones
     mission = replace(MISSION, drones=(a, replace(b, localization=localization)), safety=SafetyConfig(agent_lost=agent_lost))
     graph, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
@@ -82,7 +82,7 @@ def test_one_that_is_revoked_is_flown_home_by_its_agent_whatever_its_autopilot_w
 
 @pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
 def test_one_that_is_quiet_for_longer_than_usual_may_stop(delay_s, stops):
-    """Its agent may be gone: one that flew behind it at the speed of the search could not stop any more when it noticed after a
+    """Its agent may be lost: a drone behind it, at the speed of the search, could not stop any more when it noticed after a
     second.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
@@ -114,8 +114,8 @@ def test_it_is_kept_clear_of_until_it_must_be_down_and_on_the_ground_no_more():
     ],
 )
 def test_one_whose_messages_take_long_is_also_where_its_plan_leads(late_s, stage, places):
-    """Each is silent by the stamp of its last message. A vehicle without its agent would stop; one with it flies on, and who
-    circled stands then: where it was taken for stopped on the circle behind it, the next one flew into it.
+    """Each peer is silent by the stamp of its last message. A vehicle that lost its agent would stop; with its agent it flies on,
+    and stands if it circled: a peer expected it stopped further back on the circle, and flew into it.
     """
     peers, now_ns = Peers(["b"]), round(late_s * SECOND)
     for message in (
@@ -126,7 +126,7 @@ def test_one_whose_messages_take_long_is_also_where_its_plan_leads(late_s, stage
         assert peers.receive(message, min(now_ns, 2 * SECOND)) is None
     me = Self(now_ns, 0, 0.0, Transform(), ahead=lambda: np.zeros((1, 3)))
     found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
-    assert len([one for one in found if one.plan.away is None]) == places + 1  # it may have left for home, too
+    assert len([one for one in found if one.plan.away is None]) == places + 1  # or on its way home
     if places == 2:
         x, y, _ = found[-1].plan.state(now_ns).position
         assert (x, y) == pytest.approx((10.0 - 4.0 * min(late_s, 2.0), 1.0))
@@ -152,7 +152,7 @@ def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_it
     peers.receive(pose(now_ns), now_ns)
     (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert (hood.absence.missing, hood.absence.unhearing, other.takes_part) == (("b",), ("b",), False)
-    stale = replace(status(Stage.SURVEY), stamp_ns=3 * SECOND, delays_ns={"a": 0})  # of those heard in the three seconds before
+    stale = replace(status(Stage.SURVEY), stamp_ns=3 * SECOND, delays_ns={"a": 0})  # of peers heard in the three seconds before
     peers.receive(stale, 3 * SECOND)
     hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert hood.absence.unhearing == ("b",)
@@ -207,7 +207,7 @@ def started_anew(shown_s=None):
 def test_one_whose_agent_is_started_anew_in_flight_and_does_not_know_of_that_yet_may_be_where_it_would_be_without_it():
     assert [one.plan.positions for one in started_anew()] == [one.plan.positions for one in after_silence(8.0)[0]]
     assert started_anew(9.5) != []
-    assert started_anew(7.5) == []  # it has had telemetry for 2 s, and says that it is on the ground
+    assert started_anew(7.5) == []  # telemetry for 2 s, reported on the ground
 
 
 def test_one_whose_agent_is_started_anew_twice_is_not_on_the_ground_by_the_poses_of_the_first_time():
@@ -225,7 +225,7 @@ def test_one_whose_agent_is_started_anew_twice_is_not_on_the_ground_by_the_poses
 
 @pytest.mark.parametrize("stage", [Stage.TAKEOFF, Stage.HOLD, Stage.LANDING])
 def test_one_that_rises_or_brakes_by_setpoints_may_come_home_if_its_agent_is_gone(stage):
-    """Its autopilot does what it would have done in the search."""
+    """The autopilot does the same as in the search."""
     comes_home = [one.plan.positions[0][:2] for one in after_silence(14.0, stage)[0]]
     assert any(place == pytest.approx((10.0, 0.0), abs=0.3) for place in comes_home)
     by_autopilot = [one.plan.positions[0][:2] for one in after_silence(14.0, stage, steered=False)[0]]
@@ -241,7 +241,7 @@ def test_one_that_its_agent_had_ceased_to_steer_may_be_held_where_it_was(agent_l
         assert peers.receive(message, 0) is None
     me = Self(5 * SECOND, 0, 0.1, Transform(), circle=BOTH_ON)
     assert len(hood.around(peers, me)) == places
-    for now_s in (60, 600):  # it may be there for good
+    for now_s in (60, 600):  # possibly there for good
         held = hood.around(peers, replace(me, now_ns=now_s * SECOND))
         assert any(one.plan.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1.5) for one in held)
 
@@ -260,7 +260,7 @@ def test_a_way_home_leads_around_where_one_may_hover_without_its_agent(agent_los
 
 
 def test_one_whose_statuses_go_on_without_poses_may_be_held_by_its_agent():
-    """Its telemetry was lost, and it hovered where nobody expected it any more: from 2 m/s it stops 2.0 m and 1.9 m on."""
+    """Its telemetry was lost, and it hovered where no peer expected it any more: from 2 m/s it stops 2.0 m and 1.9 m on."""
     places = []
     for told_s in (0.0, 4.0):
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
@@ -271,7 +271,7 @@ def test_one_whose_statuses_go_on_without_poses_may_be_held_by_its_agent():
         hood.around(peers, me)
         late = hood.around(peers, replace(me, now_ns=300 * SECOND))
         places.append([one.plan.positions[0][:2] for one in late])
-    assert places[0] == []  # it must be down
+    assert places[0] == []  # down by now
     assert places[1] == [pytest.approx((10.0, 4.87), abs=0.1)]
 
 
@@ -283,7 +283,7 @@ def test_one_that_returned_when_it_was_heard_last_is_crossed_above_while_it_may_
     hood.around(peers, me)
     assert (hood.absence.missing, hood.absence.alone) == ((), False)
     for other in (replace(me, returning_s=None), replace(me, now_ns=SECOND // 2), replace(me, now_ns=300 * SECOND)):
-        hood.around(peers, other)  # this one does not return; that one is heard; it must be down
+        hood.around(peers, other)  # no return; a heard peer; down by now
         assert hood.absence is None
 
 
@@ -300,18 +300,18 @@ def test_who_searched_keeps_to_its_own_side():
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
     assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
     over = hood.around(peers, replace(me, height_m=20.0))
-    assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
+    assert [one for one in over if one.plan.away is not None] == []  # crosses above all searching drones
     hood.around(peers, replace(me, now_ns=61 * SECOND))
-    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ("b",))  # alone, it may be the one that is cut off
+    assert (hood.absence.walls, hood.absence.anywhere) == ({}, ("b",))  # alone, this drone may be the isolated one
     hood.around(peers, me)
     assert hood.absence.walls == {"b": wall}
     revoked = hood.around(peers, replace(me, revoked=True))
     assert [one for one in revoked if one.plan.away is not None] == []
-    assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
+    assert hood.absence.walls == {}  # the return need not wait over home until the search there ends
 
 
 def restarted(stage, circle, mission=MISSION):
-    """What remembers b, of that stage when it was heard last, at 0: a, and a after a restart, both at 4 s."""
+    """The neighbourhoods with a memory of b, last heard at 0 in that stage: a's, and a's after a restart, both at 4 s."""
     me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
     hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b"])
     for message in (pose(), status(stage)):
@@ -323,7 +323,7 @@ def restarted(stage, circle, mission=MISSION):
     again.remember(kept)
     back = replace(me, motion_at=lambda _: None, resumed=True)
     again.around(anew, back)
-    assert again.absence is None  # it may be heard yet
+    assert again.absence is None  # a message may still come
     assert again.last_news(anew, me.now_ns) == kept
     hood.around(peers, replace(me, now_ns=4 * SECOND))
     around = again.around(anew, replace(back, now_ns=4 * SECOND))
@@ -355,7 +355,7 @@ def test_the_home_of_another_one_is_where_it_took_off_also_after_a_restart():
 
 
 def test_one_that_did_not_take_part_at_the_last_contact_has_no_line_as_the_others_have_none():
-    """It held, and searches again: it may meet the others anywhere, and is alone in its layer."""
+    """The drone held, and searches again: it may meet the others anywhere, and is alone in its altitude layer."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
@@ -364,7 +364,7 @@ def test_one_that_did_not_take_part_at_the_last_contact_has_no_line_as_the_other
 
 
 def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
-    """What this agent remembers is of before the takeoff."""
+    """The agent's memory is from before the takeoff."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
@@ -375,7 +375,7 @@ def test_one_that_may_have_taken_off_before_a_restart_may_be_anywhere():
 
 
 def test_who_is_started_late_waits_whether_it_hears_one_that_has_measured():
-    """It flew off, low, and passed one that hovered and had never heard it (1430373: 2.3 m)."""
+    """The late drone flew off, low, and passed a hovering drone that had never heard it (1430373: 2.3 m)."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(SECOND, 0, 0.1, Transform(), measured=("b",))
     hood.around(peers, me)
@@ -405,7 +405,7 @@ def test_one_that_is_told_on_its_way_home_that_it_is_not_heard_crosses_in_its_la
 
 
 def test_one_that_tells_that_it_is_on_the_ground_is_not_waited_for():
-    """Its autopilot is off, and it sends no poses: who was restarted hovered for good."""
+    """Its autopilot is off, and it sends no poses: a restarted drone hovered for good."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
@@ -502,7 +502,7 @@ def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhi
     for now_s in (30, 32):
         hood.around(peers, Self(now_s * SECOND, 0, 0.1, Transform(), resumed=True))
     assert hood.absence.missing == ("b",)
-    assert peers["b"].launch is None  # it has left that place
+    assert peers["b"].launch is None  # the launch place is left
     assert peers.receive(pose(32 * SECOND), 32 * SECOND) is None
 
 
@@ -517,9 +517,9 @@ def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhi
     ],
 )
 def test_one_that_was_on_the_circle_as_this_drone_was_may_circle_until_its_vehicle_must_be_down(stage, circle, seconds, may):
-    """There is no line between the two, so who leaves the circle for the search could meet it.
+    """Without a separation line, the drone that leaves the circle for the search could meet the other.
 
-    On their way to the circle, two that went on to circles of different radius crossed each other's ways, and came to 0.4 m.
+    On their way to the circle, two drones bound for circles of different radius crossed each other's ways, and came to 0.4 m.
     """
     me = Self(SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
@@ -544,7 +544,7 @@ def test_who_only_crosses_the_circle_keeps_to_its_own_side(velocity_mps):
 
 
 def test_the_line_of_two_that_track_ends_when_each_can_be_on_its_own_circle():
-    """It stayed for a minute, in which those that were left stood where it had stopped them, 142 degrees apart.
+    """The line stayed for a minute, in which the remaining drones stood where it had stopped them, 142 degrees apart.
 
     Two drones: the next circle is 6 m wider, which takes 3 s and 3 s to settle, a second after they have lost each other.
     """
@@ -559,7 +559,7 @@ def test_the_line_of_two_that_track_ends_when_each_can_be_on_its_own_circle():
         return "b" in hood.absence.walls
 
     assert [parted(now_s) for now_s in (2.0, 6.9, 7.1, 20.0)] == [True, True, False, False]
-    assert [parted(now_s, None) for now_s in (20.0, 59.0, 61.0)] == [True, True, False]  # one that searches meets it anywhere
+    assert [parted(now_s, None) for now_s in (20.0, 59.0, 61.0)] == [True, True, False]  # in the search a drone meets it anywhere
 
 
 def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
@@ -572,7 +572,7 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         assert peers.receive(message, 0) is None
     assert [(one.plan.blind, one.takes_part) for one in hood.around(peers, me)] == [(False, True)]
     assert hood.absence is None
-    for stamp_ns in (SECOND, 2 * SECOND):  # it goes on, and is a circle's drone by then
+    for stamp_ns in (SECOND, 2 * SECOND):  # flies on, and belongs to a circle by then
         told = (replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0)), replace(plan(stamp_ns), unheard=("a",)))
         for message in (*told, replace(status(Stage.TRACK), stamp_ns=stamp_ns)):
             assert peers.receive(message, stamp_ns) is None
@@ -591,7 +591,7 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
 
 
 def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
-    """b is heard at a place, and tells whom it does not hear; what a makes of it 0.3 s later."""
+    """Peer b is heard at a place, and publishes its lost links; a's neighbours 0.3 s later."""
     told = replace(plan(stamp_ns), unheard=unheard) if unheard else plan(stamp_ns)
     for message in (replace(pose(stamp_ns), position_m=(x, 0.0, 3.0)), told, replace(status(stage), stamp_ns=stamp_ns)):
         assert peers.receive(message, stamp_ns) is None
@@ -619,7 +619,7 @@ def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
 
 
 def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands_for_them():
-    """It takes them for vehicles that hover without their agents where they last heard each other; one that flew on around the
+    """The deaf drone expects them to hover, agents lost, where they last heard each other; a drone that flew on around the
     circle passed it at 5 m, and was expected 7 m farther away.
     """
     me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=BOTH_ON)
@@ -629,7 +629,7 @@ def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands
         heard_from(hood, peers, me, second * SECOND, 1.0, unheard=("a",), stage=Stage.TRACK)
         hovers = [] if second == 20 else [pytest.approx((10.0, 0.0), abs=1e-6), pytest.approx((10.0, 4.0))]
         assert (hood.absence.stops.tolist(), hood.absence.unhearing) == (hovers, ("b",))
-        assert hood.absence.coming_home == ()  # it is heard, and is not
+        assert hood.absence.coming_home == ()  # heard, not returning
 
 
 def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
@@ -638,7 +638,7 @@ def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_pl
     heard_from(hood, peers, me, 0, 0.0)
     heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
     first = hood.absence.walls["b"]
-    for second in range(2, 9):  # it is flown by somebody else for a while, and publishes no plans
+    for second in range(2, 9):  # manual override for a while, no plans published
         assert peers.receive(replace(pose(second * SECOND), position_m=(9.0, 0.0, 3.0)), second * SECOND) is None
         hood.around(peers, replace(me, now_ns=second * SECOND + SECOND // 2))
         assert (hood.absence.walls, hood.absence.unhearing) == ({"b": first}, ("b",))
@@ -668,8 +668,8 @@ def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
 
 @pytest.mark.parametrize(("me", "crossing", "low"), [("a", [(10.0, 0.0)], [(10.0, 0.0)]), ("b", [], [(0.0, 0.0)])])
 def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_not_hear(me, crossing, low):
-    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And who came
-    down, pushed aside by a third one, met a lower one over that one's home at 1.5 m.
+    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And a
+    landing drone, pushed aside by a third, met a lower drone over the lower one's home at 1.5 m.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
     (other,) = peers.names
@@ -685,7 +685,7 @@ def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_
 
 @pytest.mark.parametrize(("me", "crossing"), [("a", [(10.0, 0.0)]), ("b", [])])
 def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(me, crossing):
-    """Where it is late, they came home as it came down, and it reckoned with none of them."""
+    """With the revoked drone late, the others came home as it landed, and its plans accounted for none of them."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
     (other,) = peers.names
     for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
@@ -712,7 +712,7 @@ def test_a_revoked_drone_does_not_wait_over_its_home_because_the_home_of_another
 
 
 def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
-    """One that was revoked before came down over its home, 1.5 m from it."""
+    """A drone revoked before landed at its home, 1.5 m from the agent's."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, returning_s=20.0)
     (other,) = hood.around(peers, replace(me, resumed=True))
@@ -722,7 +722,9 @@ def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it
 
 @pytest.mark.parametrize("resumed", [True, False])
 def test_an_agent_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_until_that_is_down(resumed):
-    """That one waited over its home, and the other came down beside it: 1.1 m. Where a late one took off and flew past: 0.6 m."""
+    """The revoked drone waited over its home, and the other landed beside it: 1.1 m. A late drone took off and flew past: 0.6
+    m.
+    """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=resumed, excluded=("b",))
     places = []
@@ -730,7 +732,7 @@ def test_an_agent_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_u
         found = hood.around(peers, replace(me, now_ns=second * SECOND))
         homes = [home.place for home in hood.absence.homes] if hood.absence is not None else None
         places.append(([one.plan.positions[0][:2] for one in found], homes))
-    in_flight: list[object] = [[(10.0, 0.0)], []] if resumed else [None, None]  # on the circle nobody misses it otherwise
+    in_flight: list[object] = [[(10.0, 0.0)], []] if resumed else [None, None]  # on the circle no drone misses it otherwise
     assert places == [([(10.0, 0.0)], None), ([(10.0, 0.0)], in_flight[0]), ([], in_flight[1])]
 
 
@@ -738,7 +740,7 @@ def test_an_agent_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_u
     ("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("a", "b"), ("b",)), (False, ("a",), None)]
 )
 def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, missing):
-    """One that was revoked before an agent was started again flew on the same circle: 2 m. To hear the others takes a moment."""
+    """A drone revoked before an agent's restart flew on the same circle: 2 m. To hear the others takes a moment."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(300 * SECOND, 0, 0.1, Transform(), resumed=resumed, measured=measured)
     hood.around(peers, me)
@@ -753,8 +755,8 @@ def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, mis
 
 @pytest.mark.parametrize(("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("b",), ("b",)), (False, ("a",), None)])
 def test_one_of_which_no_status_was_heard_is_missed_like_one_that_was_never_heard(resumed, measured, missing):
-    """An agent that was started in flight, and was revoked, heard poses for a third of a second, and from then on nobody: whose
-    status had not come yet did not exist for it.
+    """An agent that was started in flight, and was revoked, heard poses for a third of a second, and none from
+    then on: a peer without a status so far did not exist for it.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     assert peers.receive(pose(), 0) is None
@@ -772,7 +774,7 @@ def test_one_that_is_seen_to_fly_faster_than_when_it_was_heard_is_where_it_is_se
         assert peers.receive(message, 0) is None
 
     def way_m(second):
-        """It stands until 12 s, and is at 6 m/s from then on."""
+        """The drone stands until 12 s, and flies at 6 m/s from then on."""
         return 6.0 * max(0.0, second - 12.0)
 
     for second in np.arange(10.0, 13.6, 0.2).tolist():
@@ -804,7 +806,7 @@ def test_each_one_whose_measurements_come_first_is_given_a_moment_to_be_heard():
 
 @pytest.mark.parametrize("returning_s", [None, 20.0])
 def test_one_on_the_ground_whose_autopilot_is_unplugged_is_not_missed(returning_s):
-    """It sends its status, but has no pose to send."""
+    """The drone sends its status, but has no pose to send."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=True, measured=("b",), returning_s=returning_s)
     assert peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=300 * SECOND), 300 * SECOND) is None
@@ -815,7 +817,7 @@ def test_one_on_the_ground_whose_autopilot_is_unplugged_is_not_missed(returning_
 
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
 def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
-    """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
+    """The climb goes from 3 to 13 m, never slower than 1.5 m/s."""
     hood, peers, now_ns = (
         Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"),
         Peers(["b"]),
@@ -831,7 +833,7 @@ def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seco
 
 
 def test_whoever_was_lost_while_the_own_clock_was_set_back_is_not_heard_like_any_other():
-    """It was 20 s fast, and b is silent since: its last news would be of the future for as long, and its plan nowhere."""
+    """The clock was 20 s fast, and b is silent since: its last messages would be of the future for as long, and its plan lost."""
     peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     peers.keep_time(30 * SECOND)
     for message in (pose(30 * SECOND), plan(30 * SECOND), replace(status(Stage.TRACK), stamp_ns=30 * SECOND)):

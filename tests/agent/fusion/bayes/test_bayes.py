@@ -25,7 +25,7 @@ from protocol.entries import Counts, Exposure, PoseSample
 
 
 def test_a_static_source_is_found_with_its_activity(kit):
-    """Two minutes of three drones at 12 m: what the counts allow is 0.1-0.2 m (reference: Fisher bound 0.11 m)."""
+    """Two minutes of three drones at 12 m: the counts allow 0.1-0.2 m (reference: Fisher bound 0.11 m)."""
     mission = kit.mission_of()
     medians, shares = [], []
     for seed in range(3):
@@ -34,7 +34,7 @@ def test_a_static_source_is_found_with_its_activity(kit):
         medians.append(np.median(np.linalg.norm(errors_of(found[-100:], lambda _: np.array([35.0, 62.0])), axis=1)))
         shares.append(found[-1][1].activity_bq / 2e9)
     assert np.median(medians) < 0.3
-    assert np.all(np.abs(np.array(shares) - 1.0) < 0.25)  # the areas that it assumes are not those of these counts
+    assert np.all(np.abs(np.array(shares) - 1.0) < 0.25)  # the assumed areas differ from the areas behind these counts
 
 
 def test_a_measured_background_is_no_source(kit):
@@ -59,8 +59,9 @@ def with_background(mission, per_s):
 
 
 def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
-    """For a minute drone a's frame is believed 3 m off, within its sigma; then it is put where it is. What was learnt as its bias
-    until then is none any more."""
+    """For a minute drone a's frame is believed 3 m off, within its sigma; then it is put where it is. The bias learnt until
+    then no longer holds.
+    """
     mission = kit.mission_of()
     left = []
     for seed in range(6, 9):
@@ -97,7 +98,7 @@ def jumped(entry, error_m, sigma_m):
 
 @pytest.mark.parametrize(("drones", "error_m"), [("abc", 0.5), ("a", 4.0)], ids=["all of them", "one, far off"])
 def test_what_drones_measure_after_a_jump_counts_by_what_they_know_of_their_frame(kit, drones, error_m):
-    """After 30 s the localisation of the drones has jumped. All go on; one that is far off, and says so, moves nothing."""
+    """After 30 s the localisation of the drones has jumped. All go on; a drone that is far off, and says so, moves nothing."""
     mission, source, jump_ns, end_ns = kit.mission_of(), (35.0, 62.0), kit.T0_NS + 30 * 10**9, kit.T0_NS + 90 * 10**9
     entries = [
         jumped(entry, error_m, error_m) if entry.drone in drones and entry.stamp_ns >= jump_ns else entry
@@ -148,7 +149,7 @@ def test_the_outlook_excludes_what_would_have_shown(kit):
     outlook = fusion.outlook
     assert outlook.none > 0.6
     assert outlook.weight.sum() + outlook.none == pytest.approx(1.0, abs=1e-3)
-    assert 1e8 < outlook.excluded_bq < 1e10  # it was circled at 12 m and more
+    assert 1e8 < outlook.excluded_bq < 1e10  # circled at 12 m and more
     middle = np.hypot(*(outlook.places - 50.0).T)
     density = outlook.weight / outlook.cell_m**2
     edge = (middle > 45.0) & (outlook.cell_m == outlook.cell_m.min())  # of the area
@@ -270,7 +271,7 @@ def test_a_camera_that_dies_in_flight_moves_nothing(kit):
 
 
 def test_a_wall_that_nobody_knows_of_moves_nothing(kit):
-    """Concrete of 0.2 m takes 97 % of what comes straight from a source to cameras in the north-west of it: one place in four."""
+    """Concrete of 0.2 m takes 97 % of the direct radiation from a source to cameras in its north-west: one place in four."""
     mission = kit.mission_of()
     rng = np.random.default_rng(15)
     entries = []
@@ -371,7 +372,7 @@ def test_of_the_prior_nine_tenths_are_in_the_area_itself(kit):
     assert outlook.weight[beyond].sum() < 0.05 + 1e-3
     corner, other = (outlook.places - place for place in ((20.0, 20.0), (80.0, 80.0)))
     near = [float((outlook.weight / outlook.cell_m**2)[np.hypot(*apart.T).argmin()]) for apart in (corner, other)]
-    assert near[1] < 0.02 * near[0]  # which has as much around it as far away
+    assert near[1] < 0.02 * near[0]  # the corner has as much around it as far away
     assert outlook.weight.sum() == pytest.approx(0.5, abs=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""What a vehicle measures that is not where it takes itself to be, beside others that are."""
+"""Measurements of a vehicle with a wrong own position estimate, beside vehicles with right ones."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_who_is_right_again_counts_again(kit, off):
     mission, entries = off
 
     def left_out(until_s):
-        """Drones whose measurements do not count at that time, as is told of them."""
+        """Drones whose measurements do not count at that time, as published."""
         fusion, now_ns = fusion_of(mission), kit.T0_NS + until_s * S
         kit.feed(fusion, [entry for entry in entries if entry.stamp_ns < now_ns - S])
         return kit.settle(fusion, now_ns).contradicted
@@ -51,7 +51,7 @@ def test_who_is_right_again_counts_again(kit, off):
 
 @pytest.mark.parametrize(("drones", "left_out"), [(("a", "b", "c"), {("c",), ()}), (("a", "c"), {()})])
 def test_of_three_one_with_a_thousand_cones_that_point_nowhere_is_left_out(kit, drones, left_out):
-    """As somebody with c's key sent them: the swarm lost its source within 2 s, and went home."""
+    """As sent by an impostor with c's key: the swarm lost its source within 2 s, and went home."""
     mission = kit.mission_of(drones)
     entries = list(entries_of(kit, mission, np.random.default_rng(5), 50.0, lambda _: SOURCE, 3e9))
     up, many = (0.0, 0.0, 1.0), np.linspace(40.0, 44.0, 1_000)
@@ -107,8 +107,8 @@ def struck(times, vehicle=0, begun=None):
     [
         ((1, 2, 3, 4), (4, 4), True),
         ((1, 2, 3), (4, 4), False),  # the first has faded a little
-        ((1, 2, 3, 4), (4,), False),  # between two nobody can tell which of them is right
-        ((1, 2, 3, 4), (4, -2), False),  # the other one is not heard any more
+        ((1, 2, 3, 4), (4,), False),  # between two drones it cannot be decided which is right
+        ((1, 2, 3, 4), (4, -2), False),  # the other drone's link is lost
         ((1, 31, 61, 91), (91, 91), False),  # each fades before the next one comes
     ],
 )

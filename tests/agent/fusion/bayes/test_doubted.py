@@ -1,4 +1,4 @@
-"""What a vehicle measures that does not know its place, beside others that do."""
+"""Measurements of a vehicle with an uncertain position, beside vehicles with certain ones."""
 
 import math
 

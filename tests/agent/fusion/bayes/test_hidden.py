@@ -1,4 +1,4 @@
-"""What stands unknown between source and camera: its Markov chain, and what it leaves of the counts that a track expects."""
+"""Unknown attenuation between source and camera: its Markov chain, and the remaining share of the counts that a track expects."""
 
 import numpy as np
 import pytest

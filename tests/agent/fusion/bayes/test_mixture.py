@@ -16,7 +16,7 @@ SIGMA_M, BIAS_M = 2.0, 1.0
 
 
 def of_one_place(*heard):
-    """Three vehicles, of which those heard have biases of 1 m."""
+    """Three vehicles; the heard ones have biases of 1 m."""
     biases = np.zeros((3, BIAS))
     biases[list(heard)] = [BIAS_M**2, BIAS_M**2, 0.0027, 0.0025]
     one = np.ones(1)
@@ -27,7 +27,7 @@ def of_one_place(*heard):
 
 @pytest.mark.parametrize("heard", [(0,), (0, 2), (0, 1, 2)])
 def test_a_search_by_biased_vehicles_knows_the_true_place_less_well(heard):
-    """It knows where the vehicles see the source: the true place is off by the mean of their biases."""
+    """The search knows the place where the vehicles see the source: the true place is off by the mean of their biases."""
     covariance = of_one_place(*heard).covariance[0, 0]
     count = len(heard)
     assert covariance[0, 0] == pytest.approx(SIGMA_M**2 + BIAS_M**2 / count)

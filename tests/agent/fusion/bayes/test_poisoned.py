@@ -55,7 +55,7 @@ def test_of_three_the_one_that_contradicts_is_named_and_moves_nothing(kit, fligh
 
 
 def test_a_dead_camera_is_not_named(kit, flight):
-    """It flies where the others fly, and counts nothing."""
+    """The drone flies where the others fly, and counts nothing."""
     mission, entries = flight
     since_ns = kit.T0_NS + TRACKED_S * 1e9
     is_dead = [entry.drone == "b" and entry.stamp_ns > since_ns for entry in entries]

@@ -46,7 +46,7 @@ def test_counts_are_those_of_a_camera_beside_a_source(nuclide, towards):
 
 @pytest.mark.slow
 def test_each_event_is_in_one_channel():
-    """So that channels are independent and their sum is Poisson's; what an exposure tells counts most coincidences thrice."""
+    """Hence channels are independent and their sum is Poisson's; the published counts hold most coincidences thrice."""
     view = camera.SourceView((0.6, -0.36, 0.714), DISTANCE_M, 1e12)
     beside = beam.BeamCamera(truth.CameraTruth(), "Cs-137", view, np.random.default_rng(3), 0)
     chain, response = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal()), response_of("Cs-137")

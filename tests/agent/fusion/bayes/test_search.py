@@ -108,7 +108,7 @@ def test_a_source_up_to_the_fence_is_not_beyond_it(kit):
 
 
 def test_a_source_that_walks_in_from_beyond_the_fence_is_found(kit):
-    """It rests there until all other places are excluded, then it walks at 1 m/s."""
+    """The source rests there until all other places are excluded, then it walks at 1 m/s."""
 
     def source(number):
         return 150.0 - min(max(0.2 * number - 60.0, 0.0), 75.0), 50.0, 0.0

@@ -1,4 +1,4 @@
-"""What known buildings change of the counts that a track expects."""
+"""The effect of known buildings on the counts that a track expects."""
 
 import numpy as np
 import pytest

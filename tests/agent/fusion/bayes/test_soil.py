@@ -1,4 +1,4 @@
-"""The count rates that the estimator expects over soil, against a simulated camera over it, whose transport is another code."""
+"""The count rates that the estimator expects over soil, against a simulated camera over it, with a transport code of its own."""
 
 import msgspec
 import numpy as np
@@ -52,7 +52,7 @@ def counts(height_m: float, horizontal_m: float, heading_deg: float, source_m: f
         (4.0, 10.0, 75.0, 0.0),
         (6.0, 12.0, 20.0, 0.0),
         (3.0, 15.0, 45.0, 0.0),
-        (3.0, 3.0, 30.0, 1.0),  # soil scatters 0.4 of what it does from a source on the ground
+        (3.0, 3.0, 30.0, 1.0),  # soil scatters 0.4 times as much as from a source on the ground
         (2.5, 6.0, 0.0, 1.0),
         (4.0, 2.0, 60.0, 1.0),
         (3.0, 6.0, 90.0, 1.0),

@@ -104,7 +104,7 @@ def _cones(kit, mission, rng, time_s, places, source, per_mm2, drone, sequence):
 
 
 def problem_of(mission, entries, **prior):
-    """What a fit of drones a and b is judged by, with cones enough."""
+    """The likelihood problem of a fit of drones a and b, with enough cones."""
     seen = [observe(entry, Transform()) for entry in sorted(entries, key=lambda entry: entry.entry_id)]
     drones = {"a": 0, "b": 1}
     rows = Rows.none().plus([one for one in seen if not isinstance(one, ConeObservation)], drones)

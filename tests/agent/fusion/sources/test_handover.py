@@ -1,4 +1,4 @@
-"""A source that moves among sources at rest: when it is handed over to a track, what is told then, and when it is taken back."""
+"""A moving source among sources at rest: the time of its handover to a track, the hypothesis then, and the time of its return."""
 
 import random
 
@@ -20,7 +20,7 @@ from agent.fusion.sources.tracker import Track
 from agent.navigation.focus import focus
 
 SPEED_MPS, WALKS_S = 0.8, 30.0
-END_S = 120.0  # it may take 40 s until it is clear that it rests, and it is taken back 30 s later, with the next moves
+END_S = 120.0  # up to 40 s until it clearly rests; taken back 30 s later, with the next moves
 
 
 IR_APART = [("Ir-192", 8.0, 10.0, 1e9), ("Ir-192", 30.0, 30.0, 1e9), ("Cs-137", 12.0, 30.0, 1e9)]
@@ -110,7 +110,7 @@ def weak(among):
 
 
 def test_before_anything_is_told_the_search_leads_the_drones_for_a_while(kit, weak):
-    """What is excluded stays that of the fit."""
+    """The exclusion limit stays the fit's."""
     fusion = after(kit, weak[0], until(kit, weak[1], 12.0), 12.0)
     assert fusion.hypothesis is None
     outlook, track, rest = fusion.outlook, fusion.state.track, fusion.state.rest.outlook
@@ -135,7 +135,7 @@ def test_what_the_track_finds_first_is_told_at_the_next_refinement(kit, weak):
 
 
 def test_a_track_begins_with_what_was_measured_before_there_was_one(kit, weak, monkeypatch):
-    """Until the moves at 5 s nothing was fitted, and the track began with those at 10 s."""
+    """Until the moves at 5 s nothing was fitted, and the track began with the moves at 10 s."""
     begin, given = FollowingEstimator._begun, []
     monkeypatch.setattr(FollowingEstimator, "_begun", lambda *every: given.append(every[2]) or begin(*every))
     fusion = after(kit, weak[0], until(kit, weak[1], 4.9), 4.9)
@@ -169,7 +169,7 @@ def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
 )
 def test_sources_at_rest_are_not_handed_over(kit, among, sources):
     """Drones fly from one to another, and a single track of either nuclide would have to follow them: so it never becomes clear
-    that they are at rest, but after a while nobody looks any more.
+    that they are at rest, but after a while the check ends.
     """
     mission = among.mission_of()
     fusion = after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 40.0, sources), 42.0)
@@ -189,7 +189,7 @@ def test_sources_at_rest_are_not_handed_over(kit, among, sources):
     ids=["fast", "slow", "ring"],
 )
 def test_places_along_its_way_that_have_had_their_turns_do_not_hide_that_it_moves(kit, among, seed, activity_bq, way):
-    """They are told as sources at rest meanwhile, and circled."""
+    """The places are published as sources at rest meanwhile, and circled."""
     mission = among.mission_of()
     mission = replace(mission, track=replace(mission.track, each_s=1.0))
     flown = among.entries_of(mission, np.random.default_rng(seed), 60.0, lambda s: [("Cs-137", *way(s), activity_bq)])
@@ -214,7 +214,7 @@ def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
 
 
 def test_after_one_that_is_lost_sources_at_rest_are_fitted_anew(kit, among):
-    """It is carried off after 30 s, and what was fitted before says nothing any more."""
+    """The source is carried off after 30 s, and earlier fits say nothing any more."""
     mission = among.mission_of()
     entries = among.entries_of(mission, np.random.default_rng(6), 90.0, carried_off)
     fusion = fusion_of(mission)
@@ -297,7 +297,7 @@ def test_an_exposure_that_waits_for_the_next_one_counts_where_its_evidence_does(
 
 
 def tracked(state):
-    """With a track, of which nothing else matters."""
+    """An estimator state with a track; all else is irrelevant."""
     return replace(state, track=object())
 
 

@@ -1,4 +1,4 @@
-"""What hides sources, and nobody knows of: which rows notice it, and what they then say."""
+"""Sources behind unknown attenuation: the rows that notice it, and their statement then."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_a_row_far_below_pulls_no_more_and_tells_little():
 
 @pytest.mark.parametrize("weights", [(1.0, 1.0), (0.95, 1.0), (1.0, 0.95)])
 def test_what_is_hidden_does_not_tell_how_strong_a_source_is(weights):
-    """Rows of one cell, one of which sees the source ten times as strong, weigh differently: the stronger, the better it was."""
+    """Rows of one cell weigh differently if one row sees the source ten times as strong: the stronger, the better the row was."""
     counts = np.array([np.repeat((8.0, 2.0), 16), np.repeat((3.0, 1.0), 16)]) / 16.0
     cells = Cells(Rows(np.zeros((2, 42), np.int64)))
     likelihood = []
@@ -71,7 +71,7 @@ def test_what_is_hidden_does_not_tell_how_strong_a_source_is(weights):
 
 
 def test_a_row_without_any_count_is_hidden_and_still_expects_some():
-    """A camera that is blind, or right behind a wall: what is expected of it divides in births and in what is excluded."""
+    """A camera that is blind, or right behind a wall: its expected counts divide in births and in exclusion limits."""
     one = seen((0.0, 0.0))
     assert one.hidden[0] > 0.99
     assert one.mean.min() > 0.0

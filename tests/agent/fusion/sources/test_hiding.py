@@ -1,4 +1,4 @@
-"""What a search for several sources has excluded, by nuclide and place; and where more may hide."""
+"""Exclusion limits of a search for several sources, by nuclide and place; and the places of possible further sources."""
 
 import random
 

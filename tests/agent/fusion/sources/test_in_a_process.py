@@ -1,4 +1,4 @@
-"""The estimator in a process of its own, as on board: what it tells, its end, and how long the agent's loop is held."""
+"""The estimator in a process of its own, as on board: its results, its end, and how long the agent's loop is held."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Aboard:
 
 
 def flown(mission, flight):
-    """Run a flight, and its process, in a loop; what it returns, and how long the loop was held at most."""
+    """Run a flight, and its process, in a loop; return its results, and the longest hold of the loop."""
     selector = Watched()
 
     async def run():
@@ -165,7 +165,7 @@ time.sleep(600)
 
 
 def runs(pid):
-    """Whether a process is there, and no zombie that nobody has waited for."""
+    """Whether a process is there, and no zombie without a waiting parent."""
     with suppress(psutil.NoSuchProcess):
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     return False

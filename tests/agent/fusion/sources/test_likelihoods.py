@@ -21,7 +21,7 @@ SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
 
 @pytest.fixture(scope="module")
 def problem(among):
-    """Two drones of which the second is off by (0.3, -0.2) m."""
+    """Two drones, the second off by (0.3, -0.2) m."""
     mission = among.mission_of()
     entries = among.entries_of(mission, np.random.default_rng(1), 30.0, SOURCES, bias=((0.0, 0.0), (0.3, -0.2)))
     return among.problem_of(mission, entries)

@@ -42,7 +42,9 @@ def test_nothing_fitted_has_no_more_errors(flight):
 
 
 def test_the_errors_are_those_that_wrong_counts_would_make(flight, fitted):
-    """To first order: the gradient's change when counts of a patch, or in a bin, rise by a small share of what a source adds."""
+    """To first order: the gradient's change when counts of a patch, or in a bin, rise by a small share of a source's
+    contribution.
+    """
     problem, rows = flight
     counts, share = problem.counts, 1e-4
     before, _ = problem._scored(fitted.solution)[1]()

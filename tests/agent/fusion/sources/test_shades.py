@@ -1,4 +1,4 @@
-"""Walls that the mission knows: what they let pass, and what the estimator makes of it."""
+"""Walls known to the mission: their transmission, and the estimator's use of it."""
 
 import gc
 import weakref
@@ -99,7 +99,7 @@ def test_without_a_map_there_are_none():
 
 @pytest.fixture(scope="module")
 def flown(among):
-    """A mission that knows the wall, and what is measured around it."""
+    """A mission that knows the wall, and the measurements around it."""
     mission = replace(among.mission_of(moved_s=20.0), buildings=BuildingsConfig(known=(WALL,)))
     return mission, among.entries_of(mission, np.random.default_rng(6), 40.0, [SOURCE], passing=passing)
 
@@ -140,7 +140,7 @@ def test_behind_the_wall_only_what_is_scattered_is_left(models):
 
 @pytest.mark.parametrize("number", [2, 3, 6])
 def test_the_gradient_is_that_of_the_value(models, number):
-    """By log activity, background and sensitivity; by the place, derivatives of what passes are left out."""
+    """By log activity, background and sensitivity; by the place, derivatives of the transmission are left out."""
     known, _, solution = models
     step = np.zeros(7)
     step[number] = 1e-5

@@ -1,4 +1,4 @@
-"""Sources over soil: the spectra that are expected against a simulated camera, whose transport is another code, and the fit."""
+"""Sources over soil: the expected spectra against a simulated camera with a transport code of its own, and the fit."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ truth = pytest.importorskip("sim.radiation.truth")
 OVER_SOIL = truth.CameraTruth(scatter_near=0.05, background_hits_per_s=0.3)
 LIVE_S, EVENTS_PS = 4.0, 3000.0
 SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
-MORE = 1.3  # that the ground scatters, of what the tables say
+MORE = 1.3  # scatter of the ground, relative to the tables
 
 
 def compared(nuclide, height_m, horizontal_m, heading_deg):
@@ -103,7 +103,7 @@ def test_the_gradient_over_soil_is_that_of_the_value(problem, number):
 
 
 def test_the_scatter_of_the_ground_is_fitted_and_does_not_change_the_activity(problem):
-    """Nor does the stated error of the activity leave it out: with the factor known it is smaller."""
+    """The stated error of the activity includes it, too: with the factor known it is smaller."""
     fitted = problem.fitted(replace(somewhere(), scale=0.0, scatter=0.0, log_soil=0.0), 20)
     numbers = fitted.solution.of_sources + 1
     sigma = np.sqrt(fitted.covariance[numbers, numbers])

@@ -1,4 +1,4 @@
-"""The estimator on synthetic flights: what it finds, and that it depends on nothing but the log."""
+"""The estimator on synthetic flights: its results, and their dependence on nothing but the log."""
 
 import random
 
@@ -91,7 +91,7 @@ def test_entries_on_the_way_do_not_move_the_solution_between_its_times(kit, flig
 
 
 def test_each_drone_sees_the_source_with_its_own_error(kit, among):
-    """Of what two drones see, the difference is that of their biases: of each coordinate to three of its sigmas, 0.3 m."""
+    """Two drones' source positions differ by their biases: each coordinate to three of its sigmas, 0.3 m."""
     mission = among.mission_of()
     bias = ((0.0, 0.0), (1.5, -1.2))
     entries = among.entries_of(mission, np.random.default_rng(4), 40.0, [("Cs-137", 20.0, 20.0, 3e9)], bias=bias)
@@ -142,7 +142,7 @@ def test_steps_without_a_new_fit_tell_the_same_sources_at_their_own_times(kit, a
 
 
 def test_an_agent_that_catches_up_refines_once_and_tells_the_same(kit, flight):
-    """One is asked at every step, the other only at the end."""
+    """One agent is asked at every step, the other only at the end."""
     mission, entries = flight
     asked, late = Asked(estimator_named("sources", mission)), Asked(estimator_named("sources", mission))
     always, once = (fusion_of(mission, one.estimator) for one in (asked, late))

@@ -38,7 +38,7 @@ def test_the_spectrum_is_that_of_a_camera_beside_a_source(nuclide):
 
 
 def compared(nuclide, headings):
-    """What is counted in an exposure at each heading, and what is expected, by bin; the softest ones pooled."""
+    """Counts in an exposure at each heading, and expected counts, by bin; the softest bins pooled."""
     spectra = Spectra.of((nuclide,))
     depth = spectra.air_per_m[0] * DISTANCE_M
     facing = np.cos(BELOW_RAD) * np.abs(np.cos(headings)).mean() - MEAN_FACING
@@ -50,7 +50,7 @@ def compared(nuclide, headings):
 
 
 def counted_from(nuclide, heading, activity_bq, seed):
-    """Events by bin of a camera whose heading is off the source by so much."""
+    """Events by bin of a camera whose heading is off the source by that angle."""
     direction = (np.cos(BELOW_RAD) * np.sin(heading), -np.sin(BELOW_RAD), np.cos(BELOW_RAD) * np.cos(heading))
     view = camera.SourceView(tuple(map(float, direction)), DISTANCE_M, activity_bq)
     readout = beam.BeamCamera(truth.CameraTruth(), nuclide, view, np.random.default_rng([3, seed]), 0).expose(

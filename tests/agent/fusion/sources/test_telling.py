@@ -1,4 +1,4 @@
-"""Which of the fitted sources are told."""
+"""The choice of the fitted sources to publish."""
 
 import numpy as np
 import pytest

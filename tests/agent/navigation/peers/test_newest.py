@@ -42,8 +42,8 @@ def test_news_of_a_drone_whose_clock_is_known_to_differ_is_taken_at_its_time_by_
 
 @pytest.mark.parametrize("back_s", [3, 20, 3600, -3, -20])
 def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_and_right_again(back_s):
-    """To a step of the agent, whose length nobody knows then; and news is newer than known. Where it was set on by more than
-    2 s, all others were silent at once.
+    """Right to a step of the agent, as the length of the clock's step is unknown; new messages stay newer than the known ones.
+    After a step forward by more than 2 s all peers counted as silent at once.
     """
     peers, back_ns, step_ns = Peers(["d2"]), back_s * 1000 * MS, 50 * MS
     peers.keep_time(START_NS)
@@ -56,7 +56,9 @@ def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_and_righ
 
 
 def test_a_drone_launches_where_it_stands_and_not_where_its_agent_is_started_again_in_flight():
-    """That one says that it is on the ground: its vehicle would come home to where it was then."""
+    """The second agent reports that it is on the ground: a launch there would move the vehicle's home to its position in
+    flight.
+    """
     peers, launches = Peers(["d2"]), []
     stages = [(0, Stage.PREFLIGHT), (2, Stage.TAKEOFF), (9, Stage.TRACK), (20, Stage.PREFLIGHT), (22, Stage.HOLD),
               (40, Stage.LANDED), (42, Stage.PREFLIGHT), (50, Stage.TAKEOFF)]  # fmt: skip
@@ -70,7 +72,7 @@ def test_a_drone_launches_where_it_stands_and_not_where_its_agent_is_started_aga
 
 
 def test_an_agent_started_in_flight_that_waits_for_its_telemetry_does_not_launch_where_its_first_poses_are():
-    """It tells that it is on the ground for 6 s; its first poses, at 8 m, come before its next status."""
+    """The agent reports "on the ground" for 6 s; its first poses, at 8 m, come before its next status."""
     peers = Peers(["d2"])
     stages = [(20.0, Stage.TRACK), (30.0, Stage.PREFLIGHT), (33.0, Stage.PREFLIGHT), (36.0, Stage.PREFLIGHT), (36.5, Stage.TRACK)]
     for second, stage in stages:
@@ -120,7 +122,7 @@ def test_a_clock_that_is_years_off_still_leaves_a_sigma_that_can_be_sent():
 
 
 def test_poses_by_two_estimates_of_a_drones_clock_are_no_jump():
-    """The delays of its messages grow to one side by 0.7 s: what it told before moves along."""
+    """The delays of its messages grow in one direction by 0.7 s: its earlier messages move along."""
     peers, begun, moved_m = Peers(["d2"]), pose(START_NS), 2.1
     x_m, y_m, z_m = begun.position_m
     later = replace(begun, stamp_ns=START_NS + MS, position_m=(x_m + moved_m, y_m, z_m))  # sent 0.7 s later
@@ -150,7 +152,7 @@ def test_what_a_drone_told_before_its_clock_was_set_stays_where_it_is(set_ms):
 
 @pytest.mark.parametrize("jump_s", [-13.8, 11.0, -1.0])
 def test_news_from_before_a_drones_clock_was_set_keep_their_time(jump_s):
-    """They came to be of the future, and all later ones to be older than known, until it had come."""
+    """Old messages got stamps in the future, and all later ones counted as older than known, until that time had come."""
     peers, ahead_ns, known_ns = Peers(["d2"]), round(jump_s * 1000) * MS, START_NS + 700 * MS
     assert peers.receive(pose(START_NS), START_NS, ahead_ns=0) is None
     assert peers.receive(pose(known_ns), known_ns, ahead_ns=ahead_ns) is None

@@ -1,4 +1,4 @@
-"""A drone's position from the sightings of another one."""
+"""A drone's position from the sightings of another drone."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ OWN = np.array([1.0, 2.0, 3.0])
 
 
 def sight(stamp_s, place, epoch=0, own=OWN, sensor="both"):
-    """What an observer at ``own`` sees of a drone at a place; its own local frame."""
+    """An observer's sighting of a drone at a place, from ``own``; in the observer's local frame."""
     way = np.array(place) - own
     distance = float(np.linalg.norm(way))
     return Sighting(
@@ -58,7 +58,7 @@ def test_how_far_it_is_from_where_it_should_be_false_sights_or_not(seed, shift):
 
 def test_ranges_alone_tell_how_far_away_it_is():
     found = offset(places(noisy(shift=(5.0, 0.0, 0.0), false=0.0, sensor="range"), 0, 3 * SECOND, expected), expected)
-    assert found.vector[0] == pytest.approx(5.0, abs=0.5)  # it is seen along x
+    assert found.vector[0] == pytest.approx(5.0, abs=0.5)  # seen along x
     assert places(noisy(sensor="range"), 0, 3 * SECOND, nowhere) == []
     assert places(noisy(sensor="direction"), 0, 3 * SECOND, expected) == []
 
@@ -102,7 +102,7 @@ def test_what_hovers_has_no_velocity():
 @pytest.mark.parametrize("speed_mps", [0.2, 2.0])
 @pytest.mark.parametrize("seed", range(20))
 def test_one_that_has_become_faster_since_its_last_pose_is_where_it_is_seen(seed, speed_mps):
-    """With the speed of its last pose alone only those sightings agreed that were made before it flew faster."""
+    """With the speed of its last pose alone only sightings from before it flew faster agreed."""
     now_ns, rng = 3 * SECOND, np.random.default_rng(seed)
 
     def way(stamp_s):

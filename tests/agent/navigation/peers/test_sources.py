@@ -44,7 +44,7 @@ def neighbourhood():
 
 
 def places(peers, now_ns, hood=None):
-    """Where d1 keeps clear of d2."""
+    """The positions of d2 of which d1 keeps clear."""
     hood = hood or neighbourhood()
     return sorted(one.plan.positions[0][0] for one in hood.around(peers, Self(now_ns, 0, 0.0, Transform())))
 
@@ -54,7 +54,7 @@ def stamps(count, after_ns=0):
 
 
 def alternating(count=8, apart_m=15.0, ahead_ns=10 * MS, **second):
-    """Poses of d2, and of somebody with its key, which come ahead of them."""
+    """Poses of d2, and of an impostor with its key, which come ahead of them."""
     pairs = ((pose(at_ns), pose(at_ns + ahead_ns, 30.0 + apart_m, **second)) for at_ns in stamps(count))
     return list(itertools.chain.from_iterable(pairs))
 
@@ -98,7 +98,7 @@ def test_who_drags_a_drone_away_little_by_little_is_noticed():
 def test_a_copy_with_a_later_epoch_is_noticed_and_a_jump_of_the_localisation_is_none():
     peers, now_ns = heard(*alternating(epoch=1))
     assert peers.problems(now_ns) == (TWO,)
-    assert places(peers, now_ns) == pytest.approx([30.0, 45.0])  # as if its frame were the same: nobody knows it
+    assert places(peers, now_ns) == pytest.approx([30.0, 45.0])  # as if its frame were the same: its frame is unknown
     jumped, now_ns = heard(*map(pose, stamps(5)), *(pose(at_ns, 45.0, epoch=1) for at_ns in stamps(5, SECOND // 2)))
     assert jumped.problems(now_ns) == ()
     assert jumped["d2"].pose.position_m[0] == 45.0
@@ -141,7 +141,7 @@ def test_two_boots_at_the_same_time_are_told_and_a_restart_is_not():
 
 
 def test_a_second_agent_that_says_that_it_is_on_the_ground_is_told():
-    """It was taken for one that had been started anew in flight, and does not know of that yet, though the first one went on."""
+    """The drone counted as started anew in flight, not yet aware of it, though its first agent went on."""
     told = [
         status(START_NS + tick * SECOND, "3" if tick % 2 else "2", Stage.PREFLIGHT if tick % 2 else Stage.TRACK)
         for tick in range(6)
@@ -153,7 +153,7 @@ def test_a_second_agent_that_says_that_it_is_on_the_ground_is_told():
 @pytest.mark.parametrize("stage", [Stage.LANDED, Stage.PREFLIGHT])
 @pytest.mark.parametrize("boot", ["2", "3"])
 def test_a_status_does_not_take_a_flying_drone_out_of_the_air(stage, boot):
-    """Not even of its own boot: whoever has its key can write that, too."""
+    """Not even a status with its own boot: every holder of its key can write that, too."""
     peers, now_ns = heard(pose(START_NS), status(START_NS), status(START_NS + 1, boot, stage))
     assert places(peers, now_ns) == pytest.approx([30.0])
 
@@ -174,12 +174,12 @@ def test_a_drone_that_has_rested_for_seconds_is_on_the_ground():
 
 @pytest.mark.parametrize("message", [pose(START_NS + 2 * SECOND), status(START_NS + 2 * SECOND)])
 def test_an_older_message_that_it_flies_is_evidence(message):
-    """The thief's stamps are ahead: what the drone says of itself came to be older than known, and was dropped unseen."""
+    """The thief's stamps are ahead: the drone's own messages came to be older than known, and were dropped unseen."""
     assert places(*landed_for(27, message)) == pytest.approx([30.0])
 
 
 def thief(at_ns, ahead_ns=90 * MS, x_m=45.0, epoch=1):
-    """What somebody with the key of d2 says in its name: it has landed, beside the place where it flies."""
+    """An impostor's status with the key of d2: landed, beside the place where d2 flies."""
     at_ns += ahead_ns
     return replace(pose(at_ns, x_m, epoch), in_air=False), status(at_ns, stage=Stage.LANDED)
 
@@ -240,7 +240,9 @@ def test_the_word_of_a_drone_that_it_has_not_sent_all_that_is_under_its_id_is_be
 
 
 def test_the_word_of_a_drone_that_it_has_a_twin_ends_with_its_statuses():
-    """It says so for ten seconds itself: another ten seconds of its peers would name it long after the thief has gone."""
+    """The drone itself reports its twin for ten seconds: another ten seconds of its peers would name it long after the thief
+    has gone.
+    """
     one = pilot()
     one.observe_vehicle(state(START_NS))
     told_by(one, pose(START_NS), replace(status(START_NS), disowns=True))

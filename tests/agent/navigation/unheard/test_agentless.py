@@ -1,4 +1,4 @@
-"""Where a vehicle may be whose agent is gone."""
+"""The possible positions of a vehicle with its agent lost."""
 
 from math import inf
 
@@ -18,7 +18,7 @@ COMES_DOWN_S = 10.0  # a drone that comes down over its home by setpoints settle
 
 
 def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), steered=True, **safety):
-    """Of the drone b, whose home is the origin, and which returns at 13 m."""
+    """The course of drone b: home at the origin, return altitude 13 m."""
     mission = MissionConfig(
         name="test",
         area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0),
@@ -33,7 +33,7 @@ def flown_by(agentless, name, stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocit
 
 
 def test_it_stops_climbs_and_goes_home():
-    """It is still where it stopped, or on its way already, by 6 m/s at most; in the end it must be down."""
+    """The vehicle is still where it stopped, or on its way already, by 6 m/s at most; in the end it must be down."""
     flown = course()
     assert flown.cruise_m == 13.0
     stop, way = flown.stretches(NOW, below_m=20.0)
@@ -48,7 +48,9 @@ def test_it_stops_climbs_and_goes_home():
 
 
 def test_a_revoked_drone_can_wait_for_the_others_to_be_home_and_still_be_down_when_they_count_with_it():
-    """It waits for vehicles without their agents, and comes down at 2 m/s: from the lowest of six layers for the highest, too."""
+    """The revoked drone waits for vehicles with lost agents, and descends at 2 m/s: from the lowest of six layers for the
+    highest, too.
+    """
     names = "abcdef"
     drones = tuple(DroneInMission(id=name, origin_m=(6.0 * k, 0.0, 0.0)) for k, name in enumerate(names))
     area = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0)
@@ -63,7 +65,7 @@ def test_a_revoked_drone_can_wait_for_the_others_to_be_home_and_still_be_down_wh
     ("stage", "steered", "least_m"), [(Stage.TRACK, True, 1.0), (Stage.TRACK, False, 0.0), (Stage.HOLD, True, 0.0)]
 )
 def test_it_goes_on_at_first_where_it_flew_by_setpoints(stage, steered, least_m):
-    """One that followed it took it to be beside itself, went around where it was, and flew on below where it stopped."""
+    """A following drone expected it beside itself, went around that place, and flew on below where it stopped."""
     stop, *_ = course(stage, steered=steered).stretches(np.array([0.0, 0.5, 1.0, 4.0]), below_m=20.0)
     assert stop.back == pytest.approx((0.0, 0.5 * least_m, least_m, least_m))
     behind = np.tile((30.0, -5.0), (4, 1))
@@ -73,15 +75,15 @@ def test_it_goes_on_at_first_where_it_flew_by_setpoints(stage, steered, least_m)
 
 def test_what_crosses_high_above_is_not_in_the_way_until_it_comes_down():
     flown = course()
-    assert [one.start for one in flown.stretches(NOW - 2.0, below_m=8.0)] == [(30.0, 0.0)]  # it cannot be home before 6 s
+    assert [one.start for one in flown.stretches(NOW - 2.0, below_m=8.0)] == [(30.0, 0.0)]  # not home before 6 s
     assert [one.end for one in flown.stretches(NOW, below_m=8.0)] == [(30.0, 4.0), (0.0, 0.0)]
     assert [one.start for one in flown.stretches(NOW + flown.leaves_s, below_m=8.0)] == [(0.0, 0.0)]
 
 
 @pytest.mark.parametrize("x_m", [30.0, 8.0])
 def test_it_has_left_where_it_stops_once_it_must_have_climbed_above_those_below(x_m):
-    """It stops for 3.5 s at most and climbs at 1.5 m/s or more, from 2 m; near its home it may leave lower, but no later than it
-    is that high.
+    """The vehicle stops for 3.5 s at most and climbs at 1.5 m/s or more, from 2 m; near its home it may leave lower, but no later
+    than at that height.
     """
     flown, climbed_s = course(place=(x_m, 0.0, 2.0)), 3.5 + (8.0 - 2.0) / 1.5
 
@@ -93,7 +95,7 @@ def test_it_has_left_where_it_stops_once_it_must_have_climbed_above_those_below(
     assert stops(climbed_s + 0.1, 20.0)
     assert stops(flown.leaves_s - 0.1, 20.0)
     assert not stops(flown.leaves_s + 0.1, 20.0)
-    assert stops(3.4, 1.0)  # it climbs no earlier than it may have stopped
+    assert stops(3.4, 1.0)  # climbs no earlier than its possible stop
 
 
 def test_near_its_home_it_may_return_low():

@@ -1,4 +1,4 @@
-"""Who is on the circle when two drones last hear each other, and the line between the two."""
+"""The drones on the circle at the last contact of two drones, and the separation line between the two."""
 
 import math
 
@@ -37,13 +37,13 @@ def test_who_is_near_the_circle_and_goes_with_it_has_arrived(circle, x, velocity
     ("mine_mps", "theirs_mps", "x"),
     [
         ((0.0, 0.0), (0.0, 0.0), 5.0),
-        ((-6.0, 0.0), (-4.0, 1.0), 0.0),  # they fly on, one behind the other
+        ((-6.0, 0.0), (-4.0, 1.0), 0.0),  # both fly on, one behind the other
         ((-4.0, 0.0), (0.0, 0.0), 3.0),
         ((-9.0, 0.0), (9.0, 0.0), 5.0),  # at each other, and past each other
     ],
 )
 def test_the_line_is_half_way_between_where_both_get_until_they_notice(mine_mps, theirs_mps, x):
-    """And the same for both. With one half-way between where they were, one that flew behind another stopped beyond it."""
+    """And the same for both. With a line half-way between their places, the drone flying behind stopped beyond it."""
     one, other = PeerState((10.0, 2.0, 3.0), (*mine_mps, 0.0)), PeerState((0.0, 2.0, 5.0), (*theirs_mps, 0.0))
     wall, theirs = wall_between(one, other), wall_between(other, one)
     assert (*wall.normal, wall.offset) == pytest.approx((1.0, 0.0, x))

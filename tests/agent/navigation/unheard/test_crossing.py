@@ -1,4 +1,4 @@
-"""From one circle to another over those in between, on which somebody may fly."""
+"""From one circle to another over the circles in between, on which drones may fly."""
 
 import numpy as np
 import pytest
@@ -65,8 +65,8 @@ def test_lifted_layers_stay_below_the_ceiling_and_apart(height_m, ceiling_m, hig
 
 def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     way = WayHome(THREE, "d3")
-    assert way.course((31.5, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # where it comes to rest
-    assert way.course((30.5, 1.5), (30.0, 1.5), 14.5, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # it climbs there
+    assert way.course((31.5, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # at its stopping point
+    assert way.course((30.5, 1.5), (30.0, 1.5), 14.5, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # climbs there
     assert way.climbs
     for height_m in (15.5, 14.0, 16.0):
         assert way.course((15.0, 0.5), (15.0, 0.5), height_m, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
@@ -81,7 +81,7 @@ def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
 
 
 def test_one_that_leaves_home_fast_when_it_is_told_to_return_climbs_where_it_comes_to_rest():
-    """It flew on low for 15 m, past those that circled (1430512: 2.7 m)."""
+    """The drone flew on low for 15 m, past the circling drones (1430512: 2.7 m)."""
     way = WayHome(THREE, "d3")
     assert way.course((1.5, 0.0), (7.0, 0.0), 3.0, (0.0, 0.0), unheard=True) == ((7.0, 0.0), OVER_M)
     assert way.climbs
@@ -105,7 +105,7 @@ def test_it_waits_above_home_as_long_as_one_that_it_does_not_hear_may_search_the
     assert way.course((0.5, 0.0), (0.5, 0.0), 3.0, (0.0, 0.0), unheard=True, taken=True) == (
         (0.0, 0.0),
         None,
-    )  # it is down
+    )  # down
     assert not way.comes_down
 
 

@@ -1,4 +1,4 @@
-"""Drones that are heard again, but whose localisation has jumped while they were not."""
+"""Drones that are heard again, after a jump of their localisation while the link was lost."""
 
 from math import dist
 
@@ -44,7 +44,7 @@ def test_one_may_have_flown_home_while_it_was_not_heard_and_its_localisation_jum
 
 
 def test_it_may_still_be_on_its_way_home_if_it_is_silent_once_more():
-    """It holds then, and a hold leads nowhere: after a second without a message it was expected by continuity only."""
+    """The drone holds then, and a hold leads nowhere: after a second without a message it was expected by continuity only."""
     _, hood, peers, me = heard_again(60.0)
     for tenth in range(1, 21):
         now_ns = me.now_ns + tenth * SECOND // 10
@@ -56,7 +56,7 @@ def test_it_may_still_be_on_its_way_home_if_it_is_silent_once_more():
 
 
 def test_it_waits_where_it_was_on_its_way_home_to_a_revoked_drone_as_well():
-    """To that one it seemed to fly on home for as long as it was heard again."""
+    """The revoked drone expected it to fly on home for as long as it was heard again."""
     found, *_ = heard_again(5.0, heard_s=20.0, revoked=True)
     assert max(y for _, y in found) < -15.0
 

@@ -33,7 +33,7 @@ def me(second, **more):
 
 
 def seen_after(heard=(), until_s=HIDDEN_S, mission=MISSION, **more):
-    """What a makes of it while it sees b for 5 s, which it has heard at 0, if at all."""
+    """The neighbours of a while it sights b for 5 s, last heard at 0, if at all."""
     peers, hood = Peers(["b"]), Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a")
     for message in heard:
         assert peers.receive(message, 0) is None
@@ -61,7 +61,7 @@ def test_one_that_is_hidden_is_expected_from_where_it_was_seen_and_not_where_its
 
 
 def test_its_place_is_the_more_doubtful_the_longer_it_is_hidden():
-    """It may have flown on, anywhere; but a drone that was lost must not drive the swarm away for good."""
+    """The drone may have flown on, anywhere; but a drone that was lost must not drive the swarm away for good."""
     peers, hood = seen_after((FAR, status(Stage.SURVEY)))
     sigmas = []
     for hidden_s in (3.5, 5.0, 7.0):
@@ -92,7 +92,7 @@ def test_what_was_seen_moves_along_when_the_own_clock_is_set_back():
 
 @pytest.mark.parametrize("resumed", [False, True])
 def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
-    """Who was revoked before this agent was started again, or is out of reach: nothing else tells where it is."""
+    """A drone revoked before this agent's restart, or out of reach: no other data give its position."""
     until_s = HIDDEN_S
     peers, hood = seen_after(until_s=until_s, resumed=resumed)
     (one,) = hood.around(peers, me(until_s, resumed=resumed))
@@ -103,7 +103,7 @@ def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
 
 
 def test_to_a_revoked_drone_too_one_that_was_never_heard_is_the_more_doubtful_the_longer_it_is_hidden():
-    """It was taken for one that had been silent for so long that it had to be home by then: its place seemed to be exact."""
+    """The drone counted as silent for so long that it had to be home by then: its place seemed to be exact."""
     peers, hood = seen_after(revoked=True)
     second = HIDDEN_S + 4.0
     found = hood.around(peers, me(second, revoked=True))
@@ -113,7 +113,7 @@ def test_to_a_revoked_drone_too_one_that_was_never_heard_is_the_more_doubtful_th
 
 @pytest.mark.parametrize("heard", [(), (FAR, status(Stage.SURVEY))])
 def test_the_place_of_one_that_holds_without_its_agent_is_as_doubtful_as_it_was_seen(heard):
-    """It was taken for one that had been placed by its pose, at 0.3 m. Its doubt does not grow: it would drive the swarm away."""
+    """The drone counted as placed by its pose, at 0.3 m. Its uncertainty does not grow, as that would drive the swarm away."""
     peers, hood = seen_after(heard, mission=replace(MISSION, safety=SafetyConfig(agent_lost="hold")))
     for hidden_s in (4.0, 300.0):
         second = HIDDEN_S + hidden_s

@@ -1,4 +1,4 @@
-"""The circles that drones keep clear of which do not hear each other."""
+"""The circles of which drones without a link to each other keep clear."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ RADII_M = [ring_radius_m(FOUR, ring, fits_hypothesis=False) for ring in range(4)
 
 
 def kept_from(missing, ring, far_m, left=(), climbs=False):
-    """What a drone on that circle, or so far from the centre, keeps between."""
+    """The bounds within which a drone on that circle, or that far from the centre, stays."""
     absence = Absence(missing, (), ring, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=(), left=left)
     ahead = np.array([[far_m, 0.0, 3.0]])
     return SharedCircle(FOUR, "d2").others(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits_hypothesis=False, climbs=climbs)
@@ -35,7 +35,7 @@ def test_it_keeps_between_the_circles_of_those_that_it_does_not_hear():
 
 
 def test_nobody_keeps_from_a_circle_that_a_revoked_drone_has_left():
-    """They fly on it themselves: two that climbed for home were pushed together inside it, to 2.7 m."""
+    """The others fly on it themselves: two drones climbing for home were pushed together inside it, to 2.7 m."""
     assert lines(("d1",), 0, RADII_M[0] - 1.0, climbs=True) == [(pytest.approx(RADII_M[0]), -1.0)]
     assert lines(("d1",), 0, RADII_M[0] - 1.0, left=("d1",), climbs=True) == []
     assert lines(("d1", "d4"), 1, RADII_M[1], left=("d1",)) == [(pytest.approx(RADII_M[3]), -1.0)]
@@ -48,13 +48,13 @@ def test_the_first_that_may_circle_is_also_expected_on_the_circle_that_the_ones_
 
 @pytest.mark.parametrize("missing", [("d1",), ("d1", "d3"), ("d1", "d4")])
 def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
-    """It was further away when it was heard last, and keeps clear of the circle while it climbs."""
+    """At the last contact the drone was further away; it keeps clear of the circle while it climbs."""
     assert lines(missing, 1, RADII_M[1]) == [(pytest.approx(RADII_M[0]), 1.0), (pytest.approx(RADII_M[1] + CLEAR_M), -1.0)]
 
 
 @pytest.mark.parametrize(("away_m", "keeps"), [(6.0, True), (3.5, True), (2.5, False), (-1.0, False)])
 def test_one_that_hovers_as_its_circle_has_no_room_keeps_from_the_one_inside_that_it_is_clear_of(away_m, keeps):
-    """Others followed the source towards four that hovered, and these did not reckon with them. One that is on that circle, or
+    """Others followed the source towards four that hovered, which did not account for them. A drone on that circle, or
     inside of it, would flee outward.
     """
     absence = Absence(("d1",), (), 1, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=())
@@ -77,9 +77,9 @@ def test_its_lines_are_tangents_of_circles_around_the_centre():
     ("stops", "far_m", "expected_m"),
     [
         (1, 10.0, [10.0 - CLEAR_M]),
-        (0, 10.0, []),  # all who hovered have left, and each side is on its own circle
+        (0, 10.0, []),  # all hovering drones have left, and each partition is on its own circle
         (1, 14.0, [10.0 - CLEAR_M]),
-        (1, 6.9, []),  # it is on its way to the circle, from inside
+        (1, 6.9, []),  # on its way to the circle, from inside
     ],
 )
 def test_nobody_evades_through_the_middle_of_the_circle_while_vehicles_may_hover_on_it(stops, far_m, expected_m):
@@ -111,8 +111,8 @@ def test_the_place_of_one_that_is_missing_is_as_far_along_its_plan_as_it_got(sta
     [
         ("d4", 15.0, 3.0, False, True),
         ("d4", 25.0, 3.0, False, False),
-        ("d4", 15.0, 0.3, False, False),  # it waits over its home
-        ("d4", 15.0, 3.0, True, False),  # held by a human pilot, or on its autopilot's way home: for as long as he likes
+        ("d4", 15.0, 0.3, False, False),  # waiting over its home
+        ("d4", 15.0, 3.0, True, False),  # held by its pilot, or in its autopilot's return: of unlimited length
         ("d3", 15.0, 3.0, False, False),
     ],
 )

@@ -32,8 +32,8 @@ DOWN = Pose(
 def ring(me, missing, hears, obeying=(), since_s=LEFT_S, home=()):
     """The circle of a drone that hears all but the missing ones.
 
-    ``hears``: whom each of these says that it hears; ``obeying``: revoked drones that are known to go home since so long;
-    ``home``: those of the heard ones that have returned.
+    ``hears``: the peers that each of these reports to hear; ``obeying``: revoked drones known to return, for that long;
+    ``home``: the heard peers that have returned.
     """
     peers = Peers([name for name in NAMES if name != me])
     for name, heard in hears.items():
@@ -71,7 +71,7 @@ def test_two_that_one_in_between_hears_stay_on_one_circle(me):
 def test_the_circle_that_a_revoked_drone_has_left_is_shared_by_the_others():
     """On circles of their own, 6 m wider and 3 m higher, they lost a moving source by 3 m, for a drone that had long landed."""
     hears = {"c": "b", "d": "b"}
-    assert ring("b", ("a",), hears) == 1  # it is not known to obey: it may circle
+    assert ring("b", ("a",), hears) == 1  # not known to obey: may circle
     assert ring("b", ("a",), hears, obeying="a", since_s=LEFT_S - 1.0) == 1  # and may still be climbing
     assert ring("b", ("a",), hears, obeying="a") == 0
 
@@ -91,7 +91,7 @@ def test_a_side_stays_on_its_circle_when_its_first_one_returns():
     """
     assert ring("c", ("b", "d"), {"a": "c"}) == 0
     assert ring("c", ("b", "d"), {"a": "c"}, home="a") == 0
-    assert ring("c", ("b", "d"), {"a": ""}, home="a") == 2  # that one does not hear it
+    assert ring("c", ("b", "d"), {"a": ""}, home="a") == 2  # no link in that direction
 
 
 def test_the_circle_of_one_that_has_returned_is_nobody_s_while_it_is_heard_by_two_sides():

@@ -29,7 +29,7 @@ def nearest_m(way, place):
 
 
 def test_it_leads_around_a_row_of_homes_and_not_up_to_it():
-    """Straight on, a drone hovered before the row for half a minute, where another one came home."""
+    """On a straight way a drone hovered for half a minute before the row, where another drone came home."""
     way = WayAround(MISSION).way(HERE, HOME, ROW, 0.0)
     assert way[0] == pytest.approx(HERE)
     assert way[-1] == pytest.approx(HOME)
@@ -44,7 +44,7 @@ def test_it_is_straight_where_no_home_lies_on_it():
 
 def test_a_drone_that_is_nearer_to_a_home_than_plans_keep_comes_no_nearer():
     way = WayAround(MISSION).way((16.0, 13.0), HOME, ROW, 0.0)
-    assert nearest_m(way, (19.0, 9.0)) > 5.0 - 0.5  # it is 5 m away; less the grain of circles, and corners for arcs
+    assert nearest_m(way, (19.0, 9.0)) > 5.0 - 0.5  # 5 m, less the grain of circles, and corners for arcs
     assert length_m(way) > 20.0
 
 
