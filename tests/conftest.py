@@ -1,10 +1,10 @@
-"""What all tests start from."""
+"""Common start of all tests."""
 
 import signal
 
 from hypothesis import HealthCheck, settings
 
-# An example fails by what it shows, and not by how long this machine takes for it.
+# An example fails by its result, and not by its duration on this machine.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 

@@ -13,7 +13,7 @@ PACKAGES = ("protocol", "agent", "sim", "station", "deploy")
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
-    """Run a command and give what it printed; its error text where it fails."""
+    """Run a command and return its output; its error text if it fails."""
     done = subprocess.run(
         [str(part) for part in command],
         cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True, timeout=120, check=False,

@@ -1,7 +1,7 @@
 """A vehicle that is told to hold, to land or to return in flight gets as far as a real PX4 did, in lockstep and emulated alike.
 
-By the estimates, from the command or the failsafe on, along the velocity then, within 4 s. A real one that holds or lands goes
-on, and stays where it has come to rest; one that returns, or holds because of the fence, stops earlier and flies back:
+By the estimates, from the command or the failsafe on, along the velocity then, within 4 s. A real vehicle that holds or lands
+goes on, and stays at its stopping point; a vehicle that returns, or holds because of the fence, stops earlier and flies back:
 
 | mode | from | gets | and is then |
 |---|---|---|---|
@@ -37,7 +37,7 @@ WATCHED_S = 4.0  # the landing from 6.6 m/s is no longer
 # Two recorded vehicles were stopped at the fence: from 4.9 m/s one got 7.4 m far, from 5.1 m/s the other 8.6 m. That is 0.9 m
 # more than by the difference in speed, at 1.7 s of it; an error of the estimated velocity of 0.4 m/s, as is usual, makes 0.7 m.
 APART_M = 1.0
-BACK_M = 0.5  # what flies back does so for more; what stays does not, but for the drift of its estimate
+BACK_M = 0.5  # a returning vehicle flies back further; a staying one does not, but for the drift of its estimate
 LEAD_S = 3.0  # before that, another mode was flown in one recording
 STEP_S = 0.05  # the lockstep's
 HEIGHT_M, POSITION_AND_MORE = 3.0, 0x800  # the mask of setpoints with all but a yaw rate
@@ -111,7 +111,7 @@ def emulated() -> dict[Braking, list[Way]]:
 
 
 def lockstep(braking: Braking, mode: FlightMode) -> Way:
-    """Of a vehicle that the lockstep's autopilot flies by the recording's setpoints, from where that one was, without wind."""
+    """Of a vehicle that the lockstep's autopilot flies by the recording's setpoints, from the recorded start, without wind."""
     ready_s, begin_s = 8.0, braking.begun_s - LEAD_S
     course = estimates(braking.recording)
     east, north, v_east, v_north = (float(np.interp(begin_s, course[:, 0], course[:, column])) for column in (2, 1, 4, 3))
@@ -155,7 +155,7 @@ def by_speed(brakings: dict[str, Braking], speed_mps: float) -> float:
 
 
 def test_real_ones_that_return_fly_back_and_others_do_not() -> None:
-    """What the recordings tell, before anything is compared with them."""
+    """The recordings' own figures, before anything is compared with them."""
     for name, braking in STAYS.items():
         assert recorded(braking).farthest_m - recorded(braking).last_m < BACK_M, name
         assert recorded(braking).farthest_m > 1.1 * recorded(braking).speed_mps, name
@@ -185,6 +185,6 @@ def test_emulated_vehicles_get_as_far(name: str) -> None:
     ways = emulated()[alike[name]]
     too_far = [one.farthest_m - by_speed(alike, one.speed_mps) for one in ways]
     assert abs(np.mean(too_far)) < APART_M, (ways, recorded(alike[name]))
-    if name != "return, 2.1 m/s":  # it was steered again too early
+    if name != "return, 2.1 m/s":  # steered again too early
         back = np.mean([one.farthest_m - one.last_m for one in ways])
         assert (back > BACK_M) == (name in FLIES_BACK), (ways, recorded(alike[name]))

@@ -1,6 +1,6 @@
-"""The driver, given what a real PX4 sent: it comes to the recorded states at the recorded times, whatever PX4 does.
+"""The driver, given a real PX4's packets: it comes to the recorded states at the recorded times, for all behaviour of PX4.
 
-What is expected comes from the decoded timelines and the simulator's true state, which are made without the driver.
+Expected values come from the decoded timelines and the simulator's true state, made without the driver.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def rows(name: str, kind: str) -> list[tuple[float, list[Any]]]:
 
 
 def newest(recorded: list[tuple[float, list[Any]]], time_s: float) -> list[Any] | None:
-    """What held then; None where something changed a moment ago, or nothing is known yet."""
+    """Row in force then; None where something changed a moment ago, or nothing is known yet."""
     place = bisect_right([at_s for at_s, _ in recorded], time_s)
     if place == 0 or time_s - recorded[place - 1][0] < LOOK_S:
         return None

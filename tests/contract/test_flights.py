@@ -1,4 +1,4 @@
-"""Pilot, driver and emulated PX4 together, in simulated time: whole flights with what a real PX4 does in them."""
+"""Pilot, driver and emulated PX4 together, in simulated time: whole flights with a real PX4's behaviour."""
 
 from __future__ import annotations
 

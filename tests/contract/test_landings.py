@@ -1,4 +1,4 @@
-"""Pilot, driver and emulated PX4 together, in simulated time: what is told and done once a vehicle is down."""
+"""Pilot, driver and emulated PX4 together, in simulated time: reports and actions once a vehicle is down."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from protocol.messages import Action, Stage
 
 
 def landing(seed: int, disarms_s: float | None = None) -> Solo:
-    """Commanded to land two seconds into the survey, and on the ground by PX4's own report. ``disarms_s``: COM_DISARM_LAND, which
-    somebody has changed in flight.
+    """Commanded to land two seconds into the survey, and on the ground by PX4's own report. ``disarms_s``: COM_DISARM_LAND,
+    changed in flight.
     """
     solo = Solo(seed)
     solo.ready()

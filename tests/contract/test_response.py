@@ -50,7 +50,7 @@ def test_true_positions_follow_all_recordings(step_s):
 
 @pytest.mark.parametrize("changed", ["XYP1.4", "VELP3", "KDV0.3"])
 def test_gains_and_drag_are_what_it_depends_on(changed):
-    """With those of the other recordings, the vehicle goes astray."""
+    """With the gains and drag of the other recordings, the vehicle goes astray."""
     flown = [recording for recording in recordings().values() if changed in recording.name]
     nominal = [MultirotorTruth(gust_mps2=0.0)] * len(flown)
     assert together(deviations_m(0.05, flown).values()) < 0.20
@@ -92,7 +92,8 @@ def lag_and_radius_error(recording: Recording, time_s, position):
 
 
 def kind_of(name):
-    """What differs in nothing that has an effect is one kind; MPC_ACC_HOR has none in offboard, nor have two more rotors."""
+    """Recordings that differ in nothing with an effect are one kind; MPC_ACC_HOR has none in offboard, nor have two more
+    rotors."""
     for part in WITHOUT_EFFECT:
         name = name.replace(part, "")
     return name.replace("C_yaw_circle_r12_v3_tangent", "C_circle_r12_v3_pva")
@@ -100,7 +101,7 @@ def kind_of(name):
 
 @pytest.fixture(scope="module")
 def circles():
-    """Of each kind lag and radius error of the recorded runs (K, 2) and of those of the emulated vehicle (L, 2), by estimate."""
+    """Lag and radius error by kind, of the recorded runs (K, 2) and of the emulated vehicle's (L, 2), by estimate."""
     flown = [recording for name, recording in recordings().items() if "circle" in name and "jump" not in name]
     step_s = 0.01
     steps = int(max(recording.end_s - recording.begin_s for recording in flown) / step_s) + 1
@@ -182,7 +183,7 @@ def test_true_positions_wander_as_recorded():
     assert together(own_m) == pytest.approx(together(recorded_m), rel=0.15)
 
 
-# What the filter's errors are like
+# Pattern of the filter's errors
 
 
 def memory(errors, lags_s, step_s, first, second):

@@ -1,5 +1,5 @@
-"""A mission's reaction to a real PX4 that lost its satellites. The recording goes its own way, whatever is asked of it: what
-counts is what the agent asks for, and when.
+"""A mission's reaction to a real PX4 that lost its satellites. The recording ignores all requests: the test judges the agent's
+requests and their times.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def test_after_a_landing_that_was_not_noticed_nothing_moves_it_off_the_ground_ag
     assert first == (pytest.approx(lost_s + 1.0, abs=0.3), "hold")  # while PX4 still takes it
     assert "offboard" not in [mode for _, mode in others]
     landing_s = [time_s for time_s, mode in others if mode == "land"]
-    assert landing_s[0] < failsafe_s + 3.0  # it was 3 m high
+    assert landing_s[0] < failsafe_s + 3.0  # 3 m high
     between = [later - sooner for sooner, later in pairwise(landing_s) if later < 26.0]
     assert max(between) < 1.0  # again and again: what PX4 goes back to was never changed
     assert flown.stages[-1][1] is Stage.LANDING

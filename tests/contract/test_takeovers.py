@@ -1,4 +1,4 @@
-"""Pilot, driver and emulated PX4 together, in simulated time: a human pilot who takes over while the agent hears nothing."""
+"""Pilot, driver and emulated PX4 together, in simulated time: a pilot's takeover while the agent hears nothing."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_human_pilot_who_takes_over_while_the_link_is_down_keeps_the_vehicle(s
 def test_a_human_pilot_keeps_a_vehicle_that_its_agent_does_not_hear(seed: int) -> None:
     solo = surveying(seed)
     solo.deaf = True
-    solo.run(1.0 + BLIND_S + 0.5)  # it holds by then: no failsafe is needed
+    solo.run(1.0 + BLIND_S + 0.5)  # on hold by then: no failsafe is needed
     assert solo.face.commander.mode is Mode.HOLD
     solo.face.commander.take_over()
     assert flies_by_hand(solo, 30.0)

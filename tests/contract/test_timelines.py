@@ -1,11 +1,11 @@
-"""The emulated PX4 does what a real one was recorded to do, when it gets the same commands and setpoints.
+"""The emulated PX4 behaves like the recorded real one when given the same commands and setpoints.
 
 Not covered, and why:
-- D_all_sensors_stop_after_arming: unplanned; nobody knows what happened to its sensors.
-- E_mission_d2, d3: the same mission as d1, which is replayed; their delays are among those recorded.
+- D_all_sensors_stop_after_arming: unplanned; the fault of its sensors is unknown.
+- E_mission_d2, d3: the same mission as d1, which is replayed; their delays are among the recorded ones.
 - E before the agent came (0 to 31 s): as the recordings A_boot.
 - PX4's own COMMAND_LONGs to component 0 (gimbal), its arming-check summaries, LINK_NODE_STATUS, VIBRATION,
-  TIME_ESTIMATE_TO_TARGET, OPEN_DRONE_ID: not sent; nobody here reads them.
+  TIME_ESTIMATE_TO_TARGET, OPEN_DRONE_ID: not sent; not read here.
 - Motor, GNSS and magnetometer failures by INJECT_FAILURE and SIM_MAG_OFFSET_X: no effect recorded; only the acks are compared.
 """
 
@@ -42,7 +42,7 @@ LOST_20_S = ("D_gps_loss_20s_hover", "D_gps_loss_20s_circling_r12_v3")
 
 
 def replayed():
-    """The names of all recordings but those that begin with the autopilot's start."""
+    """The names of all recordings except the ones that begin with the autopilot's start."""
     return [name for name in recordings() if name not in NOT_COVERED and start(name) != "boot"]
 
 
@@ -83,7 +83,7 @@ def pairs(name: str):
 
 
 def outcomes(name: str) -> tuple[str, ...]:
-    """Recordings of which one tells what may happen: of two that lost satellites for 20 s, one noticed its landing."""
+    """Recordings with alternative outcomes: of two that lost satellites for 20 s, one noticed its landing."""
     return LOST_20_S if name in LOST_20_S else (name,)
 
 
@@ -93,7 +93,7 @@ def test_the_same_states_in_the_same_order(name, states):
     _, (rows, end_ms) = pairs(name)
     found = states(rows, end_ms)
     beats = sequences.of_kind(recorded(name), "heartbeat")
-    if recordings()[name]["duration_ms"] - beats[-1][0] < sequences.BEAT_MS:  # it ends before CURRENT_MODE could show the last
+    if recordings()[name]["duration_ms"] - beats[-1][0] < sequences.BEAT_MS:  # ends before CURRENT_MODE could show the last
         found[-1:] = [state._replace(brief=True) for state in found[-1:]]
     if name == TIE:
         found = [state._replace(brief=state.brief or state.values == (4,)) for state in found]  # LANDING
@@ -106,7 +106,7 @@ def test_the_same_acks(name):
     (real, _), (emulated, _) = pairs(name)
     assert sequences.acks(emulated) == sequences.acks(real)
     asked = {row[6] for row in sequences.of_kind(emulated, "command")}
-    assert {row[4] for row in sequences.of_kind(emulated, "ack")} <= asked | {0}  # to nobody else
+    assert {row[4] for row in sequences.of_kind(emulated, "ack")} <= asked | {0}  # to no other receiver
 
 
 @pytest.mark.parametrize("name", replayed())
@@ -141,7 +141,7 @@ def emulated_delays() -> dict[str, list[float]]:
 
 
 def ends_ms(setpoints):
-    """When streams of setpoints ended; those that ask for nothing are none."""
+    """Times at which streams of setpoints ended; empty setpoints do not count."""
     streams = [row[0] for row in setpoints if len(row) > 2 and None not in row]
     return [before for before, after in pairwise([*streams, float("inf")]) if after - before > STREAM_GAP_MS]
 
@@ -191,7 +191,7 @@ def test_parameters_are_answered_as_recorded():
 
 @pytest.mark.parametrize("name", ["D_gps_loss_2s_circling_r12_v3", "D_gps_loss_5s_circling_r12_v3", *LOST_20_S])
 def test_without_satellites_the_filter_claims_what_it_was_recorded_to(name):
-    """What the accuracy that it tells has grown by, and how the ratios of innovations fade that nothing is compared for."""
+    """Growth of the reported accuracy, and decay of the innovation ratios without measurements."""
 
     def grown(rows):
         lost_ms = sequences.first_after(rows, 0.0, "fix", 0)
@@ -224,7 +224,7 @@ def test_heartbeats_come_each_second_more_or_less():
 
 
 def test_rates_of_the_onboard_link_are_those_recorded():
-    """Over all recordings of A, B and D; EXTENDED_SYS_STATE is slowed down by whoever was on the link before in A."""
+    """Over all recordings of A, B and D; in A an earlier client of the link slowed EXTENDED_SYS_STATE down."""
     asked = {mavlink.MAVLINK_MSG_ID_HOME_POSITION, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE}
     entries = [entry for name, entry in recordings().items() if name[0] in "BD" and name not in NOT_COVERED]
     seconds = sum(entry["duration_ms"] for entry in entries) * 1e-3
@@ -238,7 +238,7 @@ def test_rates_of_the_onboard_link_are_those_recorded():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_arming_works_4_s_after_the_start(seed):
-    """It was asked twice a second: 4 and 5 refusals were recorded, then accepted 3.1 and 3.6 s after the first packet."""
+    """Arming was requested twice a second: 4 and 5 refusals were recorded, then accepted 3.1 and 3.6 s after the first packet."""
     for one in replay(BOOTS, seed):
         rows = one.flown.rows
         results = [row[3] for row in sequences.of_kind(rows, "ack") if row[2] == mavlink.MAV_CMD_COMPONENT_ARM_DISARM]

@@ -1,4 +1,4 @@
-"""``radron-deploy pki``: what the commands make, and the errors that a user gets."""
+"""``radron-deploy pki``: files that the commands make, and errors for the user."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_revoked_member_is_listed_and_its_name_is_not_issued_again_while_its_k
     (d2 / "revoked.crl").write_bytes((pki.folder / "revoked.crl").read_bytes())
     revoked = load_identity(d2).revoked
     assert (revoked.names, revoked.serials) == ({"d1"}, {d1.own.serial})
-    assert load_identity(issue(pki, "d3")).revoked == revoked  # who joins later gets the list at once
+    assert load_identity(issue(pki, "d3")).revoked == revoked  # a later member gets the list at once
     with pytest.raises(IdentityError, match="'d1' was revoked"):
         issue(pki, "d1", now_ns=NOW_NS + 29 * DAY_NS)
     again = load_identity(issue(pki, "d1", now_ns=NOW_NS + 31 * DAY_NS))
@@ -115,7 +115,7 @@ def test_a_revoked_member_is_listed_and_its_name_is_not_issued_again_while_its_k
 
 def test_a_revoked_operator_who_could_revoke_others_stays_listed_when_its_certificate_has_ended(pki: PkiFolder) -> None:
     anna = pki.issue("anna", Role.OPERATOR, 10, pki.folder / "anna", given, NOW_NS, may_revoke=True)
-    pki.issue("bert", Role.OPERATOR, 10, pki.folder / "bert", given, NOW_NS)  # the twin, whose list entry is of no use any more
+    pki.issue("bert", Role.OPERATOR, 10, pki.folder / "bert", given, NOW_NS)  # the twin; its list entry is of no use any more
     for name in ("anna", "bert"):
         pki.revoke(name, given, NOW_NS + DAY_NS)
     later = load_identity(issue(pki, "d1", now_ns=NOW_NS + 11 * DAY_NS)).revoked

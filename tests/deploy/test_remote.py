@@ -26,7 +26,7 @@ def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
 
 
 def nothing(done: int, total: int) -> None:
-    """A progress that nobody looks at."""
+    """A progress display without a reader."""
 
 
 def some_bytes(count: int) -> bytes:
@@ -113,7 +113,7 @@ def test_each_failure_of_the_connection_is_one_line_that_says_what_to_do(host: H
 
 
 def test_a_computer_that_says_nothing_is_given_up(host: Host) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as silent:  # the kernel takes the connection, and nobody answers
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # the kernel takes the connection, and no answer comes
         mute = replace(host, port=silent.getsockname()[1], options=("ConnectTimeout=1", *host.options))
         with pytest.raises(
             RemoteError, match=r"^d1 \(127\.0\.0\.1\): does not answer: is it switched on, and in this network\?$"

@@ -1,4 +1,4 @@
-"""What an operator sees of the swarm, as JSON lines: run inside an agent's container, as it sees all the others.
+"""An operator's view of the swarm, as JSON lines: run inside an agent's container, as it sees all the others.
 
 Each half second, until the standard input ends: the stage of each drone heard lately, and at which angle it flies around its
 hypothesis, degrees.

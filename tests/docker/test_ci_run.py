@@ -1,4 +1,4 @@
-"""``.ci/run`` with its parts replaced: what it installs, and what its last lines say."""
+"""``.ci/run`` with its parts replaced: its installations, and its last lines."""
 
 import os
 import shutil

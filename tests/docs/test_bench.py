@@ -1,4 +1,4 @@
-"""The technician's pages: what they say to write into the fleet file is right."""
+"""The technician's pages: the fleet file entries in them are right."""
 
 from __future__ import annotations
 

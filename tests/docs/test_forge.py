@@ -1,4 +1,4 @@
-"""What a public forge reads of the project: workflow, forms, citation. Whether the workflow runs there is not seen here."""
+"""Files that a public forge reads: workflow, forms, citation. Whether the workflow runs there is not seen here."""
 
 import re
 import tomllib

@@ -32,7 +32,7 @@ def module_of(page, name, folder: Path):
 
 
 async def first_item(module, make, items, close):
-    """What a client gets first from a page's server."""
+    """First message to a client of a page's server."""
     server = await asyncio.start_server(module.serve, "127.0.0.1", 0)
     client = make(f"127.0.0.1:{server.sockets[0].getsockname()[1]}")
     try:

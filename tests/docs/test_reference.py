@@ -18,7 +18,7 @@ from sim.scenario import Scenario
 
 
 def struct_types(kind, leave_out=()):
-    """A struct type and all those within its fields, by their annotations."""
+    """A struct type and all struct types within its fields, by their annotations."""
     found, waiting = [], [kind]
     while waiting:
         hint = waiting.pop()

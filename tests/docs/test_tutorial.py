@@ -17,5 +17,5 @@ def test_the_own_scenario_flies_and_the_own_figure_is_drawn(tmp_path):
         [sys.executable, "figure.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
     assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("Source estimate: (5")  # it lies at (55, 5) m
+    assert run.stdout.startswith("Source estimate: (5")  # at (55, 5) m
     assert (tmp_path / "corner.png").stat().st_size > 10_000

@@ -23,7 +23,7 @@ from protocol.identity import load_identity
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.summary import encode_summary
 
-FAILSAFE_S = 2.0  # what the issue demands
+FAILSAFE_S = 2.0  # the required limit
 START_S = 120.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer
 HUNG = 70
 HOME_M = (5.0, 5.0)
@@ -72,7 +72,7 @@ RUINS: list[tuple[Ruin, int]] = [  # and the exit code of the watchdog
 
 
 class Flight:
-    """Two agents in the air, the first of which can be ruined and started anew."""
+    """Two agents in the air; the first can be ruined and started anew."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -81,7 +81,7 @@ class Flight:
 
     def start(self) -> None:
         def started() -> bool:
-            # By name, so that it waits for both; anyway: without cameras, of which they warn.
+            # By name, so that the command waits for both; anyway: the agents warn of missing cameras.
             return command(self.folder, "start", "--anyway", "--drones", ",".join(self.agents)).returncode == 0
 
         until(started, START_S, "a start command that is obeyed")
@@ -105,7 +105,7 @@ class Flight:
             time.sleep(1.0)  # well in the failsafe
             os.killpg(agent.process.pid, signal.SIGCONT)
         assert agent.ended(PATIENCE_S) == code, how.__name__
-        time.sleep(0.5)  # what was stale would arrive now
+        time.sleep(0.5)  # stale setpoints would arrive now
         assert vehicles.now(0)["setpoints"] == received, how.__name__
         assert vehicles.now(1)["mode"] == "offboard", "the other one flies on"
 
@@ -119,7 +119,7 @@ class Flight:
         until(lambda: not self.vehicles.now(0)["failsafe"], PATIENCE_S, "the end of the failsafe")
 
     def log_of(self, drone: str) -> set[EntryId]:
-        """What a drone's log holds of the first drone's coverage, as an operator's station is told."""
+        """The first drone's coverage in a drone's log, as reported to an operator's station."""
         mission = load_mission(self.folder / "mission.toml")
         entries: set[EntryId] = set()
 

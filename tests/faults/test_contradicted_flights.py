@@ -1,4 +1,4 @@
-"""One of four drones is slowly spoofed, where the mission takes all positions for exact."""
+"""Slow spoofing of one of four drones, in a mission that takes all positions for exact."""
 
 import msgspec
 import numpy as np

@@ -89,7 +89,7 @@ def test_both_sides_of_a_partition_fuse_on_and_agree_when_it_is_over():
 
 @pytest.mark.slow
 def test_a_lossy_network_costs_no_entry_and_the_source_is_found():
-    """What it costs in accuracy takes more flights than a test has time for: 1.05 times the error (``docs/faults.md``)."""
+    """The cost in accuracy takes more flights than a test has time for: 1.05 times the error (``docs/faults.md``)."""
     flight, seen = flown("fault-lossy")
     assert flight.result.error_median_m < 0.5
     end = max(seen.digests)

@@ -68,19 +68,19 @@ def test_the_hunt_stops_at_the_first_find_and_an_interrupted_one_goes_on(tmp_pat
     flown, standin = tmp_path / "flown", tmp_path / "standin.py"
     standin.write_text(STANDIN.replace("COUNT", repr(str(flown))))
     first = _hunt(tmp_path, standin, FOUND, UNSEEN, FATAL)
-    assert first.returncode == 1  # one of two written ones is less than 85 %
+    assert first.returncode == 1  # of two written bugs, one found is less than 85 %
     assert f"| `{FOUND}` | fusion | " in first.stdout
     assert "| beliefs | dealt | 500002 | 3 |" in first.stdout
     assert "| **not found** |  |  | 3 |" in first.stdout  # its violation of `battery` is one of the control too
     assert "| no result | dealt | 500000 | 1 |" in first.stdout
     assert "the log is full of old entries" in first.stderr
     assert "Written: 1 of 2 found (50%)" in first.stdout
-    number = Counter(flown.read_text().split())  # by seed; the control flies those only in which a bug violated anything
+    number = Counter(flown.read_text().split())  # by seed; the control flies only seeds with a violation by a bug
     assert number == {
         "500000": 6,
         "500001": 2,
         "500002": 5,
-    }  # what ends with a violation of the control is flown again, to its end
+    }  # a mission ended by a violation of the control is flown again, to its end
     lines = (tmp_path / "out" / "found.jsonl").read_text().splitlines(keepends=True)
     assert {json.loads(line)["bug"] for line in lines} == {FOUND, UNSEEN, FATAL, ""}
     (tmp_path / "out" / "found.jsonl").write_text("".join(lines[:-1]) + lines[-1][:20])  # interrupted while writing

@@ -49,7 +49,7 @@ def split(at_s, for_s, *groups):
 
 
 def test_the_others_keep_clear_of_the_way_home_of_a_vehicle_whose_agent_is_gone():
-    """It climbs, crosses the circle and comes down in its middle: 0.9 m from another one where they took it for stopped."""
+    """The vehicle climbs, crosses the circle and lands in its middle: before, 0.9 m from a drone that took it for stopped."""
     fly(circling(3, Kill(at_s=23.7, target="d2"), until_s=35.0), seed=1, watch=(closest := Closest()))
     assert closest.least_m >= LEAST_M
 
@@ -69,14 +69,14 @@ def test_the_others_space_anew_within_ten_seconds(seed):
         return since_s >= 20.0
 
     watched(found(3, Kill(at_s=killed_s, target="d2"), scenario="demo"), seed, watch)
-    assert close_s[0] < 1.0  # they were 120 degrees apart
+    assert close_s[0] < 1.0  # 120 degrees apart before
     assert close_s[-1] < 10.0
     assert closest.least_m >= LEAST_M
 
 
 @pytest.mark.parametrize("at_s", [6.75, pytest.param(9.0, marks=pytest.mark.slow)])
 def test_the_others_space_anew_after_a_drone_drops_out_on_its_way_to_the_circle(at_s):
-    """They kept to the lines between them and it for a minute, and stood 142 degrees apart."""
+    """Before, the others kept for a minute to their separation lines with the lost drone, and stood 142 degrees apart."""
     close_s, speed_mps, closest = [], [], Closest()
 
     def watch(moment):
@@ -93,7 +93,7 @@ def test_the_others_space_anew_after_a_drone_drops_out_on_its_way_to_the_circle(
 
     watched(circling(3, Kill(at_s=at_s, target="d2")), 1, watch)
     assert close_s[-1] < 15.0
-    assert np.median(speed_mps) > 2.0  # they circle again
+    assert np.median(speed_mps) > 2.0  # circling again
     assert closest.least_m >= LEAST_M
 
 
@@ -154,7 +154,7 @@ def test_a_swarm_that_is_split_on_its_way_to_the_circle_keeps_apart(seed, at_s, 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "again_s"), [(3, 45.0), (2, 52.0)])
 def test_a_side_that_is_split_again_crosses_above_the_circle_of_those_that_it_lost_before(seed, again_s):
-    """Nobody knows any more where d2 is on the circle in between: straight through it, d3 came to 1.0 and 0.4 m."""
+    """The position of d2 on the circle in between is no longer known: straight through it, d3 came to 1.0 and 0.4 m."""
     flight = fly(
         circling(3, split(20.0, 100.0, "d2", "d1 d3"), split(again_s, 50.0, "d3", "d1 d2"), until_s=again_s + 20.0), seed=seed
     )
@@ -165,7 +165,7 @@ def test_a_side_that_is_split_again_crosses_above_the_circle_of_those_that_it_lo
 
 @pytest.mark.slow
 def test_one_that_goes_home_crosses_above_the_circle_of_those_that_it_does_not_hear():
-    """Across the circle of four, none of which knows that it comes: at their height 1.4 m from one of them."""
+    """Across the circle of four drones, unaware of its approach: at their height 1.4 m from one of them."""
     cut_off = split(20.0, 200.0, "d1", "d2 d3 d4 d5")
     scenario = circling(5, cut_off, until_s=44.0, **{"mission.safety.alone": "return"})
     flight = fly(scenario, seed=2, watch=(closest := Closest()))
@@ -175,7 +175,7 @@ def test_one_that_goes_home_crosses_above_the_circle_of_those_that_it_does_not_h
 
 @pytest.mark.slow
 def test_one_whose_circle_apart_leaves_the_fence_stays_inside_and_returns():
-    """On its way to that circle, 36 m wide, it fled those inside of it at 7.6 m/s, and through the fence."""
+    """Before, on its way to that circle, 36 m wide, d5 fled the drones inside of it at 7.6 m/s, and through the fence."""
     small = {
         "mission.area.polygon_m": [[20.0, 20.0], [80.0, 20.0], [80.0, 80.0], [20.0, 80.0]],
         "mission.area.fence_margin_m": 5.0,
@@ -215,7 +215,7 @@ def test_a_drone_that_hears_no_other_does_what_the_mission_says(policy, stage):
 @pytest.mark.slow
 @pytest.mark.parametrize("down_s", [5.0, 20.0])
 def test_an_agent_that_is_there_again_goes_on_if_its_vehicle_flies(down_s):
-    """It hovers and climbs, or comes down over its launch place; in its failsafe."""
+    """In its failsafe, the vehicle hovers and climbs, or lands over its launch place."""
     killed = Kill(at_s=23.7, for_s=down_s, target="d2")
     flight = fly(circling(3, killed, until_s=62.0), seed=1, watch=(closest := Closest()))
     time_s, stage = flight.trace.time_s, flight.trace.stage[:, 1]
@@ -252,6 +252,6 @@ def test_one_whose_vehicle_has_landed_stays_on_the_ground():
 @pytest.mark.parametrize("mode", ["hold", "manual", "return", "land"])
 @pytest.mark.parametrize(("drone", "seed"), [("d2", 1), pytest.param("d1", 2, marks=pytest.mark.long)])
 def test_the_others_keep_clear_of_a_drone_that_a_pilot_takes_over(drone, seed, mode):
-    """It stops on the circle: the next one came to 1.1 m, as it believed that drone's last plan."""
+    """The drone stops on the circle: before, the next drone came to 1.1 m, as it believed that drone's last plan."""
     flight = fly(circling(5, Takeover(at_s=25.0, for_s=12.0, target=drone, mode=mode), until_s=42.0), seed=seed)
     assert flight.result.min_separation_m >= LEAST_M

@@ -1,4 +1,4 @@
-"""``make fuzz``: random and broken input for everything that reads what others wrote (``python -m tests.fuzz --help``)."""
+"""``make fuzz``: random and broken input for everything that reads foreign data (``python -m tests.fuzz --help``)."""
 
 import sys
 from pathlib import Path

@@ -2,7 +2,7 @@
 
 Run: python -m tests.fuzz [TARGET ...] [--share 1.0] [--seed 1] [--workers N] [--minutes 60] [--out results/fuzz] [--case N]
 
-All targets, or those named, with ``--share`` of their inputs; ``--case``: one case of one target, with its whole trace. Exit
+All targets, or the named ones, with ``--share`` of their inputs; ``--case``: one case of one target, with its whole trace. Exit
 code 1 where there is a finding or time was too short. Interrupted, it goes on where it was when called again with the same seed
 and share.
 """

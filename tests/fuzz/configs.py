@@ -49,7 +49,7 @@ class _Configs(Target):
     examples: tuple[bytes, ...]
 
     def case(self, rng: Random, probe: Probe) -> None:
-        """One file after another, under the same name."""
+        """A series of files, under the same name."""
         path = self.folder / "fuzzed.toml"
         for _ in range(self.batch):
             data = self._content(rng)
@@ -66,7 +66,7 @@ class _Configs(Target):
                 document = mutated(rng, document, _odd)
             try:
                 return tomli_w.dumps(document).encode(errors="surrogateescape")
-            except (TypeError, ValueError, AttributeError):  # what TOML has no form for
+            except (TypeError, ValueError, AttributeError):  # values without a form in TOML
                 return broken_text(rng, example)
         for _ in range(rng.choice((1, 1, 2, 4))):
             example = broken_text(rng, example)
@@ -183,7 +183,7 @@ def _as_toml(config: msgspec.Struct, whole: bool = False) -> bytes:
 
 
 def _given(value: Any, whole: bool) -> Any:
-    """As somebody would write it: without what has no value (TOML has no null), and without defaults unless ``whole``."""
+    """As a user would write it: without fields that have no value (TOML has no null), and without defaults unless ``whole``."""
     if isinstance(value, msgspec.Struct):
         fields = msgspec.structs.fields(value)
         given = ((field, getattr(value, field.name)) for field in fields)

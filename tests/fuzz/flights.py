@@ -1,4 +1,4 @@
-"""Flight records, torn and with flipped bits: ``FlightRecordError``, or a flight that is read as far as it is intact."""
+"""Flight records, torn and with flipped bits: ``FlightRecordError``, or a flight that is read up to its first damage."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Flights(Target):
         self._example = self._whole.read_bytes()
 
     def case(self, rng: Random, probe: Probe) -> None:
-        """One file after another, under the same name."""
+        """A series of files, under the same name."""
         path = self.folder / "fuzzed" / self._whole.name
         path.parent.mkdir(exist_ok=True)
         for _ in range(self.batch):
@@ -65,7 +65,7 @@ class Flights(Target):
         pick, data = rng.random(), self._example
         if pick < 0.2:
             return data[: rng.randrange(len(data))]
-        if pick < 0.3:  # in the header's document, whose checksums nobody keeps
+        if pick < 0.3:  # in the header's document, without checksums
             begin, end = data.index(b'{"mission"'), data.index(b'"versions"')
             return data[:begin] + broken_text(rng, data[begin:end]) + data[end:]
         if pick < 0.5:  # in what comes first: lengths and kinds of records

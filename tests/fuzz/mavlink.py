@@ -42,7 +42,7 @@ _SETPOINT = Setpoint((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0
 
 
 class _Loop:
-    """In the place of the event loop: what was to be called waits."""
+    """Stand-in for the event loop: calls wait."""
 
     def __init__(self) -> None:
         self.waiting: list[Callable[[], None]] = []
@@ -136,7 +136,7 @@ class _Agent:
         self._pilot.observe_fix(fix)
 
     def hear(self, name: str, text: str, system: int, component: int) -> None:
-        """A message as MAVSDK tells of it, and what the loop then does."""
+        """A message as MAVSDK reports it, and the loop's calls then."""
         self.now_s += 0.005
         self._link._arrived(MavlinkMessage(name, system, component, 0, 0, text), None)
         waiting, self._loop.waiting = self._loop.waiting, []
@@ -144,7 +144,7 @@ class _Agent:
             call()
 
     def look(self, rng: Random) -> None:
-        """What the shell does twice a second, and a step."""
+        """The shell's actions twice a second, and a step."""
         self._pilot.block(self._vehicle.problems)
         step = self._pilot.step(self._now_ns())
         self._vehicle.command(step.command)

@@ -29,7 +29,7 @@ from tests.fuzz.valid import documents
 
 EVERY = 30  # examples of each kind
 MESSAGES_PER_STEP = 50
-COMPARED = 20  # of so many cases one is repeated without what was refused
+COMPARED = 20  # one case in so many is repeated without the refused messages
 _MEMBERS = ("d1", "d2", "d3")
 _BOOTS = ("2" * 16, "3" * 16, "0" * 15 + "1")
 _STAMPS_S = (0, 0, 0, 0, -0.05, -0.5, -1, -3, -20, -100, 0.05, 0.9, 2, 1e5, -1e8)
@@ -71,7 +71,7 @@ class Messages(Target):
         self._bytes = [msgpack.packb(one) for one in self._all]
 
     def case(self, rng: Random, probe: Probe) -> None:
-        """One pilot from its start on, with a message each millisecond."""
+        """A pilot from its start on, with a message each millisecond."""
         mission = rng.choice(_MISSIONS)
         flight = _Flight(mission, rng.randrange(3))
         given: list[tuple[str, bytes, int]] = []
@@ -170,7 +170,7 @@ class _Flight:
 
 
 def _compare(mission: MissionConfig, begun: int, given: list[tuple[str, bytes, int]], steps: list[Step]) -> None:
-    """The same flight without what was refused: the same, but for the counters that it tells of."""
+    """The same flight without the refused messages: the same, but for the published counters."""
     flight, waiting = _Flight(mission, begun), iter([*given, ("", b"", 1 << 62)])
     key, payload, number = next(waiting)
     first_ns = flight.now_ns
@@ -224,7 +224,7 @@ def _packed(document: Any) -> bytes:
 
 
 def _monster(rng: Random) -> bytes:
-    """What a reader may choke on: depth, claimed sizes, keys that are no texts, extensions."""
+    """Input that a reader may choke on: depth, claimed sizes, keys that are no texts, extensions."""
     depth = rng.choice((10, 100, 511, 513, 1025, 20_000))
     return rng.choice(
         (

@@ -1,4 +1,4 @@
-"""MAVLink packets: those that real and emulated vehicles and their companions sent, with other values in their fields."""
+"""MAVLink packets of real and emulated vehicles and of their companions, with other values in their fields."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Recordings(Target):
         self._examples = tuple(_recording(seed) for seed in range(4))
 
     def case(self, rng: Random, probe: Probe) -> None:
-        """One file after another, under the same name."""
+        """A series of files, under the same name."""
         path = self.folder / "fuzzed.t3pa"
         for _ in range(self.batch):
             data = self._content(rng)

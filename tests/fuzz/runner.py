@@ -80,7 +80,7 @@ def run(todo: list[Chunk], workers: int, folder: Path) -> Iterator[Outcome]:
     """Run chunks in processes. A process that dies is a finding of the chunk that killed it, and the others go on."""
     context = multiprocessing.get_context("spawn")
     waiting = list(reversed(todo))
-    suspects: list[Chunk] = []  # under way when a process died: again, one at a time, to find the one
+    suspects: list[Chunk] = []  # under way when a process died: again, one at a time, to find the cause
     while waiting or suspects:
         alone = bool(suspects)
         running: dict[Future[Outcome], Chunk] = {}

@@ -1,4 +1,4 @@
-"""State files: an agent that starts with one reports what it cannot read, and flies in any case."""
+"""State files: an agent that starts with one reports unreadable parts, and flies in any case."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class States(Target):
         self._examples = tuple(map(encode_state, _states()))
 
     def case(self, rng: Random, probe: Probe) -> None:
-        """One file after another, under the same name."""
+        """A series of files, under the same name."""
         path = self.folder / "d1.json"
         for _ in range(self.batch):
             data = self._content(rng)
@@ -85,7 +85,7 @@ class States(Target):
 
 
 def _checked(document: object) -> bytes:
-    """The content of a file with the check that its content has, where it has one: what is wrong has been written so."""
+    """The content of a file with the content's own check, if it has any: a wrong content has been written so."""
     if isinstance(document, dict) and "check" in document:
         written = msgspec.json.encode({key: value for key, value in document.items() if key != "check"})
         document = document | {"check": hashlib.blake2b(written, digest_size=8).hexdigest()}

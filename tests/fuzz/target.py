@@ -1,4 +1,4 @@
-"""What a fuzz target is, and one of its cases run: cases are numbered, and each is a function of seed and number alone."""
+"""Fuzz targets, and the run of one case: cases are numbered, and each is a function of seed and number alone."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Probe:
 
 
 class Target(ABC):
-    """Something that reads. Anything but its documented error is a finding, and so is an input that takes too long.
+    """Something that reads. Anything but its documented error is a finding, and an input that takes too long is another.
 
     ``inputs``: of a whole run; ``batch``: of a case; ``limit_s``: processor time of one.
     """
@@ -100,7 +100,7 @@ class Finding:
 
 
 def run_case(target: Target, seed: int, number: int) -> tuple[Probe, Finding | None]:
-    """Run one case. What is too slow must be so twice: the machine may have been busy."""
+    """Run one case. A slow case must be slow twice: the machine may have been busy."""
     probe, error = _attempt(target, seed, number)
     if isinstance(error, TooSlowError):
         probe, error = _attempt(target, seed, number)
@@ -114,7 +114,7 @@ def _attempt(target: Target, seed: int, number: int) -> tuple[Probe, Exception |
     probe = Probe(target.limit_s)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # nobody asked for lines on the terminal
+            warnings.simplefilter("error")  # no lines on the terminal
             target.case(Random(f"{target.name}/{seed}/{number}"), probe)
     except Exception as error:
         return probe, error

@@ -1,4 +1,4 @@
-"""A few seconds of every fuzz target, and what the engine does with a finding."""
+"""A few seconds of every fuzz target, and the engine's treatment of a finding."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_nothing_is_found_in_seconds(name: str, tmp_path: Path) -> None:
 
 
 def test_messages_of_all_kinds_come_under_keys_that_are_read(tmp_path: Path) -> None:
-    """Else only the reader of the keys sees what is in them."""
+    """Else only the reader of the keys sees their content."""
     messages, rng, kinds = Messages(tmp_path), Random(SEED), set()
     for _ in range(1000):
         with suppress(ProtocolError):

@@ -27,7 +27,7 @@ pytestmark = [
 
 
 async def alive_in(drone: Drone, within_s: float) -> frozenset[str]:
-    """Which drones an operator sees in the mesh."""
+    """Drones that an operator sees in the mesh."""
     links = MeshConfig(connect=(f"tls/127.0.0.1:{drone.mesh_port}",), identity=load_identity(drone.folder / "anna"))
     mesh = await Mesh.open(links, "radron", None, receive=lambda key, payload: None)
     try:
@@ -80,7 +80,7 @@ def test_a_dead_clock_is_set_by_the_autopilots(image: Path, drone: Drone, machin
         r"radron-agent: waiting: clock: .* not valid before .*; the autopilot on udpin://10\.0\.2\.15:14540 tells no time yet",
         BOOT_S,
     )
-    assert drone.ssh("chronyc -c tracking").strip().endswith(",Not synchronised")  # so no other drone would follow it
+    assert drone.ssh("chronyc -c tracking").strip().endswith(",Not synchronised")  # hence no other drone would follow it
     with telling(drone.autopilot_port, time.time_ns, period_s=1.0):
         machines[-1].wait_for(r"radron-clock: the clock showed 20\d\d-.*; set to the autopilot's, 20", BOOT_S)
         machines[-1].wait_for(r'"event": "mesh is up"', BOOT_S)
@@ -105,7 +105,7 @@ def test_there_are_no_secrets_in_the_image(image: Path, tmp_path: Path) -> None:
     files = [path for path in (tmp_path / "root").rglob("*") if path.is_file() and not path.is_symlink()]
     assert len(files) > 10_000
     found = [path for path in files if key.search(path.read_bytes())]
-    assert [path for path in found if not path.name.startswith("libgnutls.so")] == []  # which holds the keys of its self-tests
+    assert [path for path in found if not path.name.startswith("libgnutls.so")] == []  # with the keys of its self-tests
     assert [path for path in files if path.name.startswith("ssh_host_")] == []
     shadow = (tmp_path / "root/etc/shadow").read_text().splitlines()
     assert {line.split(":")[1] for line in shadow} <= {"*", "!", "!*", "!!"}

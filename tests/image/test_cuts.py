@@ -1,6 +1,7 @@
 """`make image-test`: the power of a drone's computer is cut in each step of an update, four times each.
 
-It always starts again, and never ends in the old slot without saying so: the serial line and the boot loader's variables are
+The computer always starts again, and never ends in the old slot without a report: the serial line and the boot loader's
+variables are
 judged. Each run begins at a kept moment of one update.
 """
 
@@ -91,7 +92,7 @@ def test_two_cuts_before_the_agent_is_well_do_not_end_in_the_old_slot(bench: Ben
 @pytest.mark.parametrize("moment", [Moment.BEFORE, pytest.param(Moment.CACHED, marks=pytest.mark.smoke), Moment.FLUSHED, None])
 def test_a_cut_as_the_slot_is_marked_good_changes_nothing_of_what_was_decided(bench: Bench, moment: Moment | None) -> None:
     run = bench.run("in the mesh")
-    if moment is None:  # it has been told already
+    if moment is None:  # told already
         run.machine.wait_for(UPDATED, BOOT_S)
         run.cut()
     else:

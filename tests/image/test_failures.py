@@ -22,7 +22,7 @@ pytestmark = [
     pytest.mark.skipif(lacking() is not None, reason=lacking() or ""),
 ]
 NO_AUTOPILOT = r"radron-agent: waiting: no autopilot"
-# All that can be had, also what is reserved for root.
+# All available memory, also the part reserved for root.
 FILL = "f=/var/lib/radron/full; fallocate -l $(df --output=avail --block-size=1 /var | tail -n 1) $f; cat /dev/zero >> $f"
 
 BOOT_ID = "cat /proc/sys/kernel/random/boot_id"

@@ -1,7 +1,7 @@
 """`make image-test`: the image's agent flies as one of three.
 
-Its root file system is a container's here: an emulated computer is too slow for a flight. What differs from a drone's computer is
-the kernel, and that no systemd starts the agent.
+Its root file system is a container's here: an emulated computer is too slow for a flight. Differences from a drone's computer:
+the kernel, and no systemd that starts the agent.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from sim.live.world import SLIP_S
 from sim.result import RunResult
 from station.replay import Records
 
-FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
+FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from live_run import live_run
 
-UP_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on one that is not
+UP_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on an unshared machine
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from live_run import live_run
 from agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
 from sim.live.runfolder import as_toml
 
-READY_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on one that is not
+READY_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on an unshared machine
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
 
 
@@ -43,7 +43,7 @@ def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
             run.process.send_signal(signal.SIGINT)
             assert run.process.wait(DOWN_S) == 128 + signal.SIGINT
             assert "Traceback" not in run.said
-            assert agent.poll() is None  # it is not ours to end
+            assert agent.poll() is None  # not ours to end
         finally:
             agent.terminate()
             agent.wait(10.0)

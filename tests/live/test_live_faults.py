@@ -35,10 +35,10 @@ from sim.px4test.witness import Moment, Witness
 from sim.result import Flight
 from sim.scenario import load_scenario, override
 
-FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
+FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 CIRCLED_S = 3.0
 EVEN_DEG = 25.0  # deviation of a gap from 120 degrees
-# The vehicle whose agent is gone hovers on the circle for 8 s, while it climbs to its return height: the others stop, evenly
+# The vehicle without its agent hovers on the circle for 8 s, while climbing to its return height: the others stop, evenly
 # spaced, and then circle on.
 SPACED_S, SETTLED_S = 10.0, 23.0
 
@@ -118,7 +118,7 @@ def tell(what: str, *agents: ObservedAgent) -> bool:
 
 
 def recorded(folder: Path, drone: str) -> list[FlightRecord]:
-    """What a drone's agent has recorded."""
+    """Record of a drone's agent."""
     segments = sorted((folder / "agents" / drone / "flight").glob("*.mcap"))
     return [record for segment in segments for record in RecordedFlight(segment).records()]
 
@@ -207,7 +207,7 @@ def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(
             swarm, witness = case.swarm, case.witness
             relays, struck_s = swarm.relays, witness.now.time_s
             assert relays is not None
-            relays.impair(vehicle_of("d2"), "d2", LinkState(cut=True))  # what the agent sends still arrives
+            relays.impair(vehicle_of("d2"), "d2", LinkState(cut=True))  # the agent's messages still arrive
             assert await swarm.operator.until(lambda: witness.now.modes[1] == "hold", PATIENCE_S)
             relays.impair(vehicle_of("d2"), "d2", PASSING)
             assert await swarm.operator.until(lambda: witness.now.modes[1] == "offboard", PATIENCE_S)
@@ -238,7 +238,7 @@ def test_a_drone_that_comes_late_is_started_by_the_operator_and_takes_part(tmp_p
                 assert await operator.until(lambda: flying.done() or agents[2].stage in (Stage.SURVEY, Stage.TRACK), FLIGHT_S)
                 assert not flying.done()
                 began = {agent.status.started_ns for agent in agents if agent.status is not None}
-                assert len(began) == 1  # it has joined the mission of the others
+                assert len(began) == 1  # joined the others' mission
             finally:
                 flying.cancel()
 

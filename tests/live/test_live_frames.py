@@ -10,7 +10,7 @@ from live_run import live_run
 
 from agent.flight.replay import replay
 
-FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
+FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_three_kinds_of_localisation_find_the_source_together(tmp_path: Path) ->
     assert [agent["stage"] for agent in report["agents"]] == ["landed"] * 3
     assert [agent["failsafes"] for agent in report["agents"]] == [0] * 3
     by_satellites, by_vision = (replay(tmp_path / "agents" / drone.id / "flight") for drone in (d1, d3))
-    assert by_satellites.calls["in/fix"] > 20  # one a second
+    assert by_satellites.calls["in/fix"] > 20  # 1 Hz
     assert "in/fix" not in by_vision.calls
     for flown in (by_satellites, by_vision):
         assert flown.calls["in/sightings"] > 50

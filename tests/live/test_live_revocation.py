@@ -45,7 +45,7 @@ def heard_ns(folder: Path, drone: str, sender: str) -> list[int]:
 
 
 async def revoked(endpoint: str, folder: Path) -> str:
-    """What the command says."""
+    """Output of the command."""
     words = ("revoke", "d3", "--swarm", "radron", "--connect", endpoint, "--identity", str(folder / "operator"), "--yes")
     process = await asyncio.create_subprocess_exec(TOOL, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT)
     said, _ = await process.communicate()

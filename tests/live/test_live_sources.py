@@ -1,4 +1,4 @@
-"""Real agents that fly by an estimator whose steps take long: each computes it in a process of its own."""
+"""Real agents that fly by an estimator with long steps: each computes it in a process of its own."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agent.flight import topics
 from agent.flight.reader import RecordedFlight
 from agent.flight.replay import replay
 
-FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
+FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 STEP_S = 0.2  # for a step of the pilot, on a machine with nothing else to do; a search for further sources takes as long
 
 
@@ -53,7 +53,7 @@ def test_three_agents_fly_by_several_sources_and_their_loops_do_not_wait(tmp_pat
 
 
 def folding_processes(log: Path) -> list[int]:
-    """Process ids of those that computed for an agent."""
+    """Ids of the processes that computed for an agent."""
     events = [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
     return [event["pid"] for event in events if event["event"] == "the process of the estimator is ready"]
 

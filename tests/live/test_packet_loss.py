@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(not can_lose_packets(), reason=LACKING)
 @pytest.mark.long
 @pytest.mark.parametrize("loss", [0.05, 0.2])
 def test_a_swarm_that_loses_packets_finds_the_source_and_has_one_log(tmp_path: Path, loss: float) -> None:
-    """What it costs in accuracy takes more flights: ``python benchmarks/packet_loss.py``."""
+    """The cost in accuracy takes more flights: ``python benchmarks/packet_loss.py``."""
     flown = fly_over(tmp_path, 3, loss, track_s=20.0)
     print(flown)
     assert flown.ended == {}, "a watchdog killed its agent"

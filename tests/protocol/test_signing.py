@@ -70,7 +70,7 @@ def test_the_proof_of_another_entry_of_the_batch_does_not_fit():
 
 
 def test_an_entry_under_another_name_is_not_accepted():
-    """d1 signs with its own key an alleged sighting by d2."""
+    """d1 signs an entry in d2's name with its own key."""
     one = verifier(credential(), credential("d1", "1" * 16))
     assert not accepted(one, cones([1], sign=AUTHORITY.trust("d1").sign)[0])
     assert accepted(one, cones([1], "d1", "1" * 16)[0])

@@ -43,7 +43,7 @@ def test_a_search_is_a_grid_over_the_area_and_around_it_and_a_track_a_gaussian_s
 def test_the_times_are_those_of_the_trace(flight):
     times = [posterior.time_s for posterior in flight.posteriors["bayes"]]
     assert times == sorted(times)
-    assert np.diff(times) == pytest.approx(0.5, abs=0.31)  # where the track begins, times are those of the hypothesis: a hold ago
+    assert np.diff(times) == pytest.approx(0.5, abs=0.31)  # at the track's begin, times are the hypothesis's: a hold ago
     assert times[-1] == pytest.approx(flight.trace.time_s[-1], abs=1.0)
 
 

@@ -92,7 +92,7 @@ def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
     ],
 )  # fmt: skip
 def test_where_frames_are_estimated_truth_and_mission_fit_and_no_truth_is_told(name):
-    """Each drone's kind at the start is what the mission says, and its frame is off by no more than the mission allows for."""
+    """Each drone's kind at the start is the mission's, and its frame is off by no more than the mission allows for."""
     scenario = load_scenario(name)
     ideal = load_scenario("ideal-moving-swarm" if name.endswith("-moving") else "ideal-static-swarm")
     assert (scenario.source, scenario.camera, scenario.mission.area) == (ideal.source, ideal.camera, ideal.mission.area)

@@ -261,6 +261,6 @@ def test_the_page_fits_a_tablet(recorded):
         assert len(sizes) >= 3
         assert min(sizes) >= 44
         page.screenshot(path=PICTURES / "tablet.png")
-        page.set_viewport_size({"width": 1180, "height": 820})  # it is turned
+        page.set_viewport_size({"width": 1180, "height": 820})  # turned
         drawn = "[...document.querySelectorAll('canvas.spectrum, #chart-rms')].map((each) => [each.width, each.clientWidth])"
         until(page, f"() => {drawn}.length > 1 && {drawn}.every(([drawn, shown]) => drawn === shown)")

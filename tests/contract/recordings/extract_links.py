@@ -1,7 +1,7 @@
-"""What a ground station hears on the links of recorded vehicles, thinned out: ``python extract_links.py FOLDER_OF_THE_TLOGS``.
+"""Traffic to a ground station on the links of recorded vehicles, thinned out: ``python extract_links.py FOLDER_OF_THE_TLOGS``.
 
 ``two_vehicles.tlog.xz``: vehicles 1 and 2 from standing to flying by setpoints, with all that their links forward, and the true
-states. ``offboard_loss.tlog.xz``: a vehicle whose stream of setpoints stops. Format as of the recordings: 8 bytes of UTC in
+states. ``offboard_loss.tlog.xz``: a vehicle; its stream of setpoints stops. Format as of the recordings: 8 bytes of UTC in
 microseconds, big-endian, then the packet as it was.
 """
 

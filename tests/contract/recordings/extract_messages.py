@@ -1,12 +1,12 @@
-"""From the recordings to what a driver of PX4 gets of them: the very packets, as far as it reads them, and what was sent to PX4.
+"""From the recordings to the input of a driver of PX4: the very packets, as far as it reads them, and the packets sent to PX4.
 
     python extract_messages.py FOLDER-OF-THE-TLOGS
 
-messages/NAME.xz: of the frequent messages ten a second are kept, of ODOMETRY two and each whose count of resets is another one
-than before: the driver reads nothing else of it. A file is what a .tlog is: 8 bytes of microseconds (UTC, big-endian), a packet,
+messages/NAME.xz: of the frequent messages ten a second are kept, of ODOMETRY two and each with a changed count of resets: the
+driver reads nothing else of it. A file has the format of a .tlog: 8 bytes of microseconds (UTC, big-endian), a packet,
 and so on.
 airborne.json: when the vehicle was truly higher than 0.3 m above ground, by the simulator's own state; seconds since the file's
-first packet, and the whole time for which that state is known.
+first packet, and the whole time with that state known.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def message_id(packet: bytes) -> int:
 
 
 def airborne(first_us: int, true: list[tuple[int, bytes]]) -> dict[str, list[list[float]]]:
-    """Intervals (seconds) in which HIL_STATE_QUATERNION has the vehicle in the air, and the one in which there is any."""
+    """Intervals (seconds) in which HIL_STATE_QUATERNION has the vehicle in the air, and the interval with any
+    HIL_STATE_QUATERNION."""
     heights = [
         (round((stamp_us - first_us) * 1e-6, 2), _height_m(packet))
         for stamp_us, packet in true
@@ -106,7 +107,7 @@ def _height_m(packet: bytes) -> float:
 
 
 def kept(recorded: Iterator[tuple[int, bytes]]) -> Iterator[bytes]:
-    """What a file keeps."""
+    """Packets that a file keeps."""
     last_us: dict[int, int] = {}
     resets = -1
     for place, (stamp_us, packet) in enumerate(recorded):

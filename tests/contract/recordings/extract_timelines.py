@@ -1,4 +1,4 @@
-"""What was sent to a real PX4 and what it answered, out of its recordings A, B, D and E: timelines.json.xz.
+"""Commands to a real PX4 and its answers, out of its recordings A, B, D and E: timelines.json.xz.
 
     PYTHONPATH=.:tests/support/px4 python tests/contract/recordings/extract_timelines.py FOLDER-OF-THE-TLOGS
 

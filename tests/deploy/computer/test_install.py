@@ -75,7 +75,7 @@ class Bench:
         return self.deploy("install", "--fleet", "fleet.toml", "--drone", "d1", "--source", str(SOURCE), *options)
 
     def there(self, command: str) -> str:
-        """What a command says there."""
+        """Output of a command there."""
         return subprocess.run(self.host.command(command), capture_output=True, text=True, check=False).stdout.strip()
 
     def shown(self, name: str) -> str:
@@ -94,7 +94,7 @@ class Bench:
         ]
 
     def status(self) -> str:
-        """What the agent tells the service manager."""
+        """The agent's messages to the service manager."""
         return self.shown("StatusText")
 
 
@@ -117,7 +117,7 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert "is d1 now" in first.stdout
     assert re.search(r"the agent runs: waiting: .*udpin://127.0.0.1", first.stderr), first.stderr
     assert bench.there("systemctl is-enabled radron-agent") == "enabled"
-    assert bench.shown("NRestarts") == "0"  # it waits, and is not started again and again
+    assert bench.shown("NRestarts") == "0"  # waits, without restarts
     assert "radron-agent: waiting: " in bench.there("journalctl --output=cat --unit=radron-agent")
     assert bench.there("stat -c %U:%a /etc/radron/identity/key.pem") == "root:600"
     assert bench.there("ls -d /var/tmp/radron*") == ""
@@ -128,7 +128,7 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
         assert bench.shown("NRestarts") == "0"
         assert bench.shown("OOMPolicy") == "continue"
         examined = bench.deploy("doctor", "--wait", "60", "--write")
-        # It was stopped meanwhile, and runs again, with the autopilot for itself.
+        # The agent was stopped meanwhile, and runs again, as the autopilot's only client.
         until(lambda: bench.status() == "preflight", 120.0, "the agent again")
         shown = bench.deploy("status")
     assert shown.returncode == 0, shown.stderr

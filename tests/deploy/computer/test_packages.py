@@ -16,7 +16,7 @@ DEPLOY = str(Path(sys.executable).parent / "radron-deploy")
 
 @pytest.mark.slow
 def test_a_package_that_is_not_to_be_had_is_named(tmp_path: Path) -> None:
-    """No index: what the agent needs first is missing, whichever it is."""
+    """No index: the agent's first requirement is missing."""
     (tmp_path / "agent").mkdir()
     (tmp_path / "pyproject.toml").write_text('[project]\nname = "radron"\nversion = "0.1.0"\ndependencies = ["osqp>=1.0"]\n')
     (tmp_path / "constraints.txt").write_text("osqp==1.1.3\n")

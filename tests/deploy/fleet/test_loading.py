@@ -1,4 +1,4 @@
-"""Fleet files: what is taken over, and the one line that each error is."""
+"""Fleet files: the values taken over, and a single line for each error."""
 
 from __future__ import annotations
 

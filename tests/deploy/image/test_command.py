@@ -33,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    """The one line by which a command is refused."""
+    """The line that refuses a command."""
     monkeypatch.setattr(sys, "argv", ["radron-deploy", "image", "flash", *words])
     with pytest.raises(SystemExit) as ended:
         cli.main()

@@ -1,4 +1,4 @@
-"""Writing to a disk, here a sparse file: what is on it afterwards, also after an interruption or a write error."""
+"""Writing to a disk, here a sparse file: its content afterwards, also after an interruption or a write error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real disks of the kernel, none of which may be erased by mistake: loop devices, and the one that this computer runs from."""
+"""Real disks of the kernel, none of which may be erased by mistake: loop devices, and the disk that this computer runs from."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from deploy.image.target import find_target
 
 
 def told(*command: str) -> str:
-    """What a command says; nothing where it fails or is missing."""
+    """Output of a command; empty if it fails or is missing."""
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):

@@ -1,4 +1,4 @@
-"""Which disks may be erased: decided from what ``lsblk`` says of them."""
+"""Which disks may be erased: decided from the output of ``lsblk``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``radron-deploy push``, ``logs`` and ``status`` as the operator uses them: what they print, and their exit codes."""
+"""``radron-deploy push``, ``logs`` and ``status`` as the operator uses them: output and exit codes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=L
 
 @dataclass(frozen=True)
 class Said:
-    """What a command printed, and its exit code."""
+    """Output of a command, and its exit code."""
 
     code: object
     out: list[str]

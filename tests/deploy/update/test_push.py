@@ -1,4 +1,4 @@
-"""Updates of several computers over a real SSH server. The computers are files; their updater, and what it decides, is real."""
+"""Updates of several computers over a real SSH server. The computers are files; their updater and its decisions are real."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_an_interrupted_push_goes_on_where_it_was(fleet: Fleet) -> None:
 
 
 def test_a_push_whose_link_is_lost_is_one_line_and_is_completed_by_the_next(fleet: Fleet, server: Host) -> None:
-    """What is under way when the link is lost arrives while the next copy has begun already."""
+    """Data under way at the loss of the link arrive after the next copy has begun."""
     assert server.port is not None
     file, manifest = fleet.bundle(size=20_000_000)
     part = fleet.folder / f"d1/incoming/{manifest.sha256[:16]}.raucb.part"

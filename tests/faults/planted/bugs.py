@@ -29,7 +29,7 @@ class Bug:
     """A mistake: in ``file`` (from the root of the repository) the text ``old``, which occurs there once, becomes ``new``.
 
     ``origin``: written or drawn. ``live``: code of the processes around the pilot program, which lockstep does not run.
-    ``reach``: what a mission has in which that code decides anything: kinds of faults, messages that an autopilot does not send
+    ``reach``: the features of missions that exercise that code: kinds of faults, messages that an autopilot does not send
     any more, "estimated" frames, a "moving" source.
     """
 
@@ -73,13 +73,13 @@ def load_bugs(folder: Path = Path(__file__).parent) -> list[Bug]:
 
 
 def copy_packages(root: Path, to: Path) -> None:
-    """Copy the packages, with what is compiled of them; times are kept, so that it stays valid."""
+    """Copy the packages, with their compiled code; times are kept, so that it stays valid."""
     for package in PACKAGES:
         shutil.copytree(root / package, to / package)
 
 
 def fingerprint(root: Path) -> str:
-    """A hash of the packages' sources and data: what was found is valid for these only."""
+    """A hash of the packages' sources and data: findings are valid for these only."""
     digest = hashlib.blake2b(digest_size=8)
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*")):

@@ -1,4 +1,4 @@
-"""Draws the mutations in ``drawn.toml`` by a fixed seed from the output of cosmic-ray. It has an environment of its own:
+"""Draws the mutations in ``drawn.toml`` by a fixed seed from the output of cosmic-ray. The tool has an environment of its own:
 
     python -m venv build/mutation && build/mutation/bin/pip install cosmic-ray==8.7.0 tomli-w==1.2.0
     build/mutation/bin/python tests/faults/planted/draw.py
@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def _mutations() -> dict[Place, list[Mutation]]:
-    """All mutations that the tool lists, without those that the rules leave out, by place."""
+    """All mutations that the tool lists, without the ones left out by the rules, by place."""
     # The tool is in an environment of its own.
     from cosmic_ray.commands import init  # type: ignore[import-not-found]  # noqa: PLC0415
     from cosmic_ray.work_db import WorkDB, use_db  # type: ignore[import-not-found]  # noqa: PLC0415

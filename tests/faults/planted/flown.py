@@ -1,4 +1,4 @@
-"""Missions flown with planted bugs: their stages, one mission by ``radron-sim``, the file that keeps them, what is found."""
+"""Missions flown with planted bugs: their stages, one mission by ``radron-sim``, the file that keeps them, and the findings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FIRST = ("--first",)
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One kind of missions. ``seed``: the first one, of no other campaign; ``missions``: of a bug at most.
+    """A kind of missions. ``seed``: the first one, of no other campaign; ``missions``: of a bug at most.
 
     ``repeats``: where no two flights of a seed are the same, a bug is found only if one of so many more violates the same.
     ``quick``: options with which a mission ends at its first violation. ``drawn``: the scenario document of a seed.
@@ -42,12 +42,12 @@ class Stage:
     drawn: Callable[[int], dict[str, Any]] | None = None
 
     def seeds(self, bug: Bug) -> list[int]:
-        """Its seeds, those first whose missions have the most of what the bug needs to show."""
+        """Seeds of the bug's missions, ordered by how many of the bug's conditions each mission has."""
         every = list(range(self.seed, self.seed + self.missions))
         return sorted(every, key=lambda seed: -len(self.has(seed) & set(bug.reach))) if bug.reach else every
 
     def has(self, seed: int) -> set[str]:
-        """What a mission has, in the terms of ``Bug.reach``."""
+        """Features of a mission, in the terms of ``Bug.reach``."""
         document = self.drawn(seed) if self.drawn is not None else {}
         found = {str(fault[key]) for fault in document.get("fault", ()) for key in ("kind", "message") if key in fault}
         found |= {"estimated"} if "sightings" in document else set()
@@ -184,7 +184,7 @@ class Record:
 
 
 class Memo:
-    """One lock for each seed, so that a control is flown once, whoever needs it first."""
+    """A lock for each seed, so that several users fly a control only once."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()
@@ -216,7 +216,7 @@ def _judged(out: Path, code: int, errors: str) -> tuple[tuple[str, ...], str]:
 
 
 def _read(lines: Iterable[str]) -> Iterator[Flown]:
-    """What was flown; a torn line is flown again."""
+    """Missions flown; a torn line is flown again."""
     for line in lines:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             entry = json.loads(line)

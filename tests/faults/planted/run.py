@@ -2,8 +2,8 @@
 
 Each bug flies the same seeds until one finds it, 20 at most: missions in lockstep with dealt faults and with drawn ones, and
 live ones, in which the agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an
-invariant is violated that holds in the same mission without it, or the mission dies or does not end; live missions, of which no
-two are the same, must show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the
+invariant is violated that holds in the same mission without it, or the mission dies or does not end; live missions, no two the
+same, must show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the
 packages are the same. The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are found.
 """
 
@@ -30,7 +30,7 @@ CONTROL = ""
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What became of a bug. ``by``: the invariants that found it, empty: not found; ``flown``: missions until then."""
+    """Outcome for a bug. ``by``: the invariants that found it, empty: not found; ``flown``: missions until then."""
 
     bug: Bug
     by: tuple[str, ...] = ()
@@ -41,12 +41,12 @@ class Score:
 
 
 class Hunt:
-    """Flies the bugs of one state of the packages, of which it keeps copies of its own while others edit them."""
+    """Flies the bugs of one state of the packages, from copies of its own while others edit them."""
 
     def __init__(self, folder: Path, flights: Flights, record: Record, stages: Sequence[Stage]) -> None:
         """``folder``: an empty one, for the copies.
 
-        The control of the first seed is flown at once, so that the copies with a bug have what it has compiled.
+        The control of the first seed is flown at once, so that the copies with a bug share its compiled code.
 
         Raises:
             BugError: it gives no result: there is nothing to compare with.
@@ -57,7 +57,7 @@ class Hunt:
         first = self._flown(stages[0], self._tree, CONTROL, stages[0].seed, self._sources)
         if first is not None and {CRASH, HANG} & set(first.violated):
             raise BugError(f"seed {first.seed} without any bug: {', '.join(first.violated)}: {first.text}")
-        self._control_tree = folder / "control"  # a flight writes into its packages, so none flies in those that are copied
+        self._control_tree = folder / "control"  # a flight writes into its packages, so none flies in the copied ones
         copy_packages(self._tree, self._control_tree)
         self._controls = Memo()
 
@@ -86,14 +86,14 @@ class Hunt:
         return replace(before, flown=before.flown + stage.missions)
 
     def _found(self, stage: Stage, flown: Flown, fly: Callable[[int, int], Flown | None]) -> tuple[str, ...] | None:
-        """What finds the bug in a mission; None where that was stopped."""
+        """Invariants that find the bug in a mission; None where that was stopped."""
         if not flown.violated:
             return ()
         control = self._control(stage, flown.seed)
         if control is None:
             return None
         found = only_with_bug(flown, control)
-        if not found and stage.quick:  # it ended with what the control violates, too
+        if not found and stage.quick:  # ended with a violation that the control has, too
             whole = fly(flown.seed, 1)
             return None if whole is None else only_with_bug(whole, control)
         if not found or not stage.repeats:
@@ -186,7 +186,7 @@ def _all(pool: ThreadPoolExecutor, hunt: Hunt, waiting: Sequence[Score], stage: 
 
 
 def _stages(options: argparse.Namespace) -> list[Stage]:
-    """Those with missions; ``--command`` flies them all."""
+    """Bugs with missions; ``--command`` flies them all."""
     numbers = (options.dealt, options.drawn, options.live)
     stages = [replace(stage, missions=number) for stage, number in zip(STAGES, numbers, strict=True) if number]
     command = tuple(shlex.split(options.command)) if options.command else ()

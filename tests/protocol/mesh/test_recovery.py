@@ -81,8 +81,8 @@ def test_a_peer_that_always_answers_keeps_no_other_out() -> None:
 
     virtual_time.run(late())
     asked_s = {peer: [at_s for at_s, who in swarm.asked if who == peer] for peer in swarm.left}
-    assert asked_s["d2"][5] < 2.0 * PERIOD_S  # those that appeared take turns
-    assert len([at_s for at_s in asked_s["d4"] if at_s > PERIOD_S]) >= 2  # and those known before are asked all the same
+    assert asked_s["d2"][5] < 2.0 * PERIOD_S  # newly appeared peers take turns
+    assert len([at_s for at_s in asked_s["d4"] if at_s > PERIOD_S]) >= 2  # and peers known before are asked all the same
 
 
 def test_who_answers_with_what_is_put_off_is_not_asked_again_at_once() -> None:

@@ -95,7 +95,7 @@ if __name__ == "__main__":
         process.send_signal(signal.SIGKILL)
         process.wait()
     for path in tmp_path.glob("*.pid"):
-        wait_until(lambda pid=int(path.stem): not running(pid))  # nobody goes on behind its back
+        wait_until(lambda pid=int(path.stem): not running(pid))  # none goes on behind its back
     assert [line["seed"] for line in lines(folder)] == [0]
     with (folder / "runs.jsonl").open("a") as stream:
         stream.write('{"scenario":"near","se')  # as if killed while writing
@@ -188,7 +188,7 @@ def test_a_failed_flight_is_recorded_and_the_others_go_on(tmp_path: Path) -> Non
     assert (record["scenario"], record["seed"], record["error"]) == ("near", 2, "RuntimeError: the rotor fell off")
     assert "fly_failing" in record["traceback"]
 
-    flown = fly_campaign(campaign, tmp_path, in_line, synthetic.fly_synthetic)  # mended: only that one is flown
+    flown = fly_campaign(campaign, tmp_path, in_line, synthetic.fly_synthetic)  # fixed: only the missing mission is flown
     assert [line["seed"] for line in lines(tmp_path)] == [0, 1, 2, 3, 4]
     assert not flown.failures
     assert not (tmp_path / "failures.jsonl").exists()

@@ -11,7 +11,7 @@ from sim.campaign.flights import Campaign, fly_campaign
 from sim.campaign.workers import in_processes
 from sim.sweep import cases
 
-SHORT = {"source.activity_bq": 3e10, "end.track_s": 2.0}  # so strong that x0 comes within seconds
+SHORT = {"source.activity_bq": 3e10, "end.track_s": 2.0}  # strong enough for x0 within seconds
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from sim.scenario import shipped
 
 
 def claiming(factor: float, runs: int = 200) -> list[RunResult]:
-    """Runs of an estimator whose errors are ``factor`` times what it claims."""
+    """Runs of an estimator with errors ``factor`` times the claimed ones."""
     nees = factor**2 * np.random.default_rng(5).chisquare(2, runs)
     result = synthetic.synthetic_result("near", 1, estimator="bayes")
     return [

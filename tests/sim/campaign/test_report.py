@@ -114,7 +114,7 @@ def test_a_flight_is_written_whatever_came_of_it(tmp_path: Path, kind: dict[str,
 
 
 def with_three_sources() -> Flight:
-    """Two of the three are found from some time on, one of them as another nuclide; and one that is not there."""
+    """Two of the three are found from some time on, one of them as another nuclide; and a false source."""
     flight = synthetic.synthetic_flight()
     x, y, _ = flight.trace.hypothesis_m[-1, 0]
 

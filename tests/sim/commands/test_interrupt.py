@@ -19,13 +19,13 @@ import sim.cli, sim.commands.console
 sim.commands.console._PLAIN_EVERY_S = 0.0
 sim.cli.main()
 """
-SHORT = ("--set", "source.activity_bq=3e10", "--set", "end.track_s=2")  # so strong that it is found within seconds
+SHORT = ("--set", "source.activity_bq=3e10", "--set", "end.track_s=2")  # strong enough for detection within seconds
 Start = Callable[..., "subprocess.Popen[str]"]
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Starts radron-sim in a process group of its own, as a terminal does; what is left of it is killed in the end."""
+    """Starts radron-sim in a process group of its own, as a terminal does; leftover processes are killed in the end."""
     processes: list[subprocess.Popen[str]] = []
 
     def run(*arguments: object) -> subprocess.Popen[str]:

@@ -1,4 +1,4 @@
-"""Faulty clocks: what they show, and what is stamped by them."""
+"""Faulty clocks: their readings, and the resulting stamps."""
 
 from agent.detector.readout import PixelHits, Readout
 from agent.vehicle.interface import SeenDrone

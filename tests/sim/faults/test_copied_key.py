@@ -1,4 +1,4 @@
-"""Somebody with a copy of a drone's key publishes as that drone while the swarm flies: all keep apart, and name it."""
+"""A thief with a copy of a drone's key publishes as that drone while the swarm flies: all keep apart, and name it."""
 
 from itertools import combinations
 from math import dist
@@ -48,7 +48,7 @@ def pilot(mode: str) -> dict[str, object]:
     "faults",
     [
         (thief(**LANDED[1]),),
-        (thief(**LANDED[1]), pilot("hold")),  # they were 0.4 m apart
+        (thief(**LANDED[1]), pilot("hold")),  # 0.4 m apart before
         (thief(**LANDED[1]), pilot("return")),
         (thief(**LANDED[1] | {"epochs": 0, "beside_m": 2.0, "place": "ground"}), pilot("hold")),
         (thief(boot="same", beside_m=0.0, stage="return"), pilot("hold")),  # nothing but a word of it is false

@@ -26,7 +26,7 @@ AUTHORITY = SimulatedAuthority(1)
 
 
 def crowd(**given):
-    """One of d1, which has published an exposure."""
+    """Crowd under d1's id after an exposure of d1."""
     fault = msgspec.convert({"at_s": 0.0} | given, KINDS[given["kind"]])
     made = Crowd(fault, "s", AUTHORITY.trust("d1"), "c" * 16)
     made.follow(exposure())
@@ -76,7 +76,7 @@ def test_old_entries_are_as_old_as_they_are_to_be():
 
 
 def flown(fault: dict[str, object]) -> tuple[list[set[str]], list[Pilot]]:
-    """What each drone tells of d2, and the pilots, when it has been over for a while."""
+    """Each drone's reports on d2, and the pilots, a while after the end of the fault."""
     told: list[set[str]] = [set(), set(), set()]
     pilots: list[Pilot] = []
 
@@ -93,7 +93,7 @@ def flown(fault: dict[str, object]) -> tuple[list[set[str]], list[Pilot]]:
 
 
 def judge(pilots: list[Pilot]) -> None:
-    """One digest and one hypothesis, once all is exchanged."""
+    """The same digest and the same hypothesis, once all is exchanged."""
     now_ns = EPOCH_NS + round((AT_S + FOR_S + 5.0) * SECOND)
     exchange(pilots, now_ns)
     work_off(pilots, now_ns)

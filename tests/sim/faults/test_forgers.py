@@ -53,7 +53,7 @@ def test_nobody_else_forges_nor_when_it_is_over_nor_what_is_no_measurement() -> 
 
 
 def commanded(schedule):
-    """What a drone receives in the first 15 s: tick, drone, action, or "copy" for bytes that came before."""
+    """Messages that a drone receives in the first 15 s: tick, drone, action, or "copy" for bytes that came before."""
     commands, arrived = OldCommands(schedule), []
 
     def command(drones, action):

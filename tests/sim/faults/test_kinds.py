@@ -1,4 +1,4 @@
-"""Fault entries of scenario files: what is read, and what a wrong one is told."""
+"""Fault entries of scenario files: the values read, and the errors of wrong entries."""
 
 from pathlib import Path
 

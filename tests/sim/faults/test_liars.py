@@ -1,4 +1,4 @@
-"""Members that publish what is not so: what the others get is valid, and wrong as the scenario says."""
+"""Members that publish false data: the others' copies are valid, and wrong as the scenario says."""
 
 from itertools import product
 from math import dist
@@ -20,7 +20,7 @@ from sim.lockstep.members import SimulatedAuthority
 
 
 def told(what, how, drone=0, **values):
-    """What a drone tells in seconds 0 to 20 of which it lies in 10 to 15, beside what it knows."""
+    """A drone's messages in seconds 0 to 20, false from 10 to 15, beside the true ones."""
     lie = msgspec.convert(
         {"kind": "lie", "at_s": 10.0, "for_s": 5.0, "target": "d1", "what": what, "how": how, **values}, KINDS["lie"]
     )
@@ -34,7 +34,7 @@ def told(what, how, drone=0, **values):
         known = at(KIND_OF[what], second)
         key, payload = key_of("s", known), encode(known)
         heard = liars.tell(drone, key, payload)
-        assert liars.told(drone, key, payload) == (heard if isinstance(known, Entry) else payload)  # it keeps to its story
+        assert liars.told(drone, key, payload) == (heard if isinstance(known, Entry) else payload)  # the same version for all
         pairs.append((known, decode_from(key, heard)))
     return pairs
 
@@ -74,8 +74,8 @@ def test_false_positions_are_shifted_one_way_and_counts_multiplied():
 
 
 def test_who_asks_a_liar_for_entries_hears_what_all_others_do(monkeypatch):
-    """Also of what it has measured a moment ago: else one number means one entry here, and another one there, for good."""
-    monkeypatch.setattr("sim.faults.recovery.PERIOD_NS", SECOND // 20)  # somebody asks at any time
+    """Also of a measurement a moment ago: else one number means one entry here, and another there, for good."""
+    monkeypatch.setattr("sim.faults.recovery.PERIOD_NS", SECOND // 20)  # a query at any time
     lie = {"kind": "lie", "at_s": 1.0, "target": "d3", "what": "counts", "how": "mistimed", "ago_s": 3.0}
     held = []
 

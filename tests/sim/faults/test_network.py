@@ -1,4 +1,4 @@
-"""Faults of links: who hears whom, when, how often and with which bytes."""
+"""Faults of links: receivers, times, number of copies and bytes."""
 
 import msgpack
 import msgspec

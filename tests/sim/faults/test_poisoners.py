@@ -13,7 +13,7 @@ AT_S, UNTIL_S = 14.0, 24.0  # the source is tracked from 8 s on
 
 
 def flown(**fault):
-    """Error of the estimates of the others, whether they have tracked throughout, and what they have told of d2."""
+    """Error of the estimates of the others, whether they have tracked throughout, and their reports on d2."""
     scenario = override(load_scenario("ideal-static-swarm"), {"drones": 3, "mission.fusion.estimator": "bayes"})
     entry = {"kind": "poisoned", "target": "d2", "at_s": AT_S} | fault
     scenario = msgspec.convert(msgspec.to_builtins(scenario) | {"fault": [entry]}, type(scenario))

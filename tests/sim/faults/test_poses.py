@@ -1,4 +1,4 @@
-"""Faults of the own position: what a vehicle estimates, and what its driver says of it."""
+"""Faults of the own position: the vehicle's estimate, and its driver's report."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_jump_is_not_told_and_is_undone() -> None:
 
 @pytest.mark.parametrize("vehicles", [{}, {"d1": VehicleTruth(kind="rtk")}])
 def test_a_jump_that_turns_is_undone_wherever_the_vehicle_has_flown_meanwhile(vehicles: dict[str, VehicleTruth]) -> None:
-    """Turned back by 30 degrees 40 m away, its position was 20 m off for good, which nobody could know of."""
+    """Turned back by 30 degrees 40 m away, its position was 20 m off for good, undetectable for all."""
     world = World(PositionJump(at_s=1.0, for_s=5.0, target="d1", jump_m=2.0, turn_deg=30.0), vehicles=vehicles)
     world.fly(1.0)
     before, yaw_rad = world.frames.origin[0].copy(), world.frames.yaw_rad[0]
@@ -89,7 +89,7 @@ def test_a_jump_that_turns_is_undone_wherever_the_vehicle_has_flown_meanwhile(ve
     assert abs(world.frames.yaw_rad[0] - yaw_rad) == pytest.approx(np.radians(30.0))
     world.fly(10.0, places=PLACES + np.array([40.0, 0.0, 0.0]))
     assert world.frames.yaw_rad[0] == pytest.approx(yaw_rad)
-    assert np.hypot(*(world.frames.origin[0] - before)[:2]) < 0.1  # and what the receiver errs by
+    assert np.hypot(*(world.frames.origin[0] - before)[:2]) < 0.1  # and the receiver's error
 
 
 def test_an_announced_jump_begins_an_epoch_and_the_target_keeps_its_place_in_the_world() -> None:
@@ -138,7 +138,7 @@ def test_spoofed_satellites_drag_position_and_fixes_alike() -> None:
     assert receiver is not None
     well_m = receiver.error_m[:2].copy()
     error = world.fly(2.0)
-    assert np.hypot(*(receiver.error_m[:2] - well_m)) == pytest.approx(4.0, abs=0.2)  # and what the receiver errs by
+    assert np.hypot(*(receiver.error_m[:2] - well_m)) == pytest.approx(4.0, abs=0.2)  # and the error of the receiver
     assert np.hypot(*error[0, :2]) == pytest.approx(2.0 * (2.0 - 1.0 * (1.0 - np.exp(-2.0))), abs=0.2)  # it follows within 1 s
     assert np.hypot(*world.fly(8.0)[0, :2]) == pytest.approx(8.0, abs=0.3)
 

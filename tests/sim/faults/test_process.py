@@ -1,4 +1,4 @@
-"""Processes of agents: when they live, when they step, and with what they start again."""
+"""Processes of agents: lifetime, steps, and state after a restart."""
 
 import itertools
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ def fault(kind, at_s, **values):
 
 
 class Standin:
-    """A pilot of which only stage and memory are asked."""
+    """A pilot with only stage and memory."""
 
     def __init__(self, stage=Stage.TRACK, memory=None):
         self.stage, self.memory, self.blocked, self.revocations = stage, memory, (), ()
@@ -101,7 +101,7 @@ def test_a_dead_agent_has_landed_when_its_vehicle_has_and_waits_when_it_is_back(
     assert flight.crew.agents[1].stage is Stage.LANDED
     flight.go(16.0)
     assert flight.crew.pilots[1].stage is Stage.PREFLIGHT
-    assert flight.crew.agents[1].stage is Stage.LANDED  # it is no reason to go on with the flight
+    assert flight.crew.agents[1].stage is Stage.LANDED  # no reason to go on with the flight
 
 
 def test_without_an_end_it_stays_dead_whatever_other_fault_ends():
@@ -165,7 +165,7 @@ def test_one_that_is_too_slow_is_ended_and_started_again():
 
 
 def lost(how, at_s=0.0):
-    """What a killed agent gets back from its disk, and what it reported."""
+    """State that a killed agent gets back from its disk, and its reports."""
     flight = Flight(fault("disk", at_s, how=how), fault("kill", 5.0, for_s=1.0))
     memory = Memory(mission="m", stamp_ns=1, started_ns=1, stage=Stage.TRACK, resume=Stage.SURVEY)
     flight.crew.agents[1].pilot.memory = memory

@@ -1,4 +1,4 @@
-"""The exchange of missing entries in lockstep: who asks whom, and what comes back."""
+"""The exchange of missing entries in lockstep: queries and answers."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ TICK_NS = SECOND // 20
 
 
 class Log:
-    """A pilot of which only the log is asked: numbers in the place of entries, three to an answer."""
+    """A pilot with only a log: numbers in the place of entries, three to an answer."""
 
     def __init__(self, numbers=(), publisher="d2"):
         self.held = set(numbers)
@@ -31,7 +31,7 @@ class Log:
 
 
 class Pair:
-    """Two drones or three that tell each other their poses, and exchange what is missing."""
+    """Two drones or three that publish their poses, and exchange missing entries."""
 
     def __init__(self, *logs, tellers=Tellers, dead=None):
         """``dead``: a drone that tells nothing."""
@@ -62,7 +62,7 @@ def test_a_log_that_is_empty_is_filled_answer_by_answer():
 
 
 def test_nobody_asks_those_whose_entries_others_pass_on():
-    """The own ones from before a restart, and those of a drone that is dead."""
+    """Own entries from before a restart, and entries of a drone that is dead."""
     for publisher in ("d1", "d3"):
         swarm = Pair(Log(), Log(range(20), publisher), Log(range(20), publisher), dead=2)
         swarm.go(4.0)
@@ -84,7 +84,7 @@ def test_nobody_asks_a_peer_that_is_not_heard():
 
 
 class Storytellers(Tellers):
-    """They have told something else."""
+    """Tellers that give others another version."""
 
     def answer(self, drone, to, key, payload):
         return bytes([payload[0] + 100])

@@ -1,4 +1,4 @@
-"""A drone whose localisation has jumped, unannounced, and whose agent is then killed and started again: it stays in doubt."""
+"""A drone after an unannounced jump of its localisation, its agent then killed and restarted: its position stays uncertain."""
 
 from itertools import combinations
 from math import dist

@@ -1,4 +1,4 @@
-"""Drones that do not hear each other, and whose agents are then started again in flight: they know of each other from before."""
+"""Drones without links to each other, their agents then restarted in flight: they know of each other from before."""
 
 from itertools import combinations
 from math import dist

@@ -1,4 +1,4 @@
-"""Who is told what: an equivocator keeps two stories apart, and all find it out; a liar does not give itself away."""
+"""Messages by receiver: an equivocator keeps two versions apart, and all detect it; a liar does not give itself away."""
 
 import msgspec
 import pytest
@@ -101,7 +101,7 @@ def test_who_is_revoked_is_out_of_the_swarm_and_what_it_had_measured_counts():
     def watch(moment):
         first, second, third = moment.pilots
         if moment.time_s > 8.0:
-            assert {one.member for pilot in moment.pilots for one in pilot.revocations} == {"d2"}  # it heard of it itself
+            assert {one.member for pilot in moment.pilots for one in pilot.revocations} == {"d2"}  # heard of it itself
             assert second.stage in (Stage.RETURN, Stage.LANDING, Stage.LANDED)
             agreed.append(first.digest == third.digest)
             held.append(len([record for record in first.fusion.log if record.entry.drone == "d2"]))

@@ -1,4 +1,4 @@
-"""Thieves of a key publish at their own pace what the drone says, changed as the fault tells, and signed as the drone does."""
+"""Thieves of a key publish the drone's messages at their own pace, changed as the fault says, and signed as the drone does."""
 
 import msgspec
 import pytest
@@ -20,7 +20,7 @@ STATUS = Status(stamp_ns=3_000_000_000, drone="d1", mission="a" * 16, boot="b" *
 
 
 def published(kind, now_ns=NOW_NS, second=1.0, **fault):
-    """What the drone says, and what somebody with its key does at that time."""
+    """Messages of the drone, and of a thief with its key at that time."""
     entry = {"kind": "copied-key", "at_s": 0.0, "for_s": 5.0, "target": "d1"} | fault
     schedule = Schedule([msgspec.convert(entry, KINDS["copied-key"])], DRONES, 1)
     schedule.advance(second)

@@ -64,7 +64,7 @@ def test_drones_that_lose_each_other_on_the_way_home_cross_in_their_layers(name,
     [{"kind": "revoked", "at_s": 50.4, "target": "d2"}, {"kind": "partition", "at_s": 51.2, "groups": [["d1", "d3"], ["d2"]]}],
 )
 def test_one_that_a_pilot_holds_is_kept_clear_of_although_no_status_has_told_it(then) -> None:
-    """It was taken to have gone home after 15 s: 1.0 m."""
+    """Before, the peers assumed its return home after 15 s: 1.0 m."""
     held = {"kind": "takeover", "mode": "hold", "at_s": 50.0, "target": "d2"}
     assert least_m(load_scenario("demo"), 3, [held, then], 90.0) > 2.5
 
@@ -85,7 +85,7 @@ def test_one_that_is_back_on_the_wrong_side_of_its_line_is_above_those_that_sear
     [({"kind": "old-command", "at_s": 20.0, "target": "d1"}, 21.5), ({"kind": "freeze", "at_s": 2.0, "for_s": 2.9}, 3.0)],
 )
 def test_one_that_others_may_meet_anywhere_searches_in_its_layer(before, parted) -> None:
-    """It held when they lost each other, so that only it had a line; and all were frozen in their takeoff: 0.6 and 0.1 m."""
+    """Before: d1 held at the link loss, so that only d1 had a line; and all were frozen in their takeoff: 0.6 and 0.1 m."""
     groups = [["d1"], ["d2", "d3"]] if parted > 20.0 else ALONE_3
     faults = [before, {"kind": "partition", "at_s": parted, "groups": groups}]
     assert least_m(empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0))), 3, faults, 100.0) > 2.5
@@ -102,7 +102,7 @@ def test_of_two_sides_that_search_one_is_above_the_other_where_no_line_parts_the
 
 @pytest.mark.slow
 def test_one_that_holds_alone_does_so_in_its_layer_once_the_lines_have_ended() -> None:
-    """It stayed at the height of those that search: 0.4 m."""
+    """Before, d1 stayed at the height of the searching drones: 0.4 m."""
     field = empty_field(((19.0, 2.0), (25.0, 2.0), (31.0, 2.0)))
     field = replace(field, mission=replace(field.mission, safety=replace(field.mission.safety, alone="hold")))
     assert least_m(field, 3, [{"kind": "partition", "at_s": 21.0, "groups": [["d1"], ["d2", "d3"]]}], 150.0) > 2.5
@@ -127,7 +127,7 @@ def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_e
 
 @pytest.mark.slow
 def test_two_on_the_circle_that_do_not_hear_each_other_but_whom_a_third_one_hears_leave_the_circle_to_the_first() -> None:
-    """Both stayed on it, each among those that it heard: 0.67 m."""
+    """Before, both stayed on the circle, each among its own peers: 0.67 m."""
     demo, cut = load_scenario("demo"), {"kind": "cut", "target": "d2", "peers": "d3", "at_s": 40.0}
     drones = tuple(replace(demo.mission.drones[0], id=f"d{i}", origin_m=(13.0 + 6.0 * i, 2.0, 0.0)) for i in range(1, 5))
     mission = replace(demo.mission, drones=drones, track=replace(demo.mission.track, duration_s=150.0))
@@ -143,7 +143,7 @@ def test_two_that_search_and_do_not_hear_each_other_but_whom_a_third_one_hears_d
 
 @pytest.mark.slow
 def test_sides_that_regroup_before_the_lines_have_ended_are_still_above_each_other() -> None:
-    """Of two missing drones one was parted by a line, so that the side counted as the one that is low: 0.60 m."""
+    """A line parted one of two missing drones, so that the side counted as the low one: 0.60 m."""
     first = {"kind": "partition", "groups": [["d1", "d2"], ["d3", "d4"]], "at_s": 21.0, "for_s": 29.0}
     second = {"kind": "partition", "groups": [["d1", "d4"], ["d2", "d3"]], "at_s": 50.0}
     field = empty_field(((21.0, 2.0), (27.0, 2.0), (33.0, 2.0), (39.0, 2.0)), 60.0)
@@ -153,7 +153,7 @@ def test_sides_that_regroup_before_the_lines_have_ended_are_still_above_each_oth
 @pytest.mark.slow
 @pytest.mark.parametrize(("heard_s", "end_s"), [(105.0, 130.0), (70.0, 100.0)])
 def test_who_hears_others_for_a_moment_keeps_to_what_both_know(heard_s, end_s) -> None:
-    """It left its layer, or turned the line to which the others kept as it was: 0.61 and 0.69 m."""
+    """Before, d3 left its layer, or turned the line that the others kept unchanged: 0.61 and 0.69 m."""
     cut = {"kind": "cut", "target": "d3"}
     faults = [cut | {"direction": "send", "at_s": 21.0}, cut | {"direction": "receive", "at_s": 21.0, "for_s": heard_s - 21.0}]
     faults += [cut | {"direction": "receive", "at_s": heard_s + 0.7}]
@@ -162,6 +162,6 @@ def test_who_hears_others_for_a_moment_keeps_to_what_both_know(heard_s, end_s) -
 
 @pytest.mark.slow
 def test_who_is_started_late_climbs_where_it_is_before_it_crosses_the_circle_of_one_that_it_has_never_heard() -> None:
-    """It flew around on its way to its place on the circle, low, and past one that hovered: 2.3 m."""
+    """Before, the late drone flew low on its way to its place on the circle, and past a hovering drone: 2.3 m."""
     drawn = Mission(1430373)
     assert least_m(parse_scenario(drawn.drawn, drawn.label), 1430373, drawn.drawn["fault"], 60.0) > 2.5

@@ -110,7 +110,7 @@ def test_a_battery_that_gets_low_while_a_human_pilot_flies_is_acted_on_when_the_
     world = World(pilot, Battery(at_s=1.0, for_s=6.0, target="d1", level=0.08, drain_ps=0.0025))
     release = VehicleCommand(Request.RELEASE)
     assert world.fly(9.5, release) is FlightMode(mode)
-    world.fly(1.0, release)  # it is given back at 10 s
+    world.fly(1.0, release)  # given back at 10 s
     assert world.autopilots[0].failsafe
     assert world.fly(5.5, release) is FlightMode.RETURN
 

@@ -26,7 +26,7 @@ def test_every_client_gets_every_readout_from_its_connection_on():
     async def run():
         server = FeedServer()
         port = await server.start("127.0.0.1")
-        server.send(readout_at(0, 1, 0))  # nobody is there
+        server.send(readout_at(0, 1, 0))  # no listener
         first = await asyncio.open_connection("127.0.0.1", port)
         await until(lambda: server.clients == 1, "the first client")
         server.send(readout_at(time.time_ns(), 2))

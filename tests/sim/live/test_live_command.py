@@ -1,4 +1,4 @@
-"""What ``radron-sim live`` refuses before it starts any process."""
+"""Refusals of ``radron-sim live`` before it starts any process."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_what_cannot_be_flown_is_one_line(
 def test_the_command_that_opens_the_flight_is_told_as_it_must_be_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path / "elsewhere"))
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "radron-sim")])
-    assert _beside("radron-station") == "radron-station"  # it is nowhere: the plain name says what to install
+    assert _beside("radron-station") == "radron-station"  # not installed: the plain name says what to install
     (tmp_path / "radron-station").touch(mode=0o755)
     assert _beside("radron-station") == str(tmp_path / "radron-station")
     monkeypatch.setenv("PATH", str(tmp_path))

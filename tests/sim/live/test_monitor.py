@@ -64,7 +64,7 @@ def test_it_names_what_each_drone_still_lacks(observer: Observer, clock: Clock) 
     hear(observer, status("d1"), status("d2", problems=("no compass", "no fix")), status("d3", mission="0" * 16))
     assert observer.obstacles() == ["d2: no compass", f"d3: another mission file ({'0' * 16}, here {MISSION.mission_id})"]
     hear(observer, status("d2", stage=Stage.LANDED), status("d3", stage=Stage.TRACK))
-    assert observer.obstacles() == ["d3: in track already"]  # one that has landed can be started again
+    assert observer.obstacles() == ["d3: in track already"]  # a landed drone can be started again
     hear(observer, status("d3"))
     assert observer.obstacles() == []
     clock.now_s += 10.0
@@ -109,7 +109,7 @@ def test_an_estimate_that_is_not_repeated_is_no_hypothesis_any_more(observer: Ob
 def test_agents_agree_by_digest_and_by_every_bit_of_the_position(observer: Observer) -> None:
     observer.look([vehicle(armed=False)] * 3, NAMES)
     hear(observer, estimate("d1", 1.5), estimate("d2", 1.5))
-    assert not observer.agreed()  # one has said nothing
+    assert not observer.agreed()  # no estimate of d3 yet
     hear(observer, estimate("d3", 1.5))
     assert observer.agreed()
     hear(observer, estimate("d3", 1.5000000000000002))
@@ -117,7 +117,7 @@ def test_agents_agree_by_digest_and_by_every_bit_of_the_position(observer: Obser
     hear(observer, estimate("d3", 1.5, last="1"))
     assert not observer.agreed()
     observer.look([vehicle(armed=False)] * 3, NAMES - {"d3"})
-    assert observer.agreed()  # of those that live
+    assert observer.agreed()  # the live ones
 
 
 def test_what_is_no_message_is_counted_and_dropped(observer: Observer) -> None:
@@ -128,7 +128,7 @@ def test_what_is_no_message_is_counted_and_dropped(observer: Observer) -> None:
 
 
 def test_a_status_counts_only_as_its_drone_has_signed_it(observer: Observer) -> None:
-    """What the operator acts upon; in a swarm without certificates each counts, as above."""
+    """The operator acts upon statuses; in a swarm without certificates each counts, as above."""
     authority = SimulatedAuthority(1)
     observer.verifier = Verifier(authority.authority)
     observer.look([vehicle(armed=False)] * 3, NAMES)

@@ -174,7 +174,7 @@ def test_slams_and_sightings_are_told_to_whoever_asks(tmp_path: Path) -> None:
             seen = [msgspec.json.decode(line, type=SeenDrone) for line in await lines(world.ready.sightings_ports[0], 20)]
         finally:
             await world.stop()
-        for pose in poses:  # its map begins where it was put down, but for the height, of which the ground knows
+        for pose in poses:  # its map begins at the place of the start, but for the height, known to the ground
             assert np.abs(pose.position_m[:2]).max() < 0.01
             assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0)
             assert pose.covariance is not None
@@ -182,7 +182,7 @@ def test_slams_and_sightings_are_told_to_whoever_asks(tmp_path: Path) -> None:
         assert abs(poses[-1].stamp_ns - time.time_ns()) < 30e9
         places = np.array(world.truth.position_m)
         beside_m = np.hypot(*(places - [drone.origin_m for drone in scenario.mission.drones])[:, :2].T)
-        assert (beside_m > 0.05).all()  # nobody stands exactly where the mission has it
+        assert (beside_m > 0.05).all()  # no drone stands exactly at the mission's place
         assert beside_m.max() < 6.0  # four of its sigmas
         assert np.abs(places[:, 2]).max() < 0.01
         assert {one.target for one in seen} == {"d2", "d3"}

@@ -61,8 +61,8 @@ def test_stages_come_in_order(demo):
 
 
 def test_all_drones_hold_the_same_hypothesis(demo):
-    """Bit for bit, but while an entry is still on its way: of some 13 a second, cones and exposures, 1 % come 0.5 s late to each
-    of two others, so that in about 13 % of the moments somebody lacks one. Equal logs are compared in the next test.
+    """Bit for bit, but while an entry is still on its way: with some 13 a second, cones and exposures, 1 % come 0.5 s late to
+    each of two others, so that in about 13 % of the moments a drone lacks an entry. Equal logs are compared in the next test.
     """
     hypothesis = demo.trace.hypothesis_m
     known = ~np.isnan(hypothesis).any(axis=(1, 2))
@@ -177,7 +177,7 @@ def test_vehicles_land_on_the_ground_however_wrong_their_heights_are():
 
 
 def test_a_vehicle_that_returns_without_its_agent_stays_above_the_ground():
-    """It sank to -0.66 m: its mode is that of a return until it is down."""
+    """Before, the vehicle sank to -0.66 m: its mode is a return until landing."""
     calm = override(load_scenario("stabilization"), {"drones": 2, "end.track_s": 90.0})
     armed, lowest_m = [], []
 
@@ -274,7 +274,7 @@ def test_each_drone_has_the_calibration_of_its_own_camera(monkeypatch):
 @pytest.mark.slow
 def test_five_drones_are_evenly_spaced_again_soon_after_the_hypothesis_jumps():
     """Each gap within 5 degrees 10 s after a step of 10 m, below 2 degrees RMS then: this asks of the law, so poses are exact.
-    Those of a real PX4's filter let the true vehicles wander by 0.4 m an axis: 3 degrees at 12 m.
+    Errors of a real PX4's filter let the true vehicles wander by 0.4 m an axis: 3 degrees at 12 m.
     """
     scenario = override(load_scenario("stabilization"), {"end.track_s": 112.0})
     scenario = msgspec.structs.replace(scenario, localization=load_scenario("ideal-static-swarm").localization)
@@ -309,7 +309,7 @@ def test_spacing_error():
     [(Stage.TRACK, [0.0, 10.0, -10.0]), (Stage.RETURN, [70.0, np.nan, -70.0]), (Stage.LANDED, [70.0, np.nan, -70.0])],
 )
 def test_the_spacing_is_that_of_the_drones_that_track(second, spacing_deg):
-    """It ended where one of them dropped out."""
+    """Before, the spacing ended with the first dropout."""
     angle = np.radians([10.0, 130.0, 260.0])
     position = 12.0 * np.stack((np.cos(angle), np.sin(angle), np.zeros(3)), axis=1)
     belief = SimpleNamespace(position=np.zeros(3), covariance=np.eye(3), activity_bq=None, activity_sigma_bq=None, evidence=None)

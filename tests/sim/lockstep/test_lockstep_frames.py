@@ -11,7 +11,7 @@ JUMP_S = 9.0
 
 
 class Listening(Pilot):
-    """A pilot that keeps what it was given."""
+    """A pilot that keeps its inputs."""
 
     def __init__(self, mission, drone, *args, **kwargs):
         super().__init__(mission, drone, *args, **kwargs)
@@ -33,7 +33,7 @@ class Listening(Pilot):
 
 @pytest.fixture(scope="module")
 def flight():
-    """Eight seconds of search by a GNSS, an RTK and a SLAM drone whose frame jumps by 15 m and turns on the way."""
+    """Eight seconds of search by a GNSS, an RTK and a SLAM drone; its frame jumps by 15 m and turns on the way."""
     events = [{"at_s": JUMP_S, "jump_m": 15.0, "turn_deg": 40.0}]
     changes = {"localization.vehicles.d3.events": events, "end.search_s": 8.0, "source.activity_bq": 1e3}
     pilots = []
@@ -49,7 +49,7 @@ def flight():
 
 
 def test_pilots_are_told_places_in_frames_of_their_own(flight):
-    """Where they stand at the start: near the layout's place by satellites; by SLAM in a frame of any heading."""
+    """Position estimates at the start: near the layout's place by satellites; by SLAM in a frame of any heading."""
     _, pilots = flight
     for pilot in pilots:
         x, y, z = pilot.states[0].position_m
@@ -86,7 +86,7 @@ def test_a_frame_that_jumps_is_a_new_epoch_and_shakes_no_vehicle(flight):
     assert np.hypot(*trace.velocity_mps[near, 2, :2].T).max() < 8.5
     assert (
         np.abs(np.diff(trace.velocity_mps[near, 2, :2], axis=0)).max() < 5.0 * 0.2 + 0.1
-    )  # what its tilt allows between two samples
+    )  # the change that its tilt allows between two samples
 
 
 def test_the_result_says_how_well_frames_are_known(flight):

@@ -1,4 +1,5 @@
-"""A drone whose key is stolen is revoked in a flight of lockstep: an operator tells one drone, and the swarm goes on."""
+"""A drone with a stolen key is revoked in a flight of lockstep: an operator sends the order to one drone, and the swarm goes
+on."""
 
 from math import dist
 

@@ -30,7 +30,7 @@ def away_m(trace, source, since_s, until_s):
 
 @pytest.mark.slow
 def test_a_weak_source_beside_a_strong_one_is_found_and_the_named_one_circled_until_nothing_is_left_to_search():
-    """2 GBq and 0.2 GBq, 20 m apart, and a third source, which nobody is promised, 56 m outside the area.
+    """2 GBq and 0.2 GBq, 20 m apart, and a third source, not announced, 56 m outside the area.
 
     Each is circled, what more may hide is searched for, and then the policy decides.
     """
@@ -73,7 +73,8 @@ def test_a_source_above_the_ground_is_circled_at_two_heights():
 
 @pytest.mark.slow
 def test_over_soil_number_nuclides_and_activities_are_right():
-    """Most of what is counted is scattered by soil: without spectra of these photons both were told as of unknown nuclides."""
+    """Most counted photons are scattered by soil: without spectra of these photons both sources were reported with unknown
+    nuclides."""
     cobalt = SourceTruth(activity_bq=1e9, nuclide="Co-60", start_m=(32.0, 14.0))
     result = flown((SourceTruth(activity_bq=3e9, start_m=(12.0, 30.0)), cobalt), 110.0, "many-soil").result
     assert (result.sources_found, result.false_sources, result.nuclides_right) == (2, 0, 2)

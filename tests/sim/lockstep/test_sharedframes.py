@@ -1,4 +1,4 @@
-"""Agents that share their estimates of the frames have those that they would have alone, bit for bit."""
+"""Agents that share their estimates of the frames have the same estimates as alone, bit for bit."""
 
 import random
 from collections import Counter

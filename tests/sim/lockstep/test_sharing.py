@@ -1,4 +1,4 @@
-"""Agents that share a fold do what they would do alone, bit for bit."""
+"""Agents that share a fold give the same results as alone, bit for bit."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ CLOCK = {"kind": "clock", "at_s": 8.0, "jump_s": 1.5, "target": "d2"}
 
 
 class Told(Pilot):
-    """Keeps what it publishes."""
+    """A pilot that keeps its publications."""
 
     def step(self, now_ns):
         step = super().step(now_ns)
@@ -144,7 +144,7 @@ def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
 
 
 def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
-    """They had two copies of equal states, and computed everything twice to the end of the flight."""
+    """Before, the agents had two copies of equal states, and computed everything twice to the end of the flight."""
     monkeypatch.setattr("sim.lockstep.sharing.MOST_STEPS", 4)
     fold = SharedFold(estimator_named("bayes", load_scenario("demo").mission))
 

@@ -46,7 +46,7 @@ def build(tmp_path: Path) -> Path:
 
 
 def called(folder: Path, instance: int) -> dict[str, Any]:
-    """What an instance noted of its start."""
+    """An instance's notes on its start."""
     note: dict[str, Any] = json.loads((folder / f"px4-{instance}" / "called.json").read_text())
     return note
 

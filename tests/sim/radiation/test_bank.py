@@ -1,4 +1,4 @@
-"""The bank yields what the full transport yields."""
+"""The bank yields the same results as the full transport."""
 
 import math
 
@@ -185,7 +185,7 @@ def _seen(towards: tuple[float, float, float], interactions: int) -> Events:
 
 
 def _without_empty(events: Events) -> Events:
-    """Without those that left no pixel."""
+    """Without events that left no pixel."""
     seen = np.flatnonzero(np.diff(events.first))
     begin, end = events.first[seen], events.first[seen + 1]
     assert (begin[1:] == end[:-1]).all()

@@ -147,7 +147,7 @@ def test_an_unknown_nuclide() -> None:
 
 @pytest.mark.slow
 def test_a_flight_hardly_meets_an_event_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three minutes in front of a source: what comes again and again, an estimator would take for what the source is like."""
+    """Three minutes in front of a source: an estimator would take repeated events for a property of the source."""
     monkeypatch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name, 25.0))
     camera = Camera(CameraTruth(), "Cs-137", np.random.default_rng(4), 0)
     chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
@@ -158,7 +158,7 @@ def test_a_flight_hardly_meets_an_event_twice(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_camera_sees_sources_of_two_nuclides_each_by_its_own_lines() -> None:
-    """Their hits add up; above the lines of Ba-133 there are those of Cs-137 alone."""
+    """Their hits add up; above the lines of Ba-133 there are lines of Cs-137 alone."""
     seen = [SourceView(direction(POLAR_DEG, 0.3), 12.0, 1.2e10, nuclide=name) for name in ("Ba-133", "Cs-137")]
 
     def sums_kev(*views: SourceView) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(
 
 
 def test_a_bright_recording_is_simulated_in_slices_of_bounded_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """1e15 Bq at 12 m: 1.7 million photons in the usual slice, whose pixels alone take 600 MB."""
+    """1e15 Bq at 12 m: 1.7 million photons in the usual slice; their pixels alone take 600 MB."""
     counts: list[int] = []
     simulated = beam.simulate
 

@@ -15,7 +15,7 @@ from .partial_bank import partial_bank
 
 @pytest.fixture
 def built(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
-    """The cache in a folder of its own, a small bank instead of the whole, and a list of what was built."""
+    """The cache in a folder of its own, a small bank instead of the whole, and a list of the parts built."""
     names: list[str] = []
 
     def build(source: object, camera: object, seed: int, progress: object) -> EventBank:

@@ -11,7 +11,7 @@ QUIET = CameraTruth(gain_noise=0.0, pixel_noise_kev=0.0, threshold_kev=0.001, ch
 
 
 def deposit(camera: Response, energy_kev: float, z_mm: float, rng: np.random.Generator, x_mm: float = 0.0275) -> np.ndarray:
-    """Pixels of one deposit whose electron starts there, in a random direction; without an electron at under 20 keV."""
+    """Pixels of one deposit; its electron starts there, in a random direction; without an electron at under 20 keV."""
     sites = np.zeros((1, SITE_COLUMNS))
     direction = rng.normal(size=3)
     sites[0] = [x_mm, 0.0275, z_mm, energy_kev, energy_kev, *(direction / np.linalg.norm(direction))]

@@ -48,8 +48,8 @@ FLIGHTS = [(1, False), (3, False), (1, True), (3, True)]
 def test_it_agrees_with_the_reference_for_exact_poses(radius_m: float, published: tuple[float, ...]) -> None:
     """Ours: 0.213, 0.123, 1.33, 0.75 m and 0.064, 0.037, 0.49, 0.28 m.
 
-    The reference has its own camera model, an Ornstein-Uhlenbeck velocity of 0.8 m/s where the circle's is 0.71, and a search
-    before the tracking; it gives two digits, of which the last alone is worth 15 % where it says 0.03. So a fifth is asked for,
+    The reference has its own camera model, an Ornstein-Uhlenbeck velocity of 0.8 m/s (the circle's: 0.71), and a search before
+    the tracking; the reference gives two digits, and at 0.03 the last digit alone is worth 15 %. Hence a fifth is required,
     with half of that last digit.
     """
     found = [medians(circled(vehicles, moving, radius_m))[0] for vehicles, moving in FLIGHTS]
@@ -97,7 +97,7 @@ def test_the_median_of_a_gaussian_error() -> None:
 
 
 def test_rates_are_those_of_the_reference() -> None:
-    """One camera at 3 GBq and 12 m: 20 hits/s and 0.67 cones/s; ours: 19.2 that come straight, and 0.66."""
+    """A camera at 3 GBq and 12 m: 20 hits/s and 0.67 cones/s; ours: 19.2 unscattered, and 0.66."""
     camera = camera_of(CameraTruth(), "Cs-137", 15)
     photons = 3e9 / (4e6 * np.pi * 12.0**2) * np.exp(-camera.air_per_m * 12.0)
     assert (camera.full_mm2 + camera.other_mm2) * photons == pytest.approx(20.0, rel=0.05)
@@ -128,7 +128,7 @@ def test_a_cone_tells_less_the_less_sure_it_is() -> None:
     sure, *unsure, lost = cone_information(661.657, [0.0, 0.12, 0.5, 0.999])
     assert sure > unsure[0] > unsure[1] > lost
     assert lost < 1e-3 * sure
-    # One reading that is right, of 6.3 degrees for 68 % (reference), would tell 83; two of which one is wrong tell less.
+    # A right reading, of 6.3 degrees for 68 % (reference), would tell 83; two readings, one of them wrong, tell less.
     assert 30.0 < sure < 1.0 / np.radians(6.3) ** 2
 
 

@@ -1,4 +1,4 @@
-"""Plan following, scored from what drones publish."""
+"""Plan following, scored from the drones' publications."""
 
 import pytest
 

@@ -86,7 +86,7 @@ def test_an_estimator_that_only_listened_finds_nothing_once_it_excludes_what_the
 
 
 def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_the_vehicles():
-    """A circle around a source at rest; the estimate is exact for the vehicle, whose localisation is off by (0.6, 0.8) m."""
+    """A circle around a source at rest; the estimate is exact for the vehicle, with its localisation off by (0.6, 0.8) m."""
     scenario = override(load_scenario("biased-static-solo"), {"end.track_s": 20.0})
     source, offset = (40.0, 50.0), np.array([[0.6, 0.8, 0.0]])
     agent = Watched()
@@ -106,7 +106,7 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
     assert result.error_relative_median_m == pytest.approx(0.0, abs=1e-9)
     assert (result.error_sample_m, result.nees_sample) == pytest.approx((1.0, 0.36 / 2.0 + 0.64))
     assert result.x0_rms_m == pytest.approx(3.0**0.5)
-    # The vehicle's own bias of 1 m along each axis stays; of what it sees from there, 20 s tell a lot.
+    # The vehicle's own bias of 1 m along each axis stays; 20 s of measurements from there tell a lot.
     assert result.bound_median_m is not None
     assert result.bound_relative_median_m is not None
     assert result.bound_median_m > 1.177
@@ -135,7 +135,7 @@ def test_the_swarm_is_judged_by_its_first_drone_while_that_lives_then_by_the_nex
     fly(0.0)
     agents[0].alive = False
     fly(1.0)
-    agents[0].alive = True  # it is back with an empty log: nobody changes over to it
+    agents[0].alive = True  # back with an empty log: no drone changes over to it
     fly(2.0)
     agents[1].alive = False
     fly(3.0)

@@ -1,4 +1,4 @@
-"""Estimated sources against true ones: who is matched with whom, and what follows."""
+"""Estimated sources against true ones: the matching, and the resulting scores."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_three_sources_of_which_one_is_missed_and_one_estimate_is_false():
     assert score_sources(truths, told) == SourceScore(
         sources_true=3,
         sources_found=3,
-        number_right=False,  # one is missed, one is false
+        number_right=False,  # a missed source, a false one
         false_sources=1,
         nuclides_right=1,
         matched_error_median_m=pytest.approx(0.75),

@@ -73,7 +73,7 @@ def test_no_median_time_where_most_runs_found_nothing() -> None:
     summary = summarise([run(0, time_to_x0_s=10.0), run(1, **NOTHING), run(2, **NOTHING)])
     assert summary.time_to_x0_median_s is None
     assert summary.time_to_x0_max_s == 10.0
-    assert summary.error_median_m == 2.0  # of the one run that tracked
+    assert summary.error_median_m == 2.0  # of the only run that tracked
 
 
 def test_no_runs_and_no_numbers_give_none() -> None:

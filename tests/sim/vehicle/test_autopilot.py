@@ -176,7 +176,7 @@ def test_release_commands_nothing():
 
 
 def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world():
-    """The new frame is turned by a quarter to the right and lies 10 m further east: what was east of its origin is then north."""
+    """The new frame is turned by a quarter to the right and lies 10 m further east: points east of its origin are then north."""
     autopilot = airborne()
     run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
     jump = Reframing(pi / 2.0, (0.0, -10.0, 0.5))
@@ -189,7 +189,7 @@ def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world()
 
 
 def test_a_human_pilot_who_gives_a_vehicle_back_that_comes_down_lets_it_land():
-    """It held at 0.6 m, armed, for good."""
+    """Before, the vehicle held at 0.6 m, armed, for good."""
     autopilot = airborne()
     autopilot.take_over(FlightMode.RETURN)
     run(autopilot, 1.0)
@@ -234,7 +234,7 @@ def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mod
 
 
 def test_a_return_begins_where_the_vehicle_is():
-    """It brakes at once, and comes back while it climbs."""
+    """The vehicle brakes at once, and returns while climbing."""
     north = [target.position[1] for target in braked(FlightMode.RETURN)]
     assert max(north) == pytest.approx(1.0 + 5.0**2 / (2.0 * 3.0), abs=0.3)
     assert north[round(4.0 / STEP_S)] < max(north) - 1.0

@@ -127,7 +127,7 @@ def test_what_it_steers_is_its_estimate():
     place, speed = np.array([[1.0, 0.0, 0.5]]), np.array([[0.0, 0.3, 0.0]])
     vehicle = still()
     fly(vehicle, 60.0, errors=(place, speed))
-    # It takes itself to be moving north, and flies south until the position's error balances that.
+    # The vehicle's velocity estimate points north, and the vehicle flies south until the position's error balances the two.
     assert vehicle.position_m[0] == pytest.approx([-1.0, -0.3 / 0.95, 2.5], abs=0.01)
 
 

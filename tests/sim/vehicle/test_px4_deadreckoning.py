@@ -10,7 +10,7 @@ STEP_S = 0.02
 
 
 def blind(seconds, seed=1, timeout_us=5_000_000, armed=True):
-    """Without satellites for so long; what it announced."""
+    """Fly without satellites for a duration, and return the announcements."""
     announced = []
     filter_ = DeadReckoning(Parameters(1, {"EKF2_NOAID_TOUT": timeout_us}), STEP_S, np.random.default_rng(seed), announced.append)
     for _ in range(round(seconds / STEP_S)):
@@ -47,7 +47,7 @@ def test_after_seconds_it_slides_back_and_after_many_it_jumps_and_counts():
     wrong = late.error_m.copy()
     jumps = aided(late, 3.0)
     assert len(jumps) == 1
-    assert np.linalg.norm(jumps[0] + wrong) < 12.0  # it drifts on for a second
+    assert np.linalg.norm(jumps[0] + wrong) < 12.0  # drifts on for a second
     assert (late.known, late.resets, len(announced)) == (True, 4, 2)
 
 

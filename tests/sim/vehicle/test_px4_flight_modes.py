@@ -100,7 +100,7 @@ def test_offboard_without_setpoints_is_accepted_and_then_refused():
     async def scenario(flight):
         assert await flight.ask(SET_MODE, 1.0, 6.0, 0.0) == [ACCEPTED, REJECTED]
         assert flight.report.mode == "hold"
-        await flight.offboard(here(flight))  # one is enough
+        await flight.offboard(here(flight))  # a single one is enough
         assert await flight.ask(SET_MODE, *HOLD) == [ACCEPTED, ACCEPTED]
         assert flight.report.mode == "hold"
 
@@ -162,7 +162,7 @@ def test_a_lost_ground_station_is_minded_only_where_the_parameter_says_so():
         assert await flight.until(lambda: flight.report.failsafe, 20.0) == pytest.approx(12.1, abs=0.2)
         assert await flight.until(lambda: flight.report.mode == "return", 10.0) == pytest.approx(5.0, abs=0.2)
         await flight.run(0.2, beat(flight))
-        assert flight.report.mode == "return"  # it goes on, until somebody chooses a mode
+        assert flight.report.mode == "return"  # goes on until a mode is chosen
         assert await flight.ask(SET_MODE, *HOLD) == [ACCEPTED, ACCEPTED]
         await flight.run(0.1)
         assert flight.report.mode == "hold"
@@ -210,7 +210,7 @@ def test_disarming_in_the_air_needs_force_and_then_it_falls():
 
 def test_somebody_at_the_sticks_has_the_vehicle():
     async def scenario(flight):
-        assert await flight.ask(SET_MODE, 1.0, 3.0, 0.0) == [ACCEPTED, REJECTED]  # nobody is
+        assert await flight.ask(SET_MODE, 1.0, 3.0, 0.0) == [ACCEPTED, REJECTED]  # sticks untouched
         target = here(flight, east=20.0)
         await flight.offboard(target)
         flight.fleet.faces[0].commander.take_over()

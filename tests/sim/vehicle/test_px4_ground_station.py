@@ -39,7 +39,7 @@ async def until(condition: Callable[[], bool], within_s: float = 5.0) -> None:
 
 
 class Vehicle:
-    """Sends what a test says; system id 2."""
+    """Sends a test's messages; system id 2."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -149,7 +149,7 @@ def heartbeat(packet: Packet) -> mavlink.MAVLink_heartbeat_message:
 
 
 async def settled() -> None:
-    """What was sent over loopback is read."""
+    """Messages sent over loopback are read."""
     for _ in range(3):
         await asyncio.sleep(0.0)
 

@@ -94,7 +94,7 @@ def test_by_vision_it_knows_its_place_in_the_visions_frame_and_none_on_the_globe
         assert not flags & mavlink.ESTIMATOR_POS_HORIZ_ABS
         await airborne(flight, slam)
         assert slam.error_m() < 0.05
-        assert await flight.ask(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [1]  # where would that be?
+        assert await flight.ask(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [1]  # home unknown
         assert flight.report.mode == "hold"
 
     fly(scenario, parameters=BY_VISION)
@@ -115,7 +115,7 @@ def test_a_vision_that_says_that_it_jumped_resets_the_vehicle_at_once_and_one_th
             assert announced or 0.5 < took_s < 1.0
             await flight.run(0.2, slam.tell)
             assert slam.error_m() < 0.05
-            assert dist(flight.position, place) < 0.3  # it holds its place, which has other coordinates now
+            assert dist(flight.position, place) < 0.3  # holds its place, with other coordinates now
 
     fly(scenario, parameters=BY_VISION)
 
@@ -188,7 +188,7 @@ def test_a_receiver_says_what_the_scenarios_receiver_says_and_none_where_there_i
         assert (east_m, north_m) == pytest.approx(receiver.error_m[:2], abs=1.0)  # 0.2 m white, and 1 s of wandering
         assert fix.alt_ellipsoid * 1e-3 == pytest.approx(DATUM.altitude_m + receiver.error_m[2], abs=1.0)
         times = {heard.message.time_usec for heard in flight.heard("GPS_RAW_INT") if heard.message.fix_type == 3}
-        assert len(times) in (6, 7)  # one fix a second, told eight times
+        assert len(times) in (6, 7)  # a fix a second, published eight times
         assert flight.heard("GPS_GLOBAL_ORIGIN")
         receiver.lost = True
         await flight.run(0.3)
@@ -211,7 +211,7 @@ def test_a_localisation_that_jumps_takes_the_vehicle_along_and_counts():
         assert dist((after.x, after.y), (before.x, before.y)) == pytest.approx(15.0, abs=0.5)
         assert flight.last("ODOMETRY").reset_counter == count + 1
         await flight.run(2.0)
-        assert dist(flight.position, place) < 0.5  # it holds: PX4's own modes know of resets
+        assert dist(flight.position, place) < 0.5  # hold: PX4's own modes know of resets
 
     fly(scenario, localized=frames)
 
@@ -221,7 +221,7 @@ def test_when_satellites_are_lost_the_vision_leads_on():
     frames = localized(kind="gnss", events=(event,))
 
     class Following(Slam):
-        """The SLAM whose frame is the scenario's."""
+        """The SLAM with the scenario's frame."""
 
         def tell(self):
             self.origin_m, self.yaw_rad = frames.origin[0].copy(), float(frames.yaw_rad[0])

@@ -1,4 +1,4 @@
-"""What QGroundControl asks of a vehicle when it connects (its InitialConnectStateMachine), on the ground-station link."""
+"""Requests of QGroundControl to a vehicle at its connection (its InitialConnectStateMachine), on the ground-station link."""
 
 import asyncio
 import struct
@@ -33,7 +33,7 @@ class QGroundControl:
         return ack.message.result
 
     async def answers(self, message, name):
-        """Send a message, and hear those of a kind."""
+        """Send a message, and receive messages of a kind."""
         before_s = self.flight.fleet.time_s
         self.link.send(message)
         await self.run()
@@ -65,7 +65,7 @@ def test_the_whole_sequence_is_answered():
         link = station.link
         beat = station.flight.last("HEARTBEAT", link)
         assert (beat.autopilot, beat.type) == (common.MAV_AUTOPILOT_PX4, common.MAV_TYPE_QUADROTOR)
-        # version and capabilities: without mission, fence and rally points it would not ask for those
+        # version and capabilities: without them it would not ask for mission, fence and rally points
         assert await station.request(common.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == ACCEPTED
         version = station.flight.last("AUTOPILOT_VERSION", link)
         assert version.flight_sw_version >> 16 == 0x0111
@@ -73,7 +73,7 @@ def test_the_whole_sequence_is_answered():
             assert version.capabilities & getattr(common, f"MAV_PROTOCOL_CAPABILITY_{capability}"), capability
         assert not version.capabilities & common.MAV_PROTOCOL_CAPABILITY_FTP
         assert await station.request(AVAILABLE_MODES) == ACCEPTED
-        assert await station.request(COMPONENT_METADATA) == DENIED  # it goes on without
+        assert await station.request(COMPONENT_METADATA) == DENIED  # continues without
         values = await station.answers(common.MAVLink_param_request_list_message(1, 1), "PARAM_VALUE")
         assert [value.param_index for value in values[1:]] == list(range(values[0].param_count))
         for kind in (common.MAV_MISSION_TYPE_MISSION, common.MAV_MISSION_TYPE_FENCE, common.MAV_MISSION_TYPE_RALLY):

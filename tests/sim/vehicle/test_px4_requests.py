@@ -242,7 +242,7 @@ def test_garbage_is_counted_and_does_no_harm():
         flight.companion._socket.sendto(b"\xfd\xff\x00\x00", flight.companion._vehicle)
         await flight.run(0.1)
         assert flight.fleet.faces[0].links[0].refused > 0
-        answers = [await flight.ask(ARM, 1.0, 0.0) for _ in range(12)]  # some are lost in what the broken frame claims to be
+        answers = [await flight.ask(ARM, 1.0, 0.0) for _ in range(12)]  # some are lost in the broken frame's claimed length
         assert answers[-1] == [ACCEPTED]
 
     on_the_ground(scenario)

@@ -127,7 +127,7 @@ def test_positions_agree_with_the_truth_in_every_frame():
             where = enu((origin.latitude * 1e-7, origin.longitude * 1e-7), origin.altitude)
             assert where == pytest.approx(flight.origin(), abs=0.05)
             attitude, quaternion = flight.last("ATTITUDE"), flight.last("ATTITUDE_QUATERNION")
-            assert attitude.yaw == pytest.approx(np.pi / 2.0, abs=0.01)  # it looks east
+            assert attitude.yaw == pytest.approx(np.pi / 2.0, abs=0.01)  # heading east
             assert 2.0 * np.arctan2(quaternion.q4, quaternion.q1) == pytest.approx(np.pi / 2.0, abs=0.01)
 
     asyncio.run(fly())
@@ -178,14 +178,14 @@ def test_home_altitude_wanders_in_flight_and_local_z_does_not():
     async def fly():
         async with Flight() as flight:
             await flight.airborne(3.0)
-            await flight.run(8.0)  # it comes to rest
+            await flight.run(8.0)  # comes to rest
             since_s = flight.fleet.time_s
             await flight.run(8.0)
             relative = [h.message.relative_alt * 1e-3 for h in flight.heard("GLOBAL_POSITION_INT", since_s)]
             z = [h.message.z for h in flight.heard("LOCAL_POSITION_NED", since_s)]
             assert np.ptp(z) < 0.1
             assert 0.5 < np.ptp(relative) < 2.5
-            assert np.abs(np.diff(relative)).max() > 0.2  # it jumps
+            assert np.abs(np.diff(relative)).max() > 0.2  # jump
 
     asyncio.run(fly())
 

@@ -36,7 +36,7 @@ def flown(monkeypatch, fault, scenario, **changes):
 @pytest.mark.slow
 @pytest.mark.parametrize("per_s", [10.0, 30.0])
 def test_a_noisy_pixel_makes_no_source(monkeypatch, per_s):
-    """It begins in flight. Unless it were masked, 30 a second would make a source, and 10 a second hide one of 2e9 Bq."""
+    """The fault begins in flight. Unless it were masked, 30 a second would make a source, and 10 a second hide one of 2e9 Bq."""
     rng = np.random.default_rng(1)
     began = {}
 

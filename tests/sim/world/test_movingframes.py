@@ -65,7 +65,7 @@ def test_slam_drifts_with_the_distance_flown_and_not_while_it_hovers():
         there = fly(moving, 100.0 / 3.0, velocity=(3.0, 0.0, 0.0), start_s=10.0)
         after.append([*moving.own_error_m(there)[0], np.degrees(moving.yaw_rad[0])])
     spread = np.sqrt((np.array(after) ** 2).mean(axis=0))
-    # The integral over 100 m of a rate that is another one after 25 m; the turn adds across.
+    # The integral over 100 m of a rate that changes after 25 m; the turn adds across.
     factor = (2.0 * 25.0 * (100.0 - 25.0 * (1.0 - np.exp(-4.0)))) ** 0.5
     assert spread[0] == pytest.approx(0.01 * factor, rel=0.17)  # three sigmas
     assert spread[1] > spread[0]
@@ -103,7 +103,7 @@ def test_satellites_keep_the_place_within_their_error_and_north_where_it_is():
 
 
 def test_a_fix_and_the_place_flown_by_have_the_same_error():
-    """What a receiver says agrees with the vehicle's own place in a frame at the layout's origin, but for white noise and lag."""
+    """A receiver's fixes agree with the vehicle's own place in a frame at the layout's origin, but for white noise and lag."""
     moving = frames({"d1": VehicleTruth(kind="gnss")}, seed=4)
     here = fly(moving, 30.0)
     receiver = moving.receiver[0]

@@ -17,7 +17,7 @@ HILL = TerrainTruth(height_m=2.0, slope=(0.1, 0.0), hills=(HillTruth(centre_m=(1
 def test_a_hill_stands_on_its_plane():
     terrain = Terrain(HILL)
     assert terrain.height_m(10.0, 20.0) == pytest.approx(2.0 + 1.0 + 8.0)
-    assert terrain.height_m(15.0, 20.0) == pytest.approx(2.0 + 1.5 + 8.0 * np.exp(-0.5))  # one standard deviation away
+    assert terrain.height_m(15.0, 20.0) == pytest.approx(2.0 + 1.5 + 8.0 * np.exp(-0.5))  # at a standard deviation
     assert terrain.height_m(100.0, 20.0) == pytest.approx(12.0)
     x, y = np.array([10.0, 15.0]), np.array([20.0, 20.0])
     assert terrain.heights_m(x, y).tolist() == [terrain.height_m(10.0, 20.0), terrain.height_m(15.0, 20.0)]
@@ -44,7 +44,7 @@ def test_flat_ground_changes_nothing():
 def test_a_line_of_sight_through_the_hill_passes_soil():
     terrain = Terrain(TerrainTruth(hills=(HillTruth(centre_m=(0.0, 0.0), height_m=8.0, width_m=5.0),)))
     through = terrain.soil_m(np.array([-30.0, 0.0, 1.0]), np.array([30.0, 0.0, 1.0]))
-    wide = 2.0 * 5.0 * np.sqrt(2.0 * np.log(8.0))  # where the bell is higher than 1 m
+    wide = 2.0 * 5.0 * np.sqrt(2.0 * np.log(8.0))  # the part of the bell above 1 m
     assert through == pytest.approx(wide, abs=60.0 / 48.0)
     assert terrain.soil_m(np.array([-30.0, 0.0, 9.0]), np.array([30.0, 0.0, 9.0])) == 0.0
 

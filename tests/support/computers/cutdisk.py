@@ -44,7 +44,7 @@ class Content:
 
 
 class CutDisk:
-    """One disk, and the socket ``at`` by which QEMU finds the disk. ``seed``: decides which blocks of the cache survive."""
+    """A disk, and the socket ``at`` by which QEMU finds the disk. ``seed``: decides which blocks of the cache survive."""
 
     def __init__(self, file: Path, at: Path, seed: str, content: Content) -> None:
         self._at, self._random = at, random.Random(seed)

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from sim.vehicle.px4.mavlink import dialect
 
 Row = list[Any]
-DISTURBED = ("D_gps_loss", "D_ekf")  # recordings of which errors and accuracies are kept
+DISTURBED = ("D_gps_loss", "D_ekf")  # recordings with errors and accuracies kept
 _SUMMARY_LEVELS = 0x88  # of events that sum up the arming checks
 _SUMMARIES = (0x105C2D9, 0x106ED29, 0x12F1DC7, 0x198C273, 0x1D31BB9)  # and these: the modes that a check bars, and the like
 _AUTOPILOT = 1

@@ -37,6 +37,6 @@ def test_each_attack_is_of_a_kind_that_random_missions_leave_out() -> None:
     [(FULL, "56dc7659b53db322"), (SHORT, "c123ec4b0584c6d6"), (DEALT, "d353bfbef2c29c04"), (LIVE, "d1dbd5645ca26c85")],
 )
 def test_the_missions_of_earlier_seeds_stay_the_same(course, digest: str) -> None:
-    """Twenty seeds of campaigns whose results the documentation quotes: a kind that is drawn, too, would change them."""
+    """Twenty seeds of campaigns with results quoted in the documentation: another drawn kind would change them."""
     documents = [Mission(seed, course).drawn for seed in range(1_450_000, 1_450_005)]
     assert sha256(json.dumps(documents, sort_keys=True).encode()).hexdigest()[:16] == digest

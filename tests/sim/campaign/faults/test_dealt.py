@@ -66,7 +66,7 @@ def test_of_ten_missions_two_have_no_fault_one_of_them_with_frames_to_be_estimat
 
 
 def test_the_drone_to_which_an_old_command_comes_is_struck_by_nothing_else_but_a_slightly_wrong_clock() -> None:
-    """One whose agent is dead just then, or that is revoked, would not obey it anyway."""
+    """A drone with a dead agent, or a revoked one, would not obey it anyway."""
     hands = [deal(seed, DEALT).get("fault", []) for seed in range(500_000, 500_100)]
     held = [(hand, fault["target"]) for hand in hands for fault in hand if fault["kind"] == "old-command"]
     assert len(held) == 10
@@ -90,7 +90,7 @@ def test_where_a_localisation_jumps_or_a_clock_is_wrong_frames_are_estimated_of_
     assert len(held) >= 10
     for document in held:
         drones = document["mission"]["drones"]
-        if "sightings" not in document:  # one of ten: by satellites alone
+        if "sightings" not in document:  # a tenth: by satellites alone
             assert {drone["localization"] for drone in drones} == {"gnss"}
             continue
         assert {drone["localization"] for drone in drones} == {"rtk", "gnss", "slam"}

@@ -43,14 +43,14 @@ def test_an_observer_sees_the_truth_after_every_tick_and_ends_the_flight() -> No
     assert last.source is not None
     assert [pilot is None for pilot in last.pilots] == [command is None for command in last.commands] == [False, True, False]
     assert last.autopilots[0].armed
-    assert last.autopilots[0].setpoint_age_s is None  # it takes off
+    assert last.autopilots[0].setpoint_age_s is None  # takeoff
     assert last.sent[0] > 0 == last.sent[1]
     assert len(last.batteries) == 3
     assert all(0.5 < level <= 1.0 for level in last.batteries)
 
 
 def test_the_error_is_that_at_the_end_of_the_able_drones_tracking() -> None:
-    """d2 has returned while it heard nobody, with an estimate of its own; after the heal it holds that of the others again."""
+    """d2 has returned without any link, with an estimate of its own; after the heal it holds the others' estimate again."""
     log, source = Log(3), (30.0, 30.0)
     deaf, healed = (pilot(Stage.RETURN, hypothesis(x)) for x in (35.0, 30.5))
     tracking, lost = pilot(believed=hypothesis(30.5)), pilot(believed=hypothesis(50.0))
@@ -58,7 +58,7 @@ def test_the_error_is_that_at_the_end_of_the_able_drones_tracking() -> None:
     assert log.error_m == pytest.approx([0.5, 5.0, 20.0])
     log.see(moment(55.0, source=source, pilots=[tracking, healed, lost]), (0, 1))
     assert log.error_m == pytest.approx([0.5, 0.5, 20.0])
-    log.see(moment(70.0, source=(10.0, 10.0), pilots=[healed, healed, lost]), (0, 1))  # only one that is not able still tracks
+    log.see(moment(70.0, source=(10.0, 10.0), pilots=[healed, healed, lost]), (0, 1))  # only the third, not able, still tracks
     assert log.error_m == pytest.approx([0.5, 0.5, 20.0])
 
 

@@ -1,4 +1,4 @@
-"""A recorded pilot tells the invariants what a pilot does."""
+"""A recorded pilot gives the invariants the same data as a pilot."""
 
 import pytest
 

@@ -37,7 +37,7 @@ def truth(time_s: float, x: float = 10.0, z: float = 3.0) -> Truth:
 def wrong(
     x: float, sigma_m: float = 0.1, yaw_rad: float = 0.0, z: float = 3.0, seconds: float = 4.0, epoch: int = 0
 ) -> list[str]:
-    """What is wrong with the poses that d1, launched at (8, 2), tells at (10, 10)."""
+    """Faults in the poses of d1, launched at (8, 2), published at (10, 10)."""
     judged, set_ = OwnPose(), moments.setting()
     for time_s in (0.0, 0.9):
         judged.check(_pose(time_s, 10.0, 0.1, 0.0, 0), [truth(time_s)], 0, set_)  # in the frame in which it began
@@ -59,7 +59,7 @@ def test_a_pose_that_cannot_be_is_told_once_it_lasts() -> None:
     assert wrong(10.5) == []
     (text,) = wrong(13.0)
     assert "3.0 m from where it is, sigma 0.10 m" in text
-    assert wrong(13.0, sigma_m=0.6) == []  # it says so
+    assert wrong(13.0, sigma_m=0.6) == []  # reported
     assert wrong(13.0, seconds=1.5) == []
     assert wrong(13.0, z=0.1) == []  # on the ground
     assert wrong(13.0, epoch=1) == []  # another frame, which the judge does not know
@@ -83,7 +83,7 @@ def judge() -> LiveJudge:
 
 
 def test_a_pose_is_held_against_the_truth_of_its_time_however_late_that_comes() -> None:
-    """At 5 m/s; and what is told after the last truth is not judged at all."""
+    """At 5 m/s; poses after the last truth are not judged at all."""
     one, wrong_ = judge(), judge()
     times_s = [0.1 * k for k in range(100)]
     for seconds in (times_s[:20], times_s[20:60]):  # the launcher reads the messages of 4 s before the truths of these

@@ -1,4 +1,4 @@
-"""A live mission with faults, without its flight: what is kept of it."""
+"""A live mission with faults, without its flight: its record."""
 
 from __future__ import annotations
 

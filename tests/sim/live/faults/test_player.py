@@ -64,7 +64,7 @@ CUT = LinkState(cut=True)
 
 
 class Fakes:
-    """Agents, relays and world that note what is asked of them."""
+    """Agents, relays and world that note the requests to them."""
 
     def __init__(self, folder: Path) -> None:
         self.done: list[tuple[object, ...]] = []
@@ -113,7 +113,7 @@ def player(fakes: Fakes, *faults: AnyFault) -> FaultPlayer:
 
 
 def played(tmp_path: Path, *faults: AnyFault, times_s: Sequence[float] = (0.0, 1.0, 2.0), ended: str = "") -> Fakes:
-    """What is done at these times, for three drones side by side."""
+    """Actions at these times, for three drones side by side."""
     fakes = Fakes(tmp_path)
 
     async def run() -> None:
@@ -131,7 +131,7 @@ def played(tmp_path: Path, *faults: AnyFault, times_s: Sequence[float] = (0.0, 1
 def test_processes_are_killed_stopped_started_again_and_started_late(tmp_path: Path) -> None:
     killed = Kill(target="d1", at_s=0.5, for_s=1.0)
     assert played(tmp_path, killed, ended="d1").done == [("SIGKILL", "d1"), ("start", "d1")]
-    late_too = played(tmp_path, killed, Late(target="d1", at_s=1.2)).done  # it is running when the kill is over
+    late_too = played(tmp_path, killed, Late(target="d1", at_s=1.2)).done  # running when the kill is over
     assert late_too == [("SIGKILL", "d1"), ("start", "d1")]
     frozen = Freeze(target="d2", at_s=0.0, for_s=1.0)
     assert played(tmp_path, frozen).done == [("SIGSTOP", "agent of", "d2"), ("SIGCONT", "agent of", "d2")]

@@ -1,4 +1,4 @@
-"""What one direction of an impaired link does to packets."""
+"""Effect of one direction of an impaired link on packets."""
 
 from __future__ import annotations
 

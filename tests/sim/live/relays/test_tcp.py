@@ -1,4 +1,4 @@
-"""A TCP relay that is cut, frozen, delayed or slow: nothing is lost, and nobody is told."""
+"""A TCP relay that is cut, frozen, delayed or slow: nothing is lost, and nothing is reported."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def test_air_kerma_of_the_natural_series() -> None:
 
 def test_two_codes_agree_on_the_natural_series() -> None:
     """Analogue transport that counts crossings, and weighted transport by which the agent's background is computed."""
-    edges = MIN_KEV * (MAX_GROUP_KEV / MIN_KEV) ** (np.arange(GROUPS + 7) / GROUPS)  # those of the truth, and on to 2.9 MeV
+    edges = MIN_KEV * (MAX_GROUP_KEV / MIN_KEV) ** (np.arange(GROUPS + 7) / GROUPS)  # the truth's edges, and on to 2.9 MeV
     hard = edges[:-1] >= 250.0  # keV
     for series, (lines, published) in enumerate(zip(SERIES, PUBLISHED, strict=True)):
         heights = LEVELS_M[[LEVEL_1_M, LEVEL_10_M]]
@@ -89,13 +89,13 @@ def test_natural_background_is_brighter_from_below() -> None:
 
 
 def test_a_flux_falls_with_the_height_by_air_alone() -> None:
-    """Over an infinite plane: a tenth in 30 m, for 1461 keV and what it becomes."""
+    """Over an infinite plane: a tenth in 30 m, for 1461 keV and its scattered photons."""
     series = natural_series("soil")[0].sum(axis=1)[:, GROUPS]
     assert 0.7 < series[-1] / series[1] < 0.9
 
 
 def test_a_source_above_the_ground_is_scattered_over_a_wide_patch() -> None:
-    """5 m away and 5 m up, less than half of what is scattered comes from within 25 degrees of a source 1 m above the soil."""
+    """5 m away and 5 m up, less than half of the scattered photons come from within 25 degrees of a source 1 m above the soil."""
     on, above = (point_field("Cs-137", "soil", place).times_square(5.0, 5.0)[:, :GROUPS].sum(axis=1) for place in (0.0, 1.0))
     assert on[TOWARDS] > 0.7 * on.sum()
     assert above[TOWARDS] < 0.6 * above.sum()

@@ -12,7 +12,7 @@ REFUSAL = {"kind": "refusal", "at_s": 9.0, "target": "d3"}
 
 
 def judged(pilots_at, *faults, seconds=30.0):
-    """What is told from the heal on, with the drones, and whether they ever agreed. ``pilots_at``: the pilots at a time."""
+    """Violations from the heal on, with the drones, and whether they ever agreed. ``pilots_at``: the pilots at a time."""
     invariant = Converged(moments.setting(*faults))
     times_s = moments.HEAL_S + TICK_S * np.arange(round(seconds / TICK_S))
     seen = [moments.moment(float(t), pilots=pilots_at(float(t))) for t in times_s]
@@ -43,7 +43,7 @@ def test_of_two_versions_of_one_entry_each_drone_keeps_the_first() -> None:
 
 
 def test_logs_that_are_never_equal_as_new_entries_come_all_the_time() -> None:
-    """140 entries a second, of which some drones have the newest ones, others those of half a second ago."""
+    """140 entries a second: some drones have the newest ones, others only entries older than half a second."""
 
     def measuring(time_s):
         newest = round(140 * (time_s - 40.0))
@@ -84,7 +84,7 @@ def test_hypotheses_of_different_times() -> None:
 
 
 class Agent:
-    """One whose log is a list of numbers, and whose hypothesis follows from their sum, at one time.
+    """An agent with a list of numbers as its log; its hypothesis follows from their sum, at one time.
 
     ``short``: its answers lack the last entry. ``ordered``: its hypothesis follows from the order of arrival, too.
     """

@@ -1,4 +1,4 @@
-"""What is not known exactly: each invariant is shown what it must not accept, and beside it what it must."""
+"""Uncertain quantities: each invariant is shown violations, and beside them cases that it must accept."""
 
 from types import SimpleNamespace
 
@@ -24,7 +24,7 @@ LIAR = {"kind": "lie", "at_s": 4.0, "what": "counts", "target": "d2"}
 
 
 def found(invariant, make, seconds):
-    """Who violates it, ``make(time_s)`` being the moments."""
+    """Drones in violation, ``make(time_s)`` being the moments."""
     times_s = np.arange(0.0, seconds, 0.05).tolist()
     told = [one for time_s in times_s for one in invariant.look(make(time_s))]
     return [one.drones for one in told + invariant.finish(make(times_s[-1]))]
@@ -79,7 +79,7 @@ def test_a_source_that_is_taken_to_rest_for_a_moment(still_s, expected) -> None:
 
 @pytest.mark.parametrize(("late_s", "expected"), [(0.0, []), (4.0, [("d1",)])])
 def test_a_source_that_is_taken_to_rest_for_seconds_but_not_excluded(late_s, expected) -> None:
-    """Those 7 s are 5.9 sigma off at most, and tell nearly all of the lag; one that shows in the rest, too, counts."""
+    """The 7 s are 5.9 sigma off at most, and show nearly all of the lag; a lag visible in the rest, too, counts."""
     setting = moments.setting()
     setting.scenario = SimpleNamespace(source=SimpleNamespace(motion="circle"), fault=[])
 
@@ -120,7 +120,7 @@ class Measured:
         (Measured(0.4, 0.01), (CLOCK,), []),
         (Measured(2.0, 0.1, count=4), (CLOCK,), [("d1",)]),
         (Measured(2.0, 0.1, count=3), (CLOCK,), []),
-        (Measured(2.0, 0.1, told_m=0.0), (CLOCK,), []),  # it does not know it
+        (Measured(2.0, 0.1, told_m=0.0), (CLOCK,), []),  # error unknown to the drone
         (Measured(2.0, 0.1), (CLOCK, LIAR), []),
         (Measured(2.0, 0.1), (CLOCK, {"kind": "clock", "at_s": 4.0, "jump_s": -6.0}), []),  # of all of them
         (Measured(2.0, 0.1), (CLOCK, {"kind": "clock", "at_s": 4.0, "drift_ppm": 600.0}), [("d1",)]),

@@ -1,4 +1,4 @@
-"""Each invariant is shown what it must not accept, and beside it what it must."""
+"""Each invariant is shown violations, and beside them cases that it must accept."""
 
 import math
 
@@ -122,7 +122,7 @@ def test_a_queue_that_grows() -> None:
 
 
 def excluding(*faults, seconds=6.0):
-    """What is told of a drone that holds for that long that the source is 6.4 sigma from where it is."""
+    """Violations of a drone that believes for ``seconds`` in a source position 6.4 sigma from the true one."""
     pilots = moments.changed(1, moments.pilot(believed=moments.hypothesis(x=33.2)), moments.pilot)
     times = np.arange(10.0, 10.0 + seconds, 0.05)
     return told(TruthPossible(moments.setting(*faults)), *(moments.moment(float(time_s), pilots=pilots) for time_s in times))
@@ -134,11 +134,11 @@ def test_a_hypothesis_that_excludes_the_truth() -> None:
     assert excluding({"kind": "camera-gain", "at_s": 5.0, "target": "d3"}) == []
     assert excluding({"kind": "camera-gain", "at_s": 30.0, "target": "d3"}) == [("d2",)]
     assert excluding({"kind": "loss", "at_s": 5.0, "probability": 0.5}) == [("d2",)]
-    assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d2"}) == []  # nobody is told what it believes
+    assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d2"}) == []  # its estimate reaches no drone
     assert excluding({"kind": "revoked", "at_s": 5.0, "target": "d3"}) == [("d2",)]
 
 
-@pytest.mark.parametrize(("east_m2", "expected"), [(0.25, [("d2",)]), (0.0, [])])  # one without any is given by the mission
+@pytest.mark.parametrize(("east_m2", "expected"), [(0.25, [("d2",)]), (0.0, [])])  # zero variance: given by the mission
 def test_a_hypothesis_without_a_covariance_in_one_direction_excludes_the_truth(east_m2, expected) -> None:
     believed = moments.hypothesis(x=30.1)
     believed.covariance = np.diag([east_m2, 0.0, 0.0])
@@ -203,8 +203,8 @@ def test_whose_battery_may_be_nearly_empty_in_the_air(kind, agent_lost, lives, m
 
 
 def unsuspected(*faults, suspects=(), unknown=(), by="d1", sightings=True, seconds=12.0, gone="", **changes):
-    """What is told of ``seconds`` after a jump of 20 m that nobody announces; ``faults``: others before it; ``suspects``,
-    ``unknown``: the drones that one suspects, and whose frames it does not know.
+    """Violations in the ``seconds`` after an unannounced jump of 20 m; ``faults``: others before it; ``suspects``,
+    ``unknown``: the drones that ``by`` suspects, and the drones with frames unknown to it.
     """
     jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False} | changes
     one = moments.pilot(suspects=suspects, unknown=unknown)
@@ -254,7 +254,7 @@ def test_who_has_lied_about_places_tells_nothing_of_the_place_of_another(lie, ex
         ({"kind": "range", "at_s": 11.0, "range_m": 9.0}, []),
         ({"kind": "range", "at_s": 11.0, "range_m": 40.0}, [("d2",)]),
         ({"kind": "revoked", "at_s": 11.0, "target": "d2"}, []),
-        ({"kind": "revoked", "at_s": 11.0, "target": "d3"}, []),  # one is left that hears it
+        ({"kind": "revoked", "at_s": 11.0, "target": "d3"}, []),  # d1 is left and hears it
         ({"kind": "clock", "at_s": 11.0, "target": "d2", "jump_s": 4.0}, []),
     ],
 )
@@ -303,9 +303,9 @@ def test_sightings_that_keep_the_frame_of_a_drone_right_whose_slam_drifts_leave_
         pilots = moments.changed(1, moments.pilot(placed=moments.whereabouts(x=x)), moments.pilot)
         return told(Named(setting), *(moments.moment(float(t), pilots=pilots) for t in np.arange(5.0, 30.0, 0.05))) == [("d2",)]
 
-    assert not unnamed("slam", x=20.5)  # where it is: 20.0
+    assert not unnamed("slam", x=20.5)  # true position: 20.0
     assert unnamed("slam", x=23.0)
-    assert unnamed("gnss", x=20.5)  # its fixes contradict what the others see
+    assert unnamed("gnss", x=20.5)  # its fixes contradict the others' sightings
 
 
 def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
@@ -320,7 +320,8 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
 
 
 def unnamed(named_s, *, seconds=5.0, gone=""):
-    """Who does not name d2, whose key is copied from 10 s on; d1 and d3 do from ``named_s`` on. ``gone``: has no agent."""
+    """Drones that do not name d2 after its key is copied at 10 s; d1 and d3 name it from ``named_s`` on. ``gone``: has no
+    agent."""
     invariant = Impersonated(moments.setting({"kind": "copied-key", "at_s": 10.0, "for_s": 20.0, "target": "d2"}))
     said, found = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of", []
     for time_s in np.arange(9.0, 10.0 + seconds, 0.05):
@@ -345,8 +346,8 @@ def test_a_copied_key_is_no_excuse_for_coming_nearer() -> None:
 
 
 def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.7, motion="static"):
-    """What is told of a drone whose hypothesis, of 0.5 m on each axis, is wrong by so much within these times, and by
-    ``else_m`` else; ``motion``: of the source.
+    """Violations of a drone with a hypothesis of 0.5 m on each axis, wrong by ``off_m`` within these times, and by ``else_m``
+    else; ``motion``: of the source.
     """
     setting = moments.setting(*faults)
     setting.scenario = replace(setting.scenario, source=replace(setting.scenario.source, motion=motion))
@@ -365,7 +366,7 @@ def too_sure(*faults, off_m=2.5, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.
 def test_a_hypothesis_that_is_too_sure_of_itself_over_a_flight() -> None:
     assert too_sure() == [("d2",)]
     assert too_sure(off_m=2.0) == []
-    assert too_sure(off_m=2.0, motion="wander") == [("d2",)]  # 16, which one draw exceeds too often
+    assert too_sure(off_m=2.0, motion="wander") == [("d2",)]  # 16, exceeded too often by a single draw
     assert too_sure(off_m=1.7, motion="wander") == []
     assert too_sure(seconds=9.0) == []
     assert too_sure({"kind": "camera-gain", "at_s": 12.0, "target": "d3"}) == []
@@ -417,7 +418,7 @@ def test_an_agent_that_holds_more_than_its_log() -> None:
 
 
 def ending(*faults, **changes):
-    """Who has not ended as it must, of drones that are still in the air."""
+    """Drones still in the air that have not ended as required."""
     invariant = Landed(moments.setting(*faults))
     invariant.look(moments.moment(moments.HEAL_S))
     return [violation.drones[0] for violation in invariant.finish(moments.moment(moments.END_S, **changes))]
@@ -472,7 +473,8 @@ def test_whose_autopilot_acts_may_land_although_the_reserve_is_small(reserve, ac
 
 
 def out_without(agent_lost, *faults, pilots=None, mode=FlightMode.HOLD):
-    """Who has not ended as it must where the autopilots do that without their agents; all are in the air, in this mode."""
+    """Drones that have not ended as required by ``agent_lost``, the autopilots' action without agents; all are in the air, in
+    this mode."""
     setting = moments.setting(*faults)
     setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, agent_lost=agent_lost))
     invariant = Landed(setting)
@@ -558,7 +560,7 @@ REFUSED = {"kind": "refusal", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
         ("return", "slam", FROZEN | {"target": "d2"}, ["d1"]),
         ("land", "rtk", FROZEN, []),
         ("land", "rtk", FROZEN | {"target": "d2"}, ["d1"]),
-        ("hold", "slam", FROZEN, ["d1"]),  # it holds, as any
+        ("hold", "slam", FROZEN, ["d1"]),  # holds, as any
         ("land", "slam", FROZEN, []),
         ("land", "rtk", UNHEARD, []),
         ("land", "rtk", IMPAIRED, []),
@@ -591,7 +593,7 @@ def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_he
         ([{"kind": "clock", "at_s": 5.0, "target": "d1", "jump_s": 1.0}], (0, 1, 2)),
         ([lie | {"what": "cone"}], (1, 2)),  # its log and the others' differ for ever
         ([lie | {"what": "pose"}], (0, 1, 2)),
-        ([{"kind": "takeover", "at_s": 5.0, "for_s": 5.0, "target": "d1"}], (1, 2)),  # it waits for the operator
+        ([{"kind": "takeover", "at_s": 5.0, "for_s": 5.0, "target": "d1"}], (1, 2)),  # waits for the operator
         ([{"kind": "mavlink-loss", "at_s": 5.0, "for_s": 5.0, "target": "d1", "probability": 1.0}], (0, 1, 2)),
         ([{"kind": "loss", "at_s": 5.0, "for_s": 45.0, "probability": 0.5}], (0, 1, 2)),
         ([{"kind": "loss", "at_s": 5.0, "probability": 0.5}], ()),

@@ -1,4 +1,5 @@
-"""Where drones take themselves and others to be: each invariant is shown what it must not accept, and beside it what it must."""
+"""Position estimates of drones and of their peers: each invariant is shown violations, and beside them cases that it must
+accept."""
 
 from math import inf
 
@@ -32,7 +33,7 @@ def with_localization(scenario, localization):
 
 
 def seen(invariant, one, *, seconds=7.0, **changes):
-    """Who violates it while the first drone's pilot is this one; in flight and at the end."""
+    """Drones in violation while ``one`` is the first drone's pilot; in flight and at the end."""
     pilots = moments.changed(0, one, moments.pilot)
     times_s = np.arange(10.0, 10.0 + seconds, 0.05)
     found = [one for time_s in times_s for one in invariant.look(moments.moment(float(time_s), pilots=pilots, **changes))]
@@ -50,7 +51,7 @@ def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
     assert seen(OwnPlace(moments.setting()), placed(x=10.9)) == []
     assert seen(OwnPlace(moments.setting()), placed(x=11.5), seconds=4.9) == []
     assert seen(OwnPlace(moments.setting(JUMP | {"target": "d1", "for_s": 9.0})), placed(x=11.5)) == []
-    assert seen(OwnPlace(moments.setting()), placed(x=11.5), told_s=[9.0, 10.0, 10.0]) == []  # it does not hear its vehicle
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5), told_s=[9.0, 10.0, 10.0]) == []  # vehicle not heard
 
 
 def test_a_drone_that_takes_itself_to_point_elsewhere() -> None:
@@ -125,7 +126,7 @@ def test_a_drone_that_is_too_sure_of_its_heading() -> None:
 def test_a_drone_in_flight_knows_where_it_took_off(home_m, faults, expected) -> None:
     stored = Memory(
         mission="m", stamp_ns=0, started_ns=0, stage=Stage.TRACK, resume=Stage.TRACK, home_m=home_m
-    )  # the first moment's places are those of the launch
+    )  # the first moment has the launch places
     told = moments.pilot(placed=moments.SOMEWHERE, memory=stored)
     assert seen(KnowsHome(moments.setting(*faults)), told) == expected
     assert seen(KnowsHome(moments.setting(*faults)), told, seconds=4.0) == []
@@ -138,7 +139,7 @@ def reckons(placed=moments.SOMEWHERE, **of):
 
 
 def test_another_drone_that_is_nearer_than_believed() -> None:
-    """The other one is 10 m away, d3 too; who reckons with nobody is told of once for each."""
+    """The other drone is 10 m away, d3 too; a drone that accounts for no peer is reported once for each."""
 
     def told(one, *faults, **changes):
         return [drones for drones in seen(Reckoned(moments.setting(*faults)), one, **changes) if drones[1] == "d2"]
@@ -149,7 +150,7 @@ def test_another_drone_that_is_nearer_than_believed() -> None:
     assert told(reckons(other=(25.0, 10.0, 3.0), sigma_m=0.7)) == []
     assert told(reckons(other=(13.0, 10.0, 3.0))) == []
     assert told(reckons(other=(25.0, 10.0, 3.0)), seconds=1.4) == []
-    assert told(moments.pilot(placed=moments.SOMEWHERE)) == []  # somebody else flies it
+    assert told(moments.pilot(placed=moments.SOMEWHERE)) == []  # flown by a pilot
     assert told(reckons(name="d3", placed=None)) == []
     assert told(reckons(name="d3"), JUMP) == []
     assert told(reckons(name="d3"), {"kind": "late", "at_s": 5.0, "target": "d1"}) == []
@@ -189,7 +190,7 @@ def test_a_circle_is_kept_from_all_around_and_not_where_it_is_nearest_alone(at, 
 
 
 def test_a_circle_is_around_the_source_estimate_of_the_one_that_flies_on_it() -> None:
-    """d2 is 12 m before the circle that d1 keeps from for its sake, and on the one around its own source estimate."""
+    """d2 is 12 m before the circle that d1 keeps clear for it, and on the circle around its own source estimate."""
 
     def told(theirs, radius_m=18.0):
         kept = reckons(other=(27.0, 10.0, 3.0), away=np.array([[-1.0, 0.0]]), radius_m=radius_m)
@@ -262,10 +263,10 @@ def test_others_keep_clear_of_the_home_of_one_that_is_revoked(home_m, revoked_s,
     ("revoked_s", "spoofed_s", "told_x", "expected_x", "expected"),
     [
         (8.0, 9.5, 28.0, 28.0, []),
-        (8.0, 9.5, 28.0, 33.0, [("d1", "d2")]),  # nor where it takes itself to be
-        (8.0, 9.5, 12.0, 20.0, []),  # it is seen where it is
-        (8.0, 6.0, 28.0, 28.0, []),  # they had heard each other while it was spoofed, and it went on
-        (8.0, 4.0, 28.0, 28.0, [("d1", "d2")]),  # it told that it had jumped back, and its doubt
+        (8.0, 9.5, 28.0, 33.0, [("d1", "d2")]),  # not at its own position estimate either
+        (8.0, 9.5, 12.0, 20.0, []),  # sighted at its true position
+        (8.0, 6.0, 28.0, 28.0, []),  # heard each other during the spoofing, and it went on
+        (8.0, 4.0, 28.0, 28.0, [("d1", "d2")]),  # published its jump back, and its uncertainty
         (inf, 9.5, 28.0, 28.0, [("d1", "d2")]),
     ],
 )
