@@ -1,4 +1,4 @@
-"""Mission and drone files: errors in one line, with the file, the key and what is allowed."""
+"""Mission and drone files: errors in one line, with the file, the key and the allowed values."""
 
 from pathlib import Path
 from typing import Any

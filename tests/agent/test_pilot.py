@@ -1,4 +1,4 @@
-"""The pilot alone: what it publishes, what it refuses, and that no input can stop it."""
+"""The pilot alone: its messages, its refusals, and its resistance to any input."""
 
 from itertools import pairwise
 
@@ -46,7 +46,7 @@ def test_a_drone_that_is_not_in_the_mission():
 
 @pytest.mark.parametrize("epoch", [0, 1])
 def test_a_drone_whose_localisation_jumped_before_its_agent_was_started_does_not_know_where_it_stands_and_does_not_start(epoch):
-    """It took off, and three others, which did not know where either, flew home through it (0.3 m)."""
+    """The drone took off, and three others, without its position either, flew home through it (0.3 m)."""
     one = pilot()
     one.observe_vehicle(state(START_NS, armed=False, in_air=False, epoch=epoch))
     one.step(START_NS)
@@ -148,7 +148,7 @@ def test_differing_missions_refuse_to_start():
 
 @pytest.mark.parametrize(("began_s", "expected_s"), [(-300, -300), (-100_000, 0), (5, 0), (None, 0)])
 def test_who_is_started_later_begins_with_the_others(began_s, expected_s):
-    """So all leave out the same of what was measured before. Nobody has been flying for more than a day, or will have begun."""
+    """So all leave out the same earlier measurements. No drone has been flying for more than a day, or begins in the future."""
     one = pilot()
     one.observe_vehicle(state(START_NS))
     began_ns = None if began_s is None else START_NS + began_s * SECOND
@@ -164,7 +164,7 @@ def test_who_is_started_later_begins_with_the_others(began_s, expected_s):
 
 
 def test_who_is_started_later_believes_most_of_the_others_of_when_they_began():
-    """One that lied had it count what the others leave out: with one log it had another hypothesis."""
+    """A liar made it count entries that the others leave out: with the same log it had another hypothesis."""
     mission = replace(MISSION, drones=tuple(DroneInMission(id=f"d{number}") for number in range(1, 5)))
     one = pilot(mission=mission)
     one.observe_vehicle(state(START_NS))
@@ -206,7 +206,7 @@ def test_exposures_follow_each_other_without_gaps():
         if tick:
             published = one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, START_NS, 0.2, none))
             found += [decode_from(key, payload) for key, payload in published]
-        assert not messages(one.step(now_ns), Exposure)  # they have left already
+        assert not messages(one.step(now_ns), Exposure)  # already sent
     assert len(found) == 16
     assert all(before.end_ns == after.stamp_ns for before, after in pairwise(found))
     assert all(entry.live_time_s == pytest.approx((entry.end_ns - entry.stamp_ns) * 1e-9) for entry in found)
@@ -225,7 +225,7 @@ def test_nothing_from_outside_stops_the_flight(data):
         for known in partner(now_ns):
             one.receive(key_of("radron", known), encode(known), now_ns)
         message = data.draw(schema_messages.messages())
-        if data.draw(st.booleans()):  # of a member of this mission, and newer than what is known of it
+        if data.draw(st.booleans()):  # of a member of this mission, and newer than its known messages
             message = replace(message, stamp_ns=now_ns + 1)
             message = replace(message, drone="d2") if hasattr(message, "drone") else message
             message = replace(message, mission=MISSION.mission_id) if hasattr(message, "mission") else message
@@ -271,7 +271,7 @@ def test_without_telemetry_a_vehicle_is_left_to_the_failsafe_it_was_in():
     one = started()
     seen_ns, late_ns = START_NS + TICK_NS, START_NS + 2 * SECOND
     one.observe_vehicle(replace(state(seen_ns, FlightMode.RETURN), healthy=False))
-    assert one.step(seen_ns).command.setpoint is not None  # which ends a failsafe for want of setpoints
+    assert one.step(seen_ns).command.setpoint is not None  # ends a failsafe for want of setpoints
     assert one.step(late_ns).command == VehicleCommand(Request.OFFBOARD)
     one.observe_vehicle(state(late_ns + TICK_NS, FlightMode.OFFBOARD))
     assert one.step(late_ns + TICK_NS).command.setpoint is not None
@@ -307,7 +307,7 @@ def test_a_copy_of_a_landing_command_does_not_take_the_vehicle_from_a_human_pilo
     assert step.command.request is Request.RELEASE
     one.receive(*landing, now_ns)
     assert one.step(now_ns).command.request is Request.RELEASE
-    one.receive(*command(Action.LAND, stamp_ns=now_ns), now_ns)  # a new one is what the operator wants now
+    one.receive(*command(Action.LAND, stamp_ns=now_ns), now_ns)  # a new command is the operator's present will
     assert one.step(now_ns).command.request is Request.LAND
 
 
@@ -323,7 +323,7 @@ def test_a_frame_that_jumps_does_not_move_the_drone():
         )
         setpoint = one.step(now_ns).command.setpoint
         (x, y, z), velocity = setpoint.position_m, setpoint.velocity_mps
-        assert np.hypot(x - jumped - place[0], y + jumped - place[1]) < 7.0  # it leads the vehicle, in turns by 4 m and more
+        assert np.hypot(x - jumped - place[0], y + jumped - place[1]) < 7.0  # leads the vehicle, in turns by 4 m and more
         place = place[0] + velocity[0] / 20, place[1] + velocity[1] / 20, place[2] + velocity[2] / 20
     assert one.counters["waited_without_frame"] == 0
     assert np.hypot(*velocity[:2]) > 2.0

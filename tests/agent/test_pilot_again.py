@@ -16,11 +16,11 @@ GROUND = {"armed": False, "in_air": False, "position": (2.0, 1.0, 0.0)}
 def landed():
     """Two minutes after its first start: it has tracked, and stands on the ground."""
     one = tracking()
-    for tick in range(200):  # ten seconds more, of which it tells where it has searched
+    for tick in range(200):  # ten seconds more, with reports of its searched area
         now_ns = START_NS + 5 * SECOND + tick * SECOND // 20
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(0.1 * tick, 0.0, 3.0)))
         one.step(now_ns)
-    for before_s in (5, 1):  # one report alone does not end a flight
+    for before_s in (5, 1):  # a single report does not end a flight
         one.observe_vehicle(state(AGAIN_NS - before_s * SECOND, **GROUND))
         one.step(AGAIN_NS - before_s * SECOND)
     assert one.stage is Stage.LANDED
@@ -65,7 +65,7 @@ def test_a_start_of_drones_that_still_fly_the_first_mission_joins_them() -> None
     one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
     one.step(AGAIN_NS)
     assert one.stage is Stage.TAKEOFF
-    assert one.hypothesis is not None  # what they have found by now
+    assert one.hypothesis is not None  # found by the swarm so far
 
 
 def mission_id(one):

@@ -19,7 +19,7 @@ def signed(entry):
 
 
 def versions():
-    """A cone, another one of the same stamp and number, and one of the same number and another stamp."""
+    """A cone, another of the same stamp and number, and a third of the same number and another stamp."""
     (cone,) = cones([NUMBER])
     order, other = cone.orders
     turned = replace(cone, orders=(replace(order, axis=other.axis), replace(other, axis=order.axis)))
@@ -87,7 +87,7 @@ def test_drones_that_were_told_different_versions_find_out_and_tell_the_operator
 
 
 def test_without_the_drones_signature_a_second_version_changes_nothing():
-    """Else anybody could take a drone's measurements out of the swarm's logs."""
+    """Else an attacker could take a drone's measurements out of the swarm's logs."""
     one, plain = (after(credential(), versions()[0]) for _ in range(2))
     give(one, replace(versions()[1], proof=versions()[0].proof), now_ns=START_NS + 8 * SECOND)
     assert one.digest == plain.digest

@@ -26,7 +26,7 @@ def settle(*pilots):
 
 
 def exchange(asking, asked):
-    """One query; how many replies it got."""
+    """Send one query; return the number of replies."""
     replies = asked.log_answer(asking.log_summary())
     for key, payload in replies:
         asking.receive(key, payload, END_NS)

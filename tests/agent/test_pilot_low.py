@@ -11,7 +11,7 @@ from protocol.messages import Action, Stage
 
 @pytest.mark.parametrize(("before", "action"), [(Action.LAND, Action.RETURN), (None, Action.RESUME)])
 def test_it_flies_sideways_only_above_the_floor(before, action):
-    """It flew 3 m/s at 0.8 m above ground, on its way home or around the source."""
+    """The drone flew 3 m/s at 0.8 m above ground, on its way home or around the source."""
     one, now_ns, place = tracking(), START_NS + 5 * SECOND, (0.0, 0.0, 3.0)
     velocity = (0.0, 0.0, 0.0)
 
@@ -37,6 +37,6 @@ def test_it_flies_sideways_only_above_the_floor(before, action):
     assert one.stage is (Stage.HOLD if before is None else Stage.LANDING)
     one.receive(*command(action, stamp_ns=now_ns), now_ns)
     flight = list(flown(4.0))
-    assert max(speed for height, speed, _ in flight if height < MISSION.area.floor_m) < 0.1  # it is told to rise on the spot
+    assert max(speed for height, speed, _ in flight if height < MISSION.area.floor_m) < 0.1  # commanded to rise on the spot
     assert max(speed for _, speed, _ in flight) > 1.0
     assert flight[-1][2] in ((Stage.RETURN,) if action is Action.RETURN else (Stage.TRACK, Stage.REACQUIRE))

@@ -1,4 +1,4 @@
-"""A revoked drone signs that it obeys and flies home: who believes it, and who may not say it."""
+"""A revoked drone signs that it obeys and flies home: the drones that believe it, and the senders that may not say it."""
 
 import msgspec
 import pytest
@@ -18,7 +18,7 @@ from protocol.signing import sign_obeying
 
 
 def obeying(one, now_ns):
-    """Those that a pilot passes on as obeying."""
+    """The drones that a pilot passes on as obeying."""
     ((_, payload),) = passed_on(one, now_ns)
     return tuple(word.drone for word in decode(payload).obeying)
 
@@ -44,7 +44,7 @@ def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode,
 
 
 def test_a_revoked_drone_that_has_no_telemetry_any_more_does_not_tell_that_it_obeys():
-    """It hovers, on the circle it may be, which the others took to be free."""
+    """The drone hovers, possibly on the circle that the others took to be free."""
     one = full()
     one.observe_vehicle(state(START_NS))
     one.receive(*order(Action.START, START_NS), START_NS)
@@ -81,7 +81,7 @@ def test_a_revoked_drone_that_does_not_fly_tells_nothing():
 
 
 def believed(one):
-    """Whom a pilot takes to have left the circle, or to do so soon."""
+    """The drones that have left the circle in a pilot's view, or will soon."""
     return tuple(one._executive._navigator._neighbourhood._silent._obeys_ns)
 
 
@@ -96,7 +96,7 @@ def test_that_a_revoked_drone_obeys_is_believed_where_it_has_signed_it(teller):
 
 
 def test_a_word_is_not_passed_on_once_another_revocation_counts():
-    """Whoever knows that one alone would take it for forged."""
+    """A peer that knows the later revocation alone would reject the word as forged."""
     one = full()
     one.receive(*revocation(last={BOOT: 6}), START_NS)
     message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
@@ -104,7 +104,7 @@ def test_a_word_is_not_passed_on_once_another_revocation_counts():
     one.receive(*revocation(last={BOOT: 3}), START_NS)
     assert len(one.revocations) == 1
     assert obeying(one, START_NS) == ()
-    assert believed(one) == ("d2",)  # it is on its way home as before
+    assert believed(one) == ("d2",)  # on its way home as before
     message = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(word(one.revocations[0]),))
     one.receive(*keyed(message), START_NS + SECOND)
     assert obeying(one, START_NS + SECOND) == ("d2",)
@@ -113,7 +113,7 @@ def test_a_word_is_not_passed_on_once_another_revocation_counts():
 @pytest.mark.parametrize("teller", ["d2", "d3"])
 @pytest.mark.parametrize("attack", ["another signs", "no signature", "another revocation", "not revoked", "as an operator"])
 def test_that_a_drone_obeys_is_not_believed_unless_it_has_signed_just_that(attack, teller):
-    """Else any member could bring the others onto a circle on which one flies that has not heard of its revocation."""
+    """Else any member could bring the others onto the circle of a drone that has not heard of its revocation."""
     one = full()
     one.receive(*revocation(), START_NS)
     held = one.revocations[0]
@@ -142,19 +142,19 @@ def hear_two_sources(one):
 
 
 def test_that_a_revoked_drone_obeys_is_not_believed_where_its_key_has_shown_to_be_copied():
-    """Two sources have sent under its id: whoever has the copy may say so, while the drone itself circles on."""
+    """Two sources have sent under its id: the holder of the copy may say so, while the drone itself circles on."""
     one, now_ns = full(), START_NS + 2 * SECOND
     hear_two_sources(one)
     assert one._peers["d2"].sources.are_two(now_ns)
     one.receive(*revocation(), now_ns)
     message = Revoked(stamp_ns=now_ns, drone="d2", held=(), obeying=(word(one.revocations[0]),))
-    for later_s in (0, 1, 60):  # nor when the two are no longer shown
+    for later_s in (0, 1, 60):  # no change when the two are no longer shown
         one.receive(*keyed(message), now_ns + later_s * SECOND)
     assert believed(one) == ()
 
 
 def hears_that_the_copied_one_obeys(one, now_ns, *, copies):
-    """It finds the revocation, is told by d3 that d2 obeys, and does not believe it. ``copies``: it hears two sources before."""
+    """The pilot finds the revocation, hears from d3 that d2 obeys, and rejects that. ``copies``: two sources are heard before."""
     if copies:
         hear_two_sources(one)
     one.receive(*revocation(), now_ns + 2 * SECOND)
@@ -176,7 +176,7 @@ def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts():
 
 
 def test_that_its_key_has_shown_to_be_copied_is_known_after_restarts_on_the_ground():
-    """What is kept there is of no flight: a vehicle that flies after that is nobody's that this agent knows of."""
+    """Memory from the ground belongs to no flight: a vehicle that flies after that is unknown to this agent."""
     memory, down = None, {"armed": False, "in_air": False}
     for restart in range(3):
         now_ns = START_NS + 5 * restart * SECOND

@@ -120,7 +120,9 @@ def test_a_jump_that_was_announced_while_its_agent_was_down_leaves_it_without_it
 
 
 def test_a_drone_that_will_never_know_its_frame_waits_where_it_is_and_lands_soon():
-    """It has no way home, and others kept clear of all where it might be for two minutes, and landed beside their homes."""
+    """The drone has no way home, and others kept clear of all its possible positions for two minutes, and landed beside their
+    homes.
+    """
     one, _ = back(epoch=1)
     places, stages = [], []
     for tick in range(1, 12 * 20):
@@ -387,7 +389,7 @@ def test_an_operator_resumes_a_flight_that_it_knows_nothing_of_as_the_others_fly
     began_ns = START_NS + 3 * SECOND
     told = Status(stamp_ns=BACK_NS, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK, started_ns=began_ns)
     fly(one, BACK_NS, 1.0, FlightMode.HOLD)
-    assert one.memory.started_ns == 0  # nobody has been heard yet
+    assert one.memory.started_ns == 0  # no peer heard yet
     one.receive(key_of("radron", told), encode(told), BACK_NS + SECOND)
     fly(one, BACK_NS + SECOND, 1.0, FlightMode.HOLD)
     assert (one.memory.started_ns, one.memory.home_m) == (began_ns, MISSION.member("d1").origin_m)
@@ -398,7 +400,7 @@ def test_an_operator_resumes_a_flight_that_it_knows_nothing_of_as_the_others_fly
 
 
 def test_a_command_to_a_flight_that_it_knows_nothing_of_begins_no_mission():
-    """The mission seemed to have begun with the return: it left out, for good, what the others had measured before."""
+    """The mission seemed to have begun with the return: the agent left out, for good, the others' earlier measurements."""
     one, _ = back(memory=None)
     fly(one, BACK_NS, 1.0, FlightMode.HOLD)
     now_ns, began_ns = BACK_NS + SECOND, START_NS + 3 * SECOND
@@ -414,7 +416,7 @@ def test_a_command_to_a_flight_that_it_knows_nothing_of_begins_no_mission():
 
 
 def test_one_that_resumes_alone_leaves_out_what_is_older_than_any_flight():
-    """Entries of another day came to it from those that had landed."""
+    """Entries of another day came to it from landed drones."""
     one, _ = back(memory=None)
     fly(one, BACK_NS, 1.0, FlightMode.HOLD)
     now_ns = BACK_NS + SECOND
@@ -447,7 +449,7 @@ def test_what_it_covered_before_is_not_searched_again():
     one = pilot("d2", memory=replace(KEPT, home_m=None), boot=NEW_BOOT)  # its frame is the mission's
     here = {"position": (1.0, 25.0, 3.0), "healthy": False}
     down = Status(stamp_ns=BACK_NS, drone="d1", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.LANDED)
-    one.receive(key_of("radron", down), encode(down), BACK_NS)  # or it would wait for that one, and search in its layer
+    one.receive(key_of("radron", down), encode(down), BACK_NS)  # or it would wait for that drone, and search in its layer
     one.observe_vehicle(state(BACK_NS, FlightMode.RETURN, **here))
     one.step(BACK_NS)
     for sequence, x in enumerate((5.0, 15.0, 25.0, 35.0)):
@@ -482,7 +484,7 @@ def test_a_landing_goes_on_whose_agent_was_restarted_before_the_autopilot_showed
 
 @pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND, FlightMode.OFFBOARD])
 def test_a_return_that_was_to_follow_on_a_rise_outlives_a_restart(mode):
-    """It rose to the floor, and went on to search."""
+    """The drone rose to the floor, and went on to search."""
     one, _ = back(
         replace(KEPT, stage=Stage.TAKEOFF, resume=Stage.RETURN), mode=mode, healthy=mode is FlightMode.OFFBOARD, position=LOW
     )

@@ -1,4 +1,4 @@
-"""An agent that is restarted in flight while its autopilot holds: whose hold that is."""
+"""An agent that is restarted in flight while its autopilot holds: the origin of the hold."""
 
 from one_pilot import SECOND, START_NS, TICK_NS, command, fly, pilot, state
 
@@ -11,7 +11,7 @@ NEW_BOOT = "f" * 16
 
 
 def restarted(one):
-    """The agent that follows one that is ended now."""
+    """The successor of an agent that is ended now."""
     return pilot(memory=decode_state(encode_state(State(memory=one.memory))).memory, boot=NEW_BOOT)
 
 
@@ -43,7 +43,7 @@ def test_a_hold_that_was_its_own_is_nobody_elses():
 
 
 def survives(one, now_ns):
-    """The agent that follows, while its autopilot holds; None where it takes that for somebody's will."""
+    """The agent's successor, while its autopilot holds; None if it takes that for a pilot's hold."""
     again = restarted(one)
     return again if set(fly(again, now_ns, 1.0, FlightMode.HOLD)) == {Request.OFFBOARD} else None
 
@@ -53,7 +53,7 @@ def test_a_hold_for_want_of_telemetry_is_its_own_after_restarts_too():
     one.observe_vehicle(state(START_NS))
     one.receive(*command(), START_NS)
     fly(one, START_NS, 4.0, FlightMode.OFFBOARD)
-    assert survives(one, now_ns) is None  # until then it would be somebody's will
+    assert survives(one, now_ns) is None  # until then a pilot's hold
     for _ in range(40):
         now_ns += TICK_NS
         request = one.step(now_ns).command.request  # no telemetry comes

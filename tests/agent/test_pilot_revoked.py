@@ -105,7 +105,7 @@ def test_whom_the_authority_has_revoked_revokes_nobody():
 
 
 def test_a_key_whose_certificate_has_ended_revokes_nobody_but_what_was_taken_in_time_counts():
-    """The stamp of a revocation is its signer's word: whoever finds an old laptop could choose one of the time before."""
+    """The stamp of a revocation is its signer's word: the finder of an old laptop could choose an earlier one."""
     one, late_ns = full(), AUTHORITY.verify(ANNA.certificate).not_after_ns + SECOND
     key, payload = revocation(trust=ANNA, until_ns=2 * late_ns)
     assert one.receive(key, payload, late_ns).refused == "with_expired_certificate"
@@ -222,7 +222,7 @@ def test_the_revoked_drone_itself_has_no_hypothesis_any_more_and_keeps_the_log()
 
 
 def test_a_revoked_drone_that_climbs_keeps_from_the_circle_of_those_that_it_does_not_hear():
-    """They circle on around the source, of which it has no estimate any more."""
+    """The others circle on around the source; the revoked drone has no estimate of it any more."""
     one = trusting()
     one.observe_vehicle(state(START_NS))
     one.receive(*order(Action.START, START_NS), START_NS)
@@ -285,7 +285,7 @@ def test_a_revocation_is_passed_on_and_reaches_who_has_not_heard_the_operator():
 
 
 def _as_from(payload, drone):
-    """What d1 passes on, as another drone does: the pilots here are all d1."""
+    """The messages that d1 passes on, as from another drone: the pilots here are all d1."""
     return replace(decode(payload), drone=drone)
 
 

@@ -154,11 +154,11 @@ def test_recorded_delayed_and_reordered_commands_are_not_obeyed():
     one.receive(*resume, now_ns + SECOND)
     assert one.stage is Stage.SURVEY
     one.receive(*hold, now_ns + 2 * SECOND)
-    assert one.stage is Stage.SURVEY  # sent again by somebody who has recorded it
+    assert one.stage is Stage.SURVEY  # a recorded message, sent again
     late = order(Action.HOLD, now_ns + 3 * SECOND)
     later_ns = now_ns + 3 * SECOND + MAX_ORDER_AGE_NS
     one.receive(*late, later_ns)
-    assert one.stage is Stage.SURVEY  # held back by somebody, though never seen before
+    assert one.stage is Stage.SURVEY  # held back by an attacker, never seen before
     one.receive(*order(Action.HOLD, later_ns), later_ns)
     assert one.stage is Stage.HOLD
 

@@ -1,4 +1,4 @@
-"""A pilot to which an operator uploads a mission: what is taken and what is refused, each beside the allowed case."""
+"""A pilot to which an operator uploads a mission: acceptance and refusal, each beside the allowed case."""
 
 import pytest
 from members import AUTHORITY, FOREIGN, OPERATOR, order, trusting
@@ -109,7 +109,7 @@ def test_an_upload_is_not_taken_twice_not_even_after_a_restart_of_the_agent():
 
 
 def test_uploads_and_commands_are_numbered_together():
-    """What was signed for one occasion does not come after what has happened since."""
+    """An order signed for one occasion is refused after later events."""
     one = on_ground()
     early = offered(one)
     one.receive(*offered(one), START_NS)
@@ -135,7 +135,7 @@ def test_an_armed_vehicle_keeps_its_mission_and_a_disarmed_one_takes_the_new(how
     assert answer(one) == Answer(START_NS, NEW, reason)
     for later_ns in range(
         START_NS + SECOND, START_NS + 10 * SECOND, SECOND // 5
-    ):  # one that has flown must stay down for a while
+    ):  # after a flight a drone must stay down for a while
         on_ground(one, later_ns)
     assert one.receive(*offered(one, later_ns), later_ns).refused == ""
 

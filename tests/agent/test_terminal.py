@@ -1,4 +1,4 @@
-"""What all commands have in common: one line for an error, on any terminal, with or without a home directory."""
+"""Common rules of all commands: one line for an error, on any terminal, with or without a home directory."""
 
 import io
 import os

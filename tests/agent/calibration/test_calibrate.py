@@ -1,4 +1,4 @@
-"""Calibrations of simulated cameras, whose truth shares no code with the fits."""
+"""Calibrations of simulated cameras; their truth shares no code with the fits."""
 
 import csv
 import json

@@ -8,7 +8,7 @@ AHEAD = [np.array((0.0, 0.0, 1.0))]
 
 
 def drawn(rng, drift_ns, count):
-    """Differences of times of pairs whose depths have the assumed distribution."""
+    """Time differences of pairs with depths of the assumed distribution."""
     shape = depth_differences(661.66, AHEAD[0])
     place = rng.choice(len(shape), count, p=shape)
     depth = (place + rng.random(count)) / len(shape)

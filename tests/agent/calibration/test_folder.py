@@ -1,4 +1,4 @@
-"""A calibration in its folder is one that a flight can load, and the history grows."""
+"""A flight can load a calibration from its folder, and the history grows."""
 
 from pathlib import Path
 

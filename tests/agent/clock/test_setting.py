@@ -1,4 +1,4 @@
-"""A dead clock is set by the autopilot's: which clock, to which time, and by whose word."""
+"""A dead clock is set by the autopilot's: the choice of the clock, the time, and the authority for it."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_the_newest_time_counts() -> None:
         b"",
         bytes(range(256)) * 4,
         sent(HEARTBEAT),
-        sent(mavlink.MAVLink_system_time_message(0, 7340)),  # it does not know it
+        sent(mavlink.MAVLink_system_time_message(0, 7340)),  # unknown to it
         sent(TIME, component=190),  # a ground station's
         sent(TIME, system=2),
     ],

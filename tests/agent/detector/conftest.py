@@ -38,7 +38,7 @@ def hits_of(blobs):
 
 
 def readouts_of(hits, edges_ns, clock_ns=0):
-    """Readouts between the edges, which hold what the detector saw in them by time of arrival."""
+    """Readouts between the edges, with the detector's hits in them by time of arrival."""
     time = hits.tick * 25
     for start, end in pairwise(edges_ns):
         part = (time >= 16 * (start - clock_ns)) & (time < 16 * (end - clock_ns))

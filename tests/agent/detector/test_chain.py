@@ -124,7 +124,7 @@ def test_dead_time_is_shared_with_what_is_held_back(blob, make_hits):
 
 def test_hits_that_never_pause_are_not_held_back_for_ever():
     chain = new_chain()
-    ticks = np.arange(0, 3_200_000, 16)  # one each 25 ns for 5 ms, spread over the sensor
+    ticks = np.arange(0, 3_200_000, 16)  # a hit each 25 ns for 5 ms, spread over the sensor
     index = (np.arange(len(ticks)) * 7919 % 65536).astype(np.uint16)
     hits = PixelHits(ticks, index, np.full(len(ticks), 60, np.uint16))
     found = chain.process(Readout(0, 5_000_000, 0, 5e-3, hits))

@@ -1,4 +1,4 @@
-"""``radron-agent inspect``: what a file of the camera holds."""
+"""``radron-agent inspect``: the contents of a camera file."""
 
 import lzma
 from pathlib import Path

@@ -106,7 +106,7 @@ def test_neither_a_burst_nor_a_track_makes_a_pixel_noisy(field_per_s):
 
 
 def test_a_brighter_border_is_not_noise():
-    """Two columns that get 20 times the mean: far more than of a source of which the sensor's edge is in sight."""
+    """Two columns that get 20 times the mean: far more than from a source in sight of the sensor's edge."""
     rng = np.random.default_rng(5)
     column = rng.integers(0, 2, 3000)
     border = at(np.sort(rng.uniform(0.0, 60.0, 3000)), 256 * rng.integers(0, 256, 3000) + column)

@@ -1,4 +1,4 @@
-"""A camera that repeats itself is noticed with the first readout that comes again; one that measures, never."""
+"""A camera that repeats itself is noticed with the first repeated readout; a measuring camera, never."""
 
 import time
 
@@ -64,7 +64,7 @@ def test_hits_under_their_old_stamps_come_again_too():
 
 
 def test_several_buffers_in_turn():
-    """Also the empty ones and those of a hit or two among them are left out once they are known to come again."""
+    """Empty buffers and buffers of a hit or two are left out, too, once known to come again."""
     rng, repeats = np.random.default_rng(1), Repeats()
     ring = [random_hits(rng, count) for count in (5, 0, 9, 1, 7)]
     assert left_out(repeats, range(20), lambda number: ring[number % 5]) == list(range(5, 20))
@@ -85,7 +85,7 @@ def test_a_camera_that_measures_is_never_left_out(hits_per_s):
 
 
 def test_noisy_pixels_are_no_repetition():
-    """One or two that fire once in each readout, always with the same pulse, and a hundred that fire at random."""
+    """One or two pixels that fire once in each readout, always with the same pulse, and a hundred that fire at random."""
     rng, repeats = np.random.default_rng(1), Repeats()
     for noisy in (1, 2):
         index, pulse = np.arange(noisy, dtype=np.uint16) * 300, np.full(noisy, 60, np.uint16)

@@ -1,4 +1,4 @@
-"""Which line an event counts for: of one nuclide that is named, and of many that it may be of."""
+"""The line for which an event counts: of one named nuclide, and of many possible nuclides."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Round trip and loss to the other drones, from what ping says."""
+"""Round trip and loss to the other drones, from the output of ping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The audit tells of every command who gave it, by which certificate, and what the drone made of it."""
+"""The audit of every command: its operator, the certificate, and the drone's verdict."""
 
 import re
 
@@ -45,7 +45,7 @@ def flown(folder, messages, trust=D1):
 
 
 def audited(monkeypatch, capsys, folder):
-    """Exit code of the command, its lines after that of the mission, and what it says on stderr."""
+    """Exit code of the command, its lines after the mission's line, and its stderr."""
     monkeypatch.setattr("sys.argv", ["radron-agent", "audit", str(folder)])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -134,7 +134,7 @@ def test_a_line_tells_who_commanded_what_by_which_certificate_and_what_became_of
     assert f"serial {serial[:16]}," in out[0]
     report = replay(folder)
     assert report.identical
-    assert report.compared[topics.VERDICT] == 12  # all but the unreadable one and the one to d2
+    assert report.compared[topics.VERDICT] == 12  # all but the unreadable command and the command to d2
 
 
 def test_a_swarm_without_certificates(tmp_path, told):

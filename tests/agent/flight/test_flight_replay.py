@@ -30,12 +30,12 @@ from protocol.codec import decode_from
 from protocol.messages import Action, Status
 from sim.lockstep.members import SimulatedAuthority, SimulatedOperator
 
-ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
+ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # first bytes of a compressed chunk
 
 
 @pytest.fixture(scope="module")
 def segment(flights):
-    """The one file of the second drone."""
+    """The only file of the second drone."""
     (file,) = flights[1].iterdir()
     return file
 
@@ -66,7 +66,7 @@ def test_a_flight_with_fixes_and_sights_comes_out_identical(tmp_path):
         report = replay(folder)
         assert report.identical
         assert report.calls["in/sightings"] > 40
-        assert report.calls.get("in/fix", 0) >= 5 or folder.name == "d3"  # which has no receiver
+        assert report.calls.get("in/fix", 0) >= 5 or folder.name == "d3"  # d3 has no receiver
 
 
 def test_the_audit_of_a_whole_mission_lists_its_start(flights):

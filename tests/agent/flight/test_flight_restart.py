@@ -76,7 +76,7 @@ class Mortal:
         return step
 
     def ask(self, now_ns):
-        """Get what the log lacks."""
+        """Get the log's missing entries."""
         for other in self.others:
             for key, payload in other.pilot.log_answer(self.pilot.log_summary()):
                 self.pilot.receive(key, payload, now_ns)
@@ -102,7 +102,7 @@ def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     world.close()
     end_ns = EPOCH_NS + world.ticks * TICK_NS
     for agent in agents:
-        agent.ask(end_ns)  # what was under way when the world ended
+        agent.ask(end_ns)  # messages under way at the end of the world
         agent.pilot.advance(end_ns)
         agent.recorder.close()
     d2 = agents[1]

@@ -59,7 +59,7 @@ def test_what_is_no_message_is_refused(kind: str, payload: bytes) -> None:
         read_message(f"radron/1/s/{kind}", payload)
 
 
-# The estimator has changed since the record was made (it reckons with walls that nobody knows of): measured 0.03 m in the median,
+# The estimator has changed since the record was made (it accounts for unknown walls): measured 0.03 m in the median,
 # 1.5 m at most, in the first second, and 0.02 m at the end.
 NEAR_M, END_M = 0.1, 0.05
 

@@ -58,7 +58,7 @@ def beginning(whole):
 
 
 def read(tmp_path, content):
-    """What is read of a file, and its flaw; in seconds, and a fraction of the memory that the file would take."""
+    """The records read from a file, and its flaw; in seconds, and a fraction of the memory that the file would take."""
     file = tmp_path / "d1-0000.mcap"
     file.write_bytes(content)
     tracemalloc.start()
@@ -142,7 +142,7 @@ def test_a_record_that_was_cut_off_lacks_its_end(whole, tmp_path):
 
 
 def test_records_are_their_owners_alone(whole):
-    """They hold the key from which the nonces of commands follow."""
+    """Records hold the key from which the nonces of commands follow."""
     assert stat.S_IMODE(whole.stat().st_mode) == 0o600
 
 

@@ -15,7 +15,7 @@ def turn(yaw, vectors):
 
 
 def views(seed, count=60, direction=True, distance=True, false=0.1, moving=True, others=2):
-    """Sightings between drone 0, at rest or flying 20 m along a curve, and others whose places are known; and its true pose."""
+    """Sightings between drone 0, at rest or flying 20 m along a curve, and others at known places; and its true pose."""
     rng = np.random.default_rng(seed)
     yaw = rng.uniform(-math.pi, math.pi)
     along = np.linspace(0.0, 1.0, count)
@@ -70,7 +70,7 @@ def test_direction_and_range_find_pose_and_heading(seed):
     assert found.lead > 10.0
     assert found.share > 0.7
     assert found.evidence == pytest.approx(evidence_of(data, found.pose))
-    assert found.evidence > evidence_of(data, truth)  # it is the best there is
+    assert found.evidence > evidence_of(data, truth)  # the best there is
 
 
 def test_the_covariance_is_true():
@@ -111,7 +111,7 @@ def test_a_third_of_the_sightings_may_be_false():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_false_sighting_of_the_one_drone_whose_place_is_well_known_does_not_decide(seed):
-    """Of three first sightings: it weighed 30 times as much as the others, and all headings ran into that one (1460369)."""
+    """Of three first sightings: the false one weighed 30 times as much as the others, and all headings ran into it (1460369)."""
     rng = np.random.default_rng(seed)
     yaw, mine = rng.uniform(-math.pi, math.pi), np.zeros(3)
     ends = 6.0 * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])

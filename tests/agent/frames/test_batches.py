@@ -12,7 +12,7 @@ def due(batches, ticks, free=True):
 def test_batches_are_due_at_the_same_times_whenever_one_began():
     one, other = Batches(), Batches()
     assert due(one, range(11, 140)) == [50, 90, 130]
-    assert due(other, range(73, 140)) == [73, 90, 130]  # who has just started may take what there is at once
+    assert due(other, range(73, 140)) == [73, 90, 130]  # after a start, all there is may be taken at once
 
 
 def test_who_is_not_free_at_a_border_takes_the_batch_as_soon_as_it_is():
@@ -33,4 +33,4 @@ def test_a_batch_rests_for_as_long_as_the_last_one_took():
 
 def test_where_time_stands_still_batches_are_taken_all_the_same():
     batches = Batches()
-    assert sum(batches.are_due(TICK_NS, free=True) for _ in range(200)) == 5  # one at once
+    assert sum(batches.are_due(TICK_NS, free=True) for _ in range(200)) == 5  # the first at once

@@ -1,4 +1,4 @@
-"""Frames that the mission knows, after a jump: a function of what the drones tell with their exposures, in any order."""
+"""Frames known to the mission, after a jump: a function of the drones' reports with their exposures, in any order."""
 
 import itertools
 import math
@@ -65,7 +65,7 @@ def test_of_several_that_of_the_first_entry_counts_whatever_the_order():
 @pytest.mark.parametrize("gone", [exposure(1), exposure(1, carried=None), exposure(1, epoch=7)])
 @pytest.mark.parametrize("others", [[], [exposure(2, carried=OTHER)], [exposure(2, carried=OTHER), exposure(3)]])
 def test_an_entry_that_does_not_count_any_more_leaves_nothing_of_it(gone, others):
-    """As those of a drone that is revoked, or that contradicts itself."""
+    """For example, entries of a drone that is revoked, or that contradicts itself."""
     frames = SwarmFrames(MISSION)
     for entry in (gone, *others):
         frames.receive(entry, encode(entry))
@@ -123,7 +123,9 @@ def test_what_is_the_same_is_no_change_of_the_frame():
 
 @pytest.mark.parametrize("turn_deg", [0.0, 40.0])
 def test_one_that_was_known_exactly_drags_nobody_after_a_jump(turn_deg):
-    """It jumps while nobody hears where it flies, on a circle: straight on it would be 1 m off, and its heading 20 degrees."""
+    """The drone jumps while its position goes unheard, on a circle: straight on it would be 1 m off, and its heading 20
+    degrees.
+    """
     jumping = Drone("d1", kind="exact", shift_m=(9.0, -12.0, 0.0), shift_yaw_deg=turn_deg, shift_s=12.0, shift_announced=True)
     flown = fly([jumping, Drone("d2", yaw_deg=70.0), Drone("d3", yaw_deg=-130.0)], 25.0, 1)
     gap = [SIGHTED_NS + round(limit_s * 1e9) for limit_s in (11.0, 12.3)]

@@ -1,4 +1,4 @@
-"""What a drone tells of its wrong clock, by the time of its exposures."""
+"""A drone's published clock error, by the time of its exposures."""
 
 from random import Random
 
@@ -37,7 +37,7 @@ def test_of_one_that_hovers_it_is_at_least_what_the_told_error_makes_sure():
 
 
 def test_what_all_exposures_of_a_while_later_tell_counts_for_the_time_before():
-    """Until then the drone did not know that its clock had been set; that one exposure tells an error says nothing."""
+    """Until then the drone did not know that its clock had been set; an error published by one exposure says nothing."""
     errors = ClockErrors()
     for second in range(20):
         errors.add(exposure(second, 6.0 if second == 10 or second >= 14 else 0.0))

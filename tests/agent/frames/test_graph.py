@@ -96,6 +96,6 @@ def test_a_place_of_the_launch_lies_as_the_first_sightings_tell_and_not_as_the_l
     drifted = Transform(0.0, (30.0, 2.0, 0.0), covariance=np.diag([0.01, 0.01, 0.01, 0.0]))
     graph.replace_from("s", 0, second, [(second, seen), (2 * second, None), (9 * second, drifted), (40 * second, drifted)])
     assert graph.surest("s", 0, second // 2, place)[0] is seen
-    assert graph.surest("s", 0, 5 * second, place)[0] is drifted  # it was not known then
+    assert graph.surest("s", 0, 5 * second, place)[0] is drifted  # not known then
     assert graph.surest("s", 1, second, place) is graph.surest("z", 0, second, place) is None
     assert graph.surest("a", 0, second, place) == (graph.mission_from_local("a", 0), 0.0)

@@ -13,10 +13,10 @@ COUNT = 6
 
 
 def in_a_row(rng):
-    """Drones at their launch, 6.9 m apart in a row, of which all but the third one have fixes, for a second.
+    """Drones at their launch, 6.9 m apart in a row, all but the third with fixes, for a second.
 
-    They see each other by direction alone, and one in ten directions is false. Returns the prior, whose places are good to 2 m
-    and whose headings to 5 degrees, what is measured, and the true poses.
+    The drones sight each other by direction alone, and one in ten directions is false. Returns the prior, with positions good to
+    2 m and headings to 5 degrees, the measurements, and the true poses.
     """
     true = np.zeros((COUNT, 4))
     true[:, 0], true[:, 1] = 4.2 + 6.9 * np.arange(COUNT), 2.0
@@ -58,7 +58,7 @@ def test_iterations_go_on_until_the_place_along_a_row_has_settled(seed, monkeypa
 
 
 def test_a_swarm_that_may_lie_elsewhere_as_a_whole_is_as_sure_of_itself_as_before():
-    """Of all distances between two drones, and of all headings less another one's, but of no place or heading alone."""
+    """Sure of all distances between two drones, and of all differences of headings, but of no place or heading alone."""
     prior = in_a_row(np.random.default_rng(0))[0]
     moved = prior.displaceable(np.array([400.0, 400.0, 100.0, 0.04]))
     added = (moved.covariance - prior.covariance).reshape(COUNT, 4, COUNT, 4)
@@ -76,8 +76,8 @@ def test_a_swarm_that_may_lie_elsewhere_as_a_whole_is_as_sure_of_itself_as_befor
 def at_a_corner(rng):
     """Three drones at their launch, 6.4 m apart at a right angle, with a fix by RTK, one by GNSS, and none, for a second.
 
-    They see each other by direction alone, and one in four directions is false, half of them that of the third drone: a second
-    in which as many are is rare, but not among thousands of launches.
+    The drones sight each other by direction alone, and one in four directions is false, half of them the third drone's: a second
+    with as many is rare, but not among thousands of launches.
     """
     true = np.array([[0.0, 0.0, 0.0, 0.0], [6.4, 0.0, 0.0, 0.0], [0.0, 6.4, 0.0, 0.0]])
     variances = np.tile([4.0, 4.0, 4.0, np.radians(5.0) ** 2], 3)
@@ -117,7 +117,7 @@ def test_false_sightings_at_the_launch_do_not_decide_which_optimum_is_found(seed
 
 def test_sightings_that_are_nearly_all_true_undo_what_a_false_one_made_of_the_headings(monkeypatch):
     """Of two drones 12 m apart the headings are wrong by 15 degrees, at 4 degrees, and the place of one by 3 m: as long as one
-    saw the other, but not the other one it, that fitted. What the other saw then was not believed for 6 s (1220215).
+    saw the other, but not the other one it, that fitted. The other's later sightings were rejected for 6 s (1220215).
     """
     rng = np.random.default_rng(1)
     true = np.array([[0.0, 0.0, 3.0, 0.0], [0.0, 12.0, 3.0, 0.0]])

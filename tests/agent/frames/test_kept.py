@@ -1,4 +1,4 @@
-"""Frames that a state file holds: what is written and read of them, and how they drift until the log tells them."""
+"""Frames in a state file: writing, reading, and their drift until the log gives them."""
 
 import math
 from itertools import pairwise

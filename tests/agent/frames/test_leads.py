@@ -14,7 +14,7 @@ ODOMETRY = {"drift_m": 0.1, "yaw_drift_deg": 0.1, "origin_sigma_m": 2.0}
 
 
 def fixes(at, lead_m, sigma_m=0.02, yaw_rad=0.0):
-    """One a second, of a frame with its origin at (3, 2), which they lead in the last ones."""
+    """A fix a second, in a frame with its origin at (3, 2); the last fixes lead the frame."""
     at = np.asarray(at, dtype=float)
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     place = at @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (3.0, 2.0, 0.0)
@@ -54,8 +54,8 @@ def test_of_a_few_fixes_none_leads():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_receiver_that_is_dragged_away_does_not_take_the_others_along(seed):
-    """The only one that has fixes, good to centimetres, slides by 6.5 m in three seconds. The two others know by their odometry
-    that they do not.
+    """The only drone with fixes, good to centimetres, slides by 6.5 m in three seconds. The two others know by their odometry
+    that they do not slide.
     """
     drones = [Drone("d1", kind="rtk", wander_m=0.02, fixes=True, yaw_sigma_deg=2.0, **SPOOFED)]
     drones += [Drone("d2", yaw_deg=70.0, **ODOMETRY), Drone("d3", yaw_deg=-130.0, **ODOMETRY)]

@@ -11,7 +11,7 @@ SMALL = 1e-6
 
 
 def drawn(seed, count=8):
-    """Poses (M, 4) of observers and targets some 20 m apart, displacements, and what was measured."""
+    """Poses (M, 4) of observers and targets some 20 m apart, displacements, and the measurements."""
     rng = np.random.default_rng(seed)
     observer = np.concatenate([rng.uniform(-20, 20, (count, 3)), rng.uniform(-3, 3, (count, 1))], axis=1)
     target = observer + np.concatenate(

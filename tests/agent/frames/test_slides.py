@@ -1,4 +1,4 @@
-"""Tracks that slide, by little in each keyframe: they are told from those that do not, and drag nobody along."""
+"""Tracks that slide, by little in each keyframe: a slide is told from a sound track, and drags no other drone along."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_two_that_slide_in_different_directions_drag_nobody(seed):
 
 
 def test_two_that_drift_alike_tell_that_the_only_receiver_slides():
-    """Nobody knew, and all followed it: 15 m. What was measured until it is found out stays where it was put."""
+    """The slide went unnoticed, and all followed it: 15 m. Measurements until its detection stay where they were put."""
     drones = [Drone("d1", **RTK, **slide(9.0, -12.0)), Drone("d2", **DRIFT), Drone("d3", **DRIFT)]
     flown = fly(drones, 45.0, 1, SENSOR, datum=True)
     frames = run(flown)
@@ -71,7 +71,7 @@ def test_a_receiver_that_slid_counts_again_when_its_fixes_fit():
 
 
 def test_the_only_receiver_that_has_not_slid_moves_nobody_if_it_is_wrong_itself_later():
-    """19 m, and nobody was suspected any more: a SLAM had slid before."""
+    """19 m, and no drone was suspected any more: a SLAM had slid before."""
     drones = [Drone("d1", **GNSS, shift_m=(12.0, -16.0, 0.0), shift_s=60.0), Drone("d2", **DRIFT), Drone("d3", **DRIFT)]
     drones += [Drone("d4", **DRIFT, **slide(8.0, 8.0))]
     flown = fly(drones, 90.0, 3, SENSOR, datum=True)
@@ -93,7 +93,7 @@ def test_a_receiver_that_slid_and_fell_silent_is_steady_again():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_honest_drone_that_was_not_seen_for_long_does_not_slide(seed):
-    """It has drifted meanwhile, by as much as it may, and is put right within seconds."""
+    """The drone has drifted meanwhile, by as much as it may, and is put right within seconds."""
     drones = [Drone("d1", **RTK), Drone("d2", **RTK), Drone("d3", **DRIFT)]
     flown = fly(drones, 75.0, seed, SENSOR, datum=True)
     flown.entries[:] = [one for one in flown.entries if not is_hidden(one)]

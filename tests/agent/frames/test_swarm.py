@@ -49,7 +49,7 @@ def test_the_covariance_is_true(after_20_s):
 
 
 def test_many_unknown_frames_are_found_one_after_the_other():
-    """Those that nobody hears, the first in the list, keep nobody waiting."""
+    """Unsighted drones, first in the list, keep no other drone waiting."""
     unheard = ("d2", "d3")
     drones = [*slams(), *(Drone(f"d{number}", yaw_deg=40.0 * number, **UNKNOWN, **DRIFT) for number in range(4, 9))]
     flown = fly(drones, 15.0, 1)
@@ -130,7 +130,7 @@ def test_without_support_the_covariance_grows():
 
 
 def test_the_mean_drift_is_less_than_the_least():
-    """Each drifts for itself; who sees the others knows better where he is than the best of them by himself would."""
+    """Each drone drifts for itself; a drone that sights the others knows its position better than the best of them alone."""
     together, alone = [], []
     for seed in range(12):
         flown = fly(slams(), 61.0, seed)
@@ -147,7 +147,7 @@ def test_the_mean_drift_is_less_than_the_least():
             place = flown.place[drone][0] + np.array([c * x - s * y, s * x + c * y, 0.0])
             own.append(math.dist(place[:2], flown.place[drone][flown.at(60.0)][:2]))
         alone.append(own)
-    # The best single drone is one that can be named before the flight, not the one that was lucky.
+    # The best single drone can be named before the flight; it is not the luckiest one.
     assert np.sqrt(np.mean(np.square(together))) < 0.8 * np.sqrt(np.mean(np.square(alone), axis=0)).min()
 
 
@@ -162,7 +162,7 @@ def test_satellites_place_a_slam_whose_heading_nobody_knows():
     off, _ = flown.error(frames, "d3", 29.0)
     assert np.hypot(off[0], off[1]) < 0.6
     off, covariance = flown.error(frames, "d1", 29.0)
-    assert math.sqrt(np.trace(covariance[:2, :2])) < 0.6  # better than its receiver: by the one with RTK that it sees
+    assert math.sqrt(np.trace(covariance[:2, :2])) < 0.6  # better than its receiver: by the sighted drone with RTK
 
 
 def test_correlated_fixes_do_not_count_as_independent():
@@ -308,7 +308,7 @@ def test_nothing_that_a_peer_sends_stops_the_flight(seed):
 
 
 def test_changes_lead_every_reader_to_the_newest_transforms():
-    """Who asks again only for what ``changes`` names holds what the graph holds."""
+    """A reader that asks again only for the frames named by ``changes`` holds the same as the graph."""
     flown = fly(anchored(**UNKNOWN, **DRIFT), 15.0, 3)
     frames = SwarmFrames(flown.mission)
     rng = random.Random(3)

@@ -1,4 +1,4 @@
-"""Frames of a swarm in which one lies, jumps, slips away or sees nonsense: it is found out, and drags nobody along."""
+"""Frames of a swarm in which a drone lies, jumps, slips away or sees nonsense: it is found out, and drags no other along."""
 
 import math
 from dataclasses import replace
@@ -25,14 +25,14 @@ def test_a_drone_that_lies_by_20_m_is_found_out(liar):
     assert f"d{liar + 1}" in after_6_s.suspects()
     assert list(at_the_end.suspects()) == [f"d{liar + 1}"]
     for drone in ("d1", "d2", "d3"):
-        for time in (0.0, 2.0, 20.0, 44.0):  # what was measured before it was found out is placed anew as well
+        for time in (0.0, 2.0, 20.0, 44.0):  # measurements before its detection are placed anew as well
             off, covariance = flown.error(at_the_end, drone, time)
             assert np.linalg.norm(off[:3]) < 2.5
             assert off @ np.linalg.solve(covariance, off) < 25.0
 
 
 def test_a_liar_does_not_drag_the_honest_ones():
-    """Against the same flight in which it says nothing of itself: no fixes, a launch place that nobody is sure of."""
+    """Against the same flight without the liar's reports on itself: no fixes, an uncertain launch place."""
     kind = {"kind": "gnss", "fixes": True, "yaw_sigma_deg": 2.0}
     honest = [Drone("d1", **kind), Drone("d2", **kind)]
     lying = Drone("d3", **kind, shift_m=(12.0, -16.0, 0.0))
@@ -78,7 +78,7 @@ def test_a_new_epoch_is_known_as_soon_as_its_poses_are():
 
 
 def test_a_jump_within_an_epoch_is_found_by_the_others_sightings():
-    """A drone begins an epoch where it sees itself jump. One that does not is suspected, and placed by the others."""
+    """A drone begins an epoch where it sees itself jump. A drone that does not is suspected, and placed by the others."""
     drones = anchored(yaw_sigma_deg=5.0)
     drones[2] = replace(drones[2], shift_m=(9.0, -12.0, 0.0), shift_yaw_deg=40.0, shift_s=12.0)
     flown = fly(drones, 18.0, 6)
@@ -123,7 +123,7 @@ def test_a_frame_that_slips_away_is_placed_by_the_others_sightings():
         assert np.linalg.norm(flown.error(frames, drone, 59.0)[0][:3]) < 2.5
 
 
-@pytest.mark.parametrize("seed", [3, 6])  # of twelve, those in which it did
+@pytest.mark.parametrize("seed", [3, 6])  # of twelve, the seeds in which it did
 def test_where_most_receivers_were_wrong_for_a_while_they_leave_nobody_behind(seed):
     """Two of three slide by 20 m in nearly one direction, and back: the frames of these two stayed where that put them, as each
     confirmed the other's, against both other drones and their own fixes.
@@ -153,7 +153,7 @@ def test_honest_swarms_are_not_suspected():
 
 
 def test_a_frame_that_nobody_can_tell_is_lost_and_found_again():
-    """From 10 s to 25 s all sightings of and by d3 are nonsense; what it observes then waits, and is placed afterwards."""
+    """From 10 s to 25 s all sightings of and by d3 are nonsense; its observations then wait, and are placed afterwards."""
     drones = anchored(yaw_sigma_deg=5.0, **DRIFT)
     drones[2] = replace(drones[2], shift_m=(9.0, 12.0, 0.0), shift_s=10.0, shift_lasts_s=4.0)
     flown = fly(drones, 40.0, 5, Sensor(rate_hz=5.0))
@@ -170,7 +170,7 @@ def test_a_frame_that_nobody_can_tell_is_lost_and_found_again():
     lost, found = run(flown, 24.0), run(flown)
     assert "d3" in lost.suspects()
     assert flown.error(lost, "d3", 23.0) is None
-    assert np.linalg.norm(flown.error(lost, "d3", 8.0)[0][:3]) < 1.0  # what was sound stays where it was
+    assert np.linalg.norm(flown.error(lost, "d3", 8.0)[0][:3]) < 1.0  # sound measurements stay where they were
     for time in (20.0, 24.0, 30.0, 39.0):
         assert np.linalg.norm(flown.error(found, "d3", time)[0][:3]) < 2.0
     assert np.linalg.norm(flown.error(found, "d2", 23.0)[0][:3]) < 1.0
@@ -188,9 +188,9 @@ def test_a_frame_that_falls_apart_drags_nobody():
 
 @pytest.mark.parametrize(("jump_s", "learned_s"), [(0.3, 0.0), (10.5, 0.0), (10.5, 2.5)])
 def test_a_clock_that_is_known_to_be_wrong_puts_no_frame_in_the_wrong_place(jump_s, learned_s):
-    """Its sightings, and those of it, contradicted its fixes: its frame was turned by 120 degrees to fit them, 20 m off.
+    """Its sightings, and the sightings of it, contradicted its fixes: its frame was turned by 120 degrees to fit them, 20 m off.
 
-    Also where it has learned of it only after a while, from the others.
+    The same holds if the drone learns of its wrong clock only after a while, from the others.
     """
     fixed = {"kind": "rtk", "wander_m": 0.1, "fixes": True, "yaw_sigma_deg": 2.0}
     flown = fly([Drone(name, **fixed) for name in ("d1", "d2", "d3")], 60.0, 3, datum=True)

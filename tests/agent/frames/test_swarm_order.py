@@ -82,7 +82,7 @@ def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_forgotten_leaves_no_trace_in_the_frames(seed):
-    """Forged entries of d2, of which some have the stamps of true ones: forgotten while some wait and others are estimated."""
+    """Forged entries of d2, some with the stamps of true ones: forgotten while some wait and others are estimated."""
     flown = fly(satellites(), 14.0, seed, datum=True)
     rng = random.Random(seed)
     of_d2 = [entry for entry in flown.entries if entry.drone == "d2"]
@@ -164,7 +164,7 @@ def _moved(exposure):
 
 
 def test_until_a_late_entry_is_counted_the_frames_before_serve():
-    """In the midst of a replay nobody flies by frames of a minute ago; what comes in meanwhile is not lost."""
+    """In the midst of a replay no drone flies by frames of a minute ago; entries that come in meanwhile are not lost."""
     flown = fly(slams(), 80.0, 1, Sensor(rate_hz=1.0))
     end_ns = int(flown.stamps_ns[-1]) + SECOND
     late = [entry for entry in flown.entries if entry.drone == "d2" and 20.0 < 1e-9 * (entry.stamp_ns - START_NS) < 22.0]
@@ -250,7 +250,7 @@ def test_a_start_leaves_out_the_same_whenever_it_is_told(share):
 
 
 def test_a_second_mission_has_the_frames_of_one_that_was_there_from_its_start_on():
-    """The first start counted for good with those that had flown before: with one log the agents had different frames."""
+    """The first start counted for good with the agents that had flown before: with one log the agents had different frames."""
     flown = fly(slams(), 12.0, 2)
     first_ns, second_ns = START_NS, START_NS + BEFORE_START_NS + 4 * SECOND
     end_ns = int(flown.stamps_ns[-1]) + SECOND
@@ -260,7 +260,7 @@ def test_a_second_mission_has_the_frames_of_one_that_was_there_from_its_start_on
         flew_before.receive(entry, encode(entry))
     settle(flew_before, end_ns)
     flew_before.start(second_ns)
-    flew_before.start(first_ns)  # as another one still tells
+    flew_before.start(first_ns)  # as another drone still reports
     restarted.start(second_ns)
     for entry in flown.entries:
         restarted.receive(entry, encode(entry))
@@ -328,5 +328,5 @@ def test_clock_errors_that_are_told_late_or_before_the_start_count_as_if_in_time
     if is_late:
         assert frames_after([*entries, None, *others]) == frames_after([*entries, *others])
     else:
-        start_ns = START_NS + 66 * SECOND + SECOND // 2  # of what is a minute older, all is left out
+        start_ns = START_NS + 66 * SECOND + SECOND // 2  # all entries a minute older are left out
         assert frames_after([*entries, *others, start_ns]) == frames_after([start_ns, *entries, *others])

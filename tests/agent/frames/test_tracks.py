@@ -79,14 +79,14 @@ def test_the_order_of_arrival_leaves_no_trace(seed, asked):
     samples = (
         circling(40) + circling(20, first=40, epoch=1, frame=Transform(1.1, (30.0, -5.0, 0.5))) + circling(20, first=60, epoch=2)
     )
-    samples.append(Sample(20 * TENTH, 0, (1.0, 1.0, 1.0), 0.0))  # one more of a stamp that there is
+    samples.append(Sample(20 * TENTH, 0, (1.0, 1.0, 1.0), 0.0))  # another sample of an existing stamp
     stamps = [k * TENTH + 7 for k in range(82)]
     expected = state(track_of(samples), stamps)
     random.Random(seed).shuffle(samples)
     track = Track()
     for k, sample in enumerate(samples):
         track.insert(sample)
-        if k in asked:  # what was worked out in between is not kept
+        if k in asked:  # intermediate results are not kept
             assert track.segments
     assert state(track, stamps) == expected
 

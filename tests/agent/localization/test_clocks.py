@@ -113,13 +113,13 @@ def exchanged_over(seconds, way_ns, ahead_ns, phases=(3, 13)):
 @pytest.mark.parametrize("phases", [(3, 13), (3, 4), (13, 3)])
 @pytest.mark.parametrize("late_ms", [400, 1480])
 def test_the_offset_stays_while_the_delays_of_messages_change(phases, late_ms):
-    """It moved by half of the change while the smallest delays of the two ways were not of one time."""
+    """The offset moved by half of the change while the smallest delays of the two ways were not of one time."""
     told = exchanged_over(60, lambda s, _: (late_ms if 15.0 <= s < 35.0 else 5) * MS, lambda _: 0, phases)
     assert max(abs(one) for both in told for one in both) < 0.03
 
 
 def test_a_clock_that_is_set_while_messages_take_long_is_known_after_a_while():
-    """Where it is set by less than they take, nobody can tell it from other delays until those of before are forgotten."""
+    """A step shorter than the delays cannot be told from other delays until the earlier ones are forgotten."""
     told = exchanged_over(60, lambda _, __: 700 * MS, lambda s: 400 * MS if s >= 20.0 else 0)
     assert told[20 * 20 - 1] == pytest.approx((0.0, 0.0), abs=0.03)
     assert all(both == pytest.approx((-0.4, -0.4), abs=0.03) for both in told[40 * 20 :])
@@ -138,7 +138,7 @@ def test_the_common_time_is_that_of_the_majority():
     clocks, now_ns = exchanged({"a": 0, "b": -1410, "c": 1})
     assert clocks["b"].common_ns(now_ns("b")) == pytest.approx(now_ns("a"), abs=5 * MS)
     assert clocks["a"].common_ns(now_ns("a")) == now_ns("a")
-    clocks, now_ns = exchanged({"a": 0, "b": -1410}, names=("a", "b"))  # nobody can tell which one is wrong
+    clocks, now_ns = exchanged({"a": 0, "b": -1410}, names=("a", "b"))  # undecidable which clock is wrong
     assert all(clocks[name].common_ns(now_ns(name)) == now_ns(name) for name in "ab")
 
 
@@ -152,7 +152,7 @@ def test_where_the_clocks_split_into_halves_all_take_the_time_of_the_one_that_is
 
 
 def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_come_to_where_it_was():
-    """All drones have measured at those stamps before, elsewhere, also the one whose clock is right by the new time."""
+    """All drones have measured at those stamps before, elsewhere, also the drone whose clock is right by the new time."""
     names = ("a", "b", "c", "d")
     clocks, back_ms = {name: Clocks(name, [other for other in names if other != name]) for name in names}, 13_000
     told, followed_s = {name: [] for name in names}, {name: [] for name in names}
@@ -178,7 +178,7 @@ def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_
 
 @pytest.mark.parametrize("silent", ["", "d"])
 def test_where_most_clocks_were_ahead_for_a_while_all_follow_the_common_time_back(silent):
-    """Nobody who was right by it has measured at those stamps but who was wrong: also where one is not heard any more, soon."""
+    """Only drones with wrong clocks have measured at those stamps. With a lost link, too, all follow soon."""
     names, ahead_ms = ("a", "b", "c", "d"), 26_600
     clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
     doubted, off_s = {name: [] for name in names}, {name: [] for name in names}
@@ -211,7 +211,7 @@ def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is
         true_ns = before_ns + later_s * SECOND
         assert b.common_ns(true_ns + wrong_ms * MS) == pytest.approx(true_ns, abs=10 * MS)
         assert b.own_stamp_ns("a", true_ns) == pytest.approx(true_ns + wrong_ms * MS, abs=10 * MS)
-    b.keep_time(0)  # it is right again
+    b.keep_time(0)  # right again
     assert b.common_ns(true_ns) == true_ns
     assert b.problem(true_ns) is None
 
@@ -219,7 +219,7 @@ def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is
 @pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
 @pytest.mark.parametrize("wrong_ms", [-20_000, -3_000, -300])
 def test_the_common_time_goes_on_where_others_are_heard_that_have_not_heard_of_the_set_clock_yet(names, wrong_ms):
-    """It was lost at their next status, which reports a delay by the former clock, for up to a second."""
+    """The common time was lost at their next status, which reports a delay by the former clock, for up to a second."""
     clocks, _ = exchanged({"a": 0, "b": 0, "c": 0}, names=names)
     b, set_ms = clocks["b"], 0
     for tick in range(5 * 20, 40 * 20):
@@ -256,7 +256,7 @@ def test_a_clock_that_is_set_right_tells_the_common_time_at_once():
 
 
 def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_heard():
-    """It was kept as it was, as surely, for as long as the clock had been set back."""
+    """The hypothesis was kept as it was, as surely, for as long as the clock had been set back."""
     one = tracking()
     now_ns = START_NS + 5 * SECOND
     for tick in range(1, 101):
@@ -272,7 +272,7 @@ def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_he
 
 
 def test_what_was_stamped_while_the_clock_was_ahead_is_taken_back_and_the_hypothesis_follows():
-    """It stood still until that time had come again, and went on from what was measured 20 s before."""
+    """The hypothesis stood still until that time had come again, and went on from measurements of 20 s before."""
     one, ahead_ns, logged = tracking(), 20 * SECOND, []
     for tick in range(1, 20 * 20):
         true_ns = START_NS + 5 * SECOND + tick * SECOND // 20
@@ -353,7 +353,7 @@ def test_pilots_tell_each_other_and_the_one_that_is_ahead_widens_its_sigma():
     assert last["d2", Pose].position_sigma_m == pytest.approx(math.hypot(0.1, 1.0), abs=0.02)
     assert last["d2", Pose].clock_sigma_m == pytest.approx(1.0, abs=0.02)
     assert last["d1", Pose].position_sigma_m == 0.1
-    assert pilots["d2"].whereabouts.sigma_m == 0.1  # where it is now, no clock changes
+    assert pilots["d2"].whereabouts.sigma_m == 0.1  # no clock changes its present position
 
 
 def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks_differ():
@@ -368,7 +368,7 @@ def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks
 
 
 def test_where_the_difference_is_not_known_the_own_clock_may_be_the_wrong_one():
-    """d is heard, and does not hear this drone, whose clock is a second ahead of all others'."""
+    """Drone d is heard, and does not hear this drone; this drone's clock is a second ahead of all others'."""
     pose = Pose(
         stamp_ns=START_NS, drone="d", epoch=0, position_m=(0.0, 0.0, 3.0), velocity_mps=(4.0, 0.0, 0.0),
         quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=0.1, yaw_sigma_rad=0.01,

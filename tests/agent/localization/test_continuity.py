@@ -98,7 +98,7 @@ def test_a_clock_that_was_set_back_makes_no_gap():
 
 
 def test_a_vehicle_that_is_not_heard_for_long_has_not_gone_straight_on():
-    """One without its agent stops, about 1.5 s of its velocity ahead; expected 9 m further on, it was flown into."""
+    """A vehicle with its agent lost stops, about 1.5 s of its velocity ahead; expected 9 m further on, it was flown into."""
     before, after = pose((1.0, 2.0, 3.0), velocity=(1.0, 0.0, 0.0)), pose((50.0, 0.0, 3.0), after_s=9.0)
     found = carried_on(Transform(), before, after)
     assert found.apply_point((50.0, 0.0, 3.0)) == pytest.approx((2.5, 2.0, 3.0))

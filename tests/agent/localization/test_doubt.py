@@ -21,7 +21,7 @@ HERE, JUMPED = (10.0, 10.0, 3.0), (32.0, 10.0, 3.0)
 
 @pytest.fixture
 def own():
-    """A hover of 0.3 s of a drone whose frame the mission knows exactly: turned by 30 degrees, its origin at (5, 5)."""
+    """A hover of 0.3 s in a frame that the mission knows exactly: turned by 30 degrees, its origin at (5, 5)."""
     own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
     for tick in range(6):
         own.take(state(START_NS + tick * TICK_NS, position=HERE))
@@ -89,7 +89,7 @@ def test_a_jump_back_ends_the_doubt_after_a_restart_too(own):
 
 
 def test_the_frame_of_a_localisation_that_has_jumped_back_is_known_exactly_after_a_restart(own):
-    """Its epoch is a later one, and where all that held the log were restarted, nobody else tells its frame."""
+    """Its epoch is a later one, and where all holders of the log were restarted, no other drone gives its frame."""
     exactly = own.frame.mission_from_local
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
     own.take(state(START_NS + 7 * TICK_NS, position=HERE))
@@ -136,7 +136,7 @@ def test_a_jump_back_that_nobody_watched_ends_the_doubt_as_far_as_the_motion_exp
 
 
 def test_after_an_announced_jump_in_a_long_gap_in_flight_the_frame_is_not_known_any_more(own):
-    """It flew on by a place that was up to 40 m off, as far as its autopilot had flown meanwhile."""
+    """The drone flew on by a place up to 40 m off, as far as its autopilot had flown meanwhile."""
     own.take(state(own.vehicle.stamp_ns + 10 * SECOND, position=JUMPED, epoch=1))
     assert own.frame is None
     assert own.is_displaced
@@ -181,11 +181,11 @@ def test_an_announced_jump_that_it_does_not_explain_begins_another_frame(own):
     own.take(state(START_NS + 6 * TICK_NS, position=HERE, position_trusted=False, position_sigma_m=2.0))
     own.take(state(START_NS + 7 * TICK_NS, position=JUMPED, epoch=1))
     assert in_mission(own) == pytest.approx(before)
-    assert own.sigma_m > 2.0  # it was as wrong before
+    assert own.sigma_m > 2.0  # as wrong before
 
 
 def test_without_satellites_the_stated_error_explains_no_jump_and_with_them_one(own):
-    """A jump back while they are lost, and another one after they were found: each was taken for the one that finds them."""
+    """A jump back while satellites are lost, and another after they were found: each counted as the jump at their return."""
     exactly, blind = own.frame.mission_from_local, {"position_trusted": False, "position_sigma_m": 9.0, "aided": False}
     place, found = exactly.apply_point(HERE), {"position_trusted": False}
     own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))
@@ -207,7 +207,7 @@ def test_who_loses_its_satellites_and_does_not_jump_goes_on_in_its_frame(own):
 
 
 def test_a_doubt_does_not_explain_an_announced_jump(own):
-    """1390021: it jumped back twice, announced and not, was 5 m off without knowing it, and flew into another one's way."""
+    """1390021: the drone jumped back twice, announced and not, was 5 m off without knowing it, and flew into a peer's way."""
     exactly, well = own.frame.mission_from_local, {"position_trusted": False}  # until its filter's reset is confirmed
     places = (15.0, 0), (40.0, 0), (35.0, 1), (10.0, 1)
     for tick, (east, resets) in enumerate(places, start=6):
@@ -258,7 +258,7 @@ def test_a_drone_in_great_doubt_leaves_the_mission_and_tells(jump_m, stage):
 
 
 def test_after_a_jump_a_drone_tells_its_frame_though_its_camera_measures_nothing():
-    """Nobody else knows that frame: they went on by the motion, 12 m off, for the rest of the flight."""
+    """No peer knows that frame: the peers went on by the motion, 12 m off, for the rest of the flight."""
     one = started()
     for tick in range(8 * 20):
         now_ns = START_NS + tick * TICK_NS

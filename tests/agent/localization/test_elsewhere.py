@@ -1,4 +1,4 @@
-"""What a drone measured before its localisation jumped without saying so is taken back, as far as it may have slid until then."""
+"""Retraction of a drone's measurements before an unannounced jump of its localisation, as far back as it may have slid."""
 
 import numpy as np
 import pytest
@@ -119,7 +119,7 @@ def test_what_is_measured_between_two_jumps_is_taken_back_too():
 
 
 def test_what_is_measured_after_the_clock_was_set_back_counts():
-    """It was dropped until the time of the jump had come again: for a minute here."""
+    """The measurements were dropped until the time of the jump had come again: for a minute here."""
     one = pilot()
     assert len(flown(one, 4.0, set_back_s=60)) == 2
     assert any(stamp_s < 0.0 for stamp_s in counting_s(one))
@@ -150,7 +150,7 @@ def test_nothing_of_an_announced_jump_or_without_one():
 
 
 def test_in_a_replay_it_is_signed_as_in_flight(tmp_path):
-    """What is published with a step is signed in it: only there the replay has the signature."""
+    """Messages published with a step are signed in it: only there the replay has the signature."""
     trust, boot = AUTHORITY.trust("d1"), boot_of("d1")
     header = FlightHeader.of(MISSION, DroneConfig(id="d1"), boot, START_NS, None, trust, nonce_key=nonce_key_of(boot))
     recorder = FlightRecorder(tmp_path, 100, header)

@@ -1,4 +1,4 @@
-"""A pilot whose frame is estimated: what it reports of the frame, and when it may start."""
+"""A pilot with an estimated frame: its reports of the frame, and the time from which it may start."""
 
 import msgspec
 import numpy as np
@@ -31,7 +31,7 @@ def mission_of(member=LAYOUT):
 
 
 def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, camera=True, **values):
-    """What it has said last of each kind; hovering, with a readout every 0.2 s. ``jump_at_s``: when it jumps by 15 m."""
+    """Its last message of each kind; hovering, with a readout every 0.2 s. ``jump_at_s``: time of a jump by 15 m."""
     last = {}
     if mission is not None:
         one.observe_vehicle(state(began_ns, **values))
@@ -114,7 +114,7 @@ def test_a_jump_begins_an_epoch_in_everything_that_is_said_and_the_flight_goes_o
 
 
 def reckoned(one, now_ns):
-    """Where it reckons with d2, own local frame, which hovers 20 m from its launch."""
+    """Its predicted position of d2, which hovers 20 m from its launch; own local frame."""
     told = Pose(
         stamp_ns=now_ns,
         drone="d2",
@@ -150,7 +150,7 @@ def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_
     other.observe_vehicle(state(back_ns, FlightMode.RETURN, healthy=False))
     other.step(back_ns)
     assert other.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0), abs=1e-6)
-    assert other.whereabouts.sigma_m > one.whereabouts.sigma_m + 0.1  # it has drifted since
+    assert other.whereabouts.sigma_m > one.whereabouts.sigma_m + 0.1  # drifted since
     assert reckoned(other, back_ns + SECOND) == [pytest.approx(place)]
     graph = other.frames.graph
     graph.place("d1", 0, Transform(0.5, (6.0, 5.0, 0.0), covariance))
@@ -158,7 +158,7 @@ def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_
     assert other.whereabouts.place_m == pytest.approx((6.0, 5.0, 3.0), abs=1e-6)
     graph.replace_from("d1", 0, 0, [(0, None)])
     other.observe_vehicle(state(back_ns + 3 * SECOND, FlightMode.OFFBOARD))
-    assert other.whereabouts is None  # what the log has told and tells no more is not believed
+    assert other.whereabouts is None  # a frame that the log no longer gives is not believed
 
 
 @pytest.mark.parametrize(("away_s", "flown_s"), [(12, 0), (12, 48), (60, 0)])
@@ -178,7 +178,7 @@ def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(away_s, flo
 
 @pytest.mark.parametrize("jump_s", [1, 30])
 def test_the_frame_of_a_jump_after_a_restart_drifts_until_the_log_tells_it(jump_s):
-    """As the one of before it: nothing has told either."""
+    """As the frame before: the log has given neither."""
     member, before = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0), Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4))
     one, other = (own_pose("d1", FrameGraph(), member) for _ in range(2))
     for own in (one, other):
@@ -211,7 +211,7 @@ def test_a_drone_whose_entries_count_no_more_goes_on_by_the_frame_known_last_and
 
 @pytest.mark.parametrize("contradicts", [True, False])
 def test_a_drone_whose_entries_count_no_more_before_it_knew_its_place_returns(contradicts):
-    """It hovered where it had taken off to the end, and was carried along by the others, which circled there."""
+    """The drone hovered over its takeoff place to the end, and was carried along by the others, which circled there."""
     mission = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0))
     one = pilot(mission=mission)
     flown(one, 1.0, began_ns=START_NS - SECOND, armed=False)

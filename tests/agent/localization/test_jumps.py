@@ -77,7 +77,7 @@ def test_a_spin_that_ends_on_the_ground_begins_no_epoch(rate_rps, part):
 def test_a_vehicle_that_turns_as_hard_as_it_can_begins_no_epoch():
     harder = [0.5 * 6.0 * (0.05 * step) ** 2 for step in range(40)]
     assert set(turning(JumpDetector(8.0), [*harder, *(2.0 * harder[-1] - yaw_rad for yaw_rad in harder[-2::-1])])) == {0}
-    assert set(turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67], yaw_sigma_rad=0.3)) == {0}  # it had said so
+    assert set(turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67], yaw_sigma_rad=0.3)) == {0}  # as stated before
 
 
 @pytest.mark.parametrize("set_ms", [-48.6, -40.0, 127.0])

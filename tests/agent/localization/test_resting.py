@@ -12,7 +12,7 @@ LONG_S = 12.0
 
 
 class Flight:
-    """The own pose of one in the air, whose positions slide east at some speed."""
+    """A drone's own pose in the air, with positions sliding east at some speed."""
 
     def __init__(self) -> None:
         self.own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
@@ -60,7 +60,7 @@ def test_once_it_flies_again_it_is_trusted(flown):
     assert not flown.after(LONG_S, 1.0, **DOWN)
     assert flown.after(0.1)
     assert flown.problems == ""
-    assert flown.after(3.0, **DOWN)  # where it lands then is where it stays
+    assert flown.after(3.0, **DOWN)  # it stays at its landing place
 
 
 def test_before_its_first_flight_a_vehicle_may_be_carried():
@@ -76,4 +76,4 @@ def test_after_a_jump_of_the_localisation_the_new_frame_counts(flown):
     assert flown.after(3.0, epoch=1, **DOWN)
     assert not flown.after(LONG_S, 1.0, epoch=1, **DOWN)
     flown.x_m = 0.0
-    assert not flown.after(3.0, epoch=2, **DOWN)  # where it slid from is not known in this one
+    assert not flown.after(3.0, epoch=2, **DOWN)  # the start of the slide is not known in this epoch

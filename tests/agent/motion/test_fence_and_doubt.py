@@ -1,4 +1,4 @@
-"""Where there is no room for what is held of a doubtful place, that gives way before the fence does."""
+"""Without room for both, the margin for an uncertain position gives way before the fence does."""
 
 from __future__ import annotations
 

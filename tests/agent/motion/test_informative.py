@@ -87,7 +87,7 @@ def test_for_a_weak_source_it_passes_all_of_the_area_near_enough() -> None:
 def test_the_same_is_chosen_again() -> None:
     known = belief(around(30.0, 80.0, 20.0))
     first, second = waypoints(), waypoints()
-    second.choose(belief(around(1.0, 1.0)), (3.0, 3.0), AT_REST)  # what was asked before leaves no trace
+    second.choose(belief(around(1.0, 1.0)), (3.0, 3.0), AT_REST)  # earlier calls leave no trace
     assert first.choose(known, (10.0, 20.0), (1.0, 2.0), [(50.0, 50.0)]) == second.choose(
         known, (10.0, 20.0), (1.0, 2.0), [(50.0, 50.0)]
     )

@@ -42,7 +42,7 @@ def test_a_velocity_that_jumps_for_a_moment_hardly_moves_the_circle_and_one_that
 
 
 def test_a_hypothesis_that_jumps_takes_the_circle_along_in_time() -> None:
-    """Neighbours who all turn at once at full speed come too near to each other."""
+    """Neighbours that all turn at once at full speed come too near to each other."""
     one = leading()
     one.centre(0, 0, (50.0, 50.0), (0.0, 0.0))
     ways = []

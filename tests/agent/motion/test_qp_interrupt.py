@@ -41,7 +41,7 @@ while True:
 
 @pytest.fixture
 def solver(request: pytest.FixtureRequest) -> Iterator[subprocess.Popen[str]]:
-    """A process that solves until it is ended; the parameter: what it does with SIGINT."""
+    """A process that solves until it is ended; the parameter: its reaction to SIGINT."""
     process = subprocess.Popen(
         [sys.executable, "-c", SOLVE, request.param],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
@@ -73,7 +73,7 @@ def test_an_interrupt_ends_what_it_interrupts(solver: subprocess.Popen[str]) -> 
 
 @pytest.mark.parametrize("solver", ["ignores"], indirect=True)
 def test_who_ignores_interrupts_gets_the_solution(solver: subprocess.Popen[str]) -> None:
-    """As an agent does, whose supervisor gets the terminal's SIGINT too."""
+    """As an agent under a supervisor that gets the terminal's SIGINT, too."""
     assert solver.stdout is not None
     for _ in range(20):
         for _ in range(10):

@@ -33,7 +33,7 @@ def test_a_solo_drone_flies_the_true_circle_in_spite_of_its_lag() -> None:
     radius = np.hypot(settled.position[:, 0, 0], settled.position[:, 0, 1])
     assert radius.mean() == pytest.approx(RADIUS_M, abs=0.3)
     assert settled.speeds().mean() == pytest.approx(SPEED_MPS, rel=0.02)
-    assert np.abs(settled.speeds() - SPEED_MPS).max() < 3.0 * VELOCITY_MPS  # which is what it takes its speed to be off by
+    assert np.abs(settled.speeds() - SPEED_MPS).max() < 3.0 * VELOCITY_MPS  # the assumed speed error
 
 
 @pytest.fixture(scope="module")

@@ -161,7 +161,7 @@ def test_the_fence_holds_against_references_beyond_it(outline: shapely.Polygon, 
     assert all(outline.contains(shapely.Point(x, y)) for x, y, _ in flown.tolist())
     nearest = nearest_points(outline, shapely.Point(goal))[0]
     assert hypot(flown[-1, 0] - nearest.x, flown[-1, 1] - nearest.y) < 25.0
-    assert np.hypot(*plans[-1].velocities[0, :2]) < 0.5  # it has come to rest inside
+    assert np.hypot(*plans[-1].velocities[0, :2]) < 0.5  # at rest inside
 
 
 def test_floor_and_ceiling_hold() -> None:
@@ -248,7 +248,7 @@ def test_who_catches_up_with_its_place_on_the_circle_does_not_cut_short_around_o
 
 
 def test_a_vehicle_that_returns_to_its_plan_as_slowly_as_vehicles_do_passes_at_the_whole_distance() -> None:
-    """It flies 1.6 m beside its plan, on the side of one that hovers there, of which plans keep 5 m."""
+    """The vehicle flies 1.6 m beside its plan, on the side of a hovering drone, of which plans keep 5 m clear."""
     tracker, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), []
     tracker.reset((0.0, 0.0, 3.0), (6.0, 0.0, 0.0))
     state, ahead = PeerState((0.0, 0.0, 3.0), (6.0, 0.0, 0.0)), np.outer(6.0 * 0.2 * np.arange(31.0), (1.0, 0.0, 0.0))
@@ -279,7 +279,9 @@ def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_i
 
 
 def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_unconstrained_way() -> None:
-    """Drawn across the line, it slides along it, where the other one hovers, and planned for seconds to end beside that one."""
+    """Drawn across the line, the drone slides along it, where the other hovers, and planned for seconds to end beside the
+    other.
+    """
     tracker, state, clear_m = Tracker(LIMITS, WIDE, drone_id="b"), PeerState((0.0, 0.0, 3.0)), []
     tracker.reset(state.position)
     for step in range(30):
@@ -297,7 +299,7 @@ def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_
 
 
 def test_pushed_on_by_three_who_come_behind_it_a_drone_keeps_clear_of_the_one_ahead() -> None:
-    """Its way home leads back through the three, who take all half-planes of a step: it planned to end 4 m from the fourth."""
+    """Its way home leads back through the three, which take all half-planes of a step: it planned to end 4 m from the fourth."""
     tracker, state, clear_m = Tracker(LIMITS, WIDE, drone_id="e"), PeerState((0.0, 0.0, 3.0), (0.0, 2.0, 0.0)), []
     tracker.reset(state.position, state.velocity)
     ahead = PeerPlan.from_pose("d", 0, PeerState((1.0, 14.0, 3.0)), sigma_m=1.5, doubt_m=1.0)
@@ -340,7 +342,7 @@ def test_between_two_lines_without_room_for_both_distances_a_drone_goes_on_along
 
 
 def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fence() -> None:
-    """Somebody who is not heard may be anywhere on the circle; the reference lies inside, far from the fence."""
+    """A drone with its link lost may be anywhere on the circle; the reference lies inside, far from the fence."""
     fence = Fence(shapely.box(-20.5, -200.0, 200.0, 200.0), 1.5, 60.0)
     tracker, state, clearances = Tracker(LIMITS, fence, drone_id="d1"), PeerState((-6.0, -1.0, 3.0), (-0.7, -2.4, 0.0)), []
     tracker.reset(state.position, state.velocity)
@@ -358,7 +360,7 @@ def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fe
 
 
 def test_before_a_gap_that_gets_too_narrow_a_drone_stays_rather_than_be_pushed_through() -> None:
-    """Ahead on the left flies one that stops, on the right is a line, and behind it somebody in doubt: it passed at 2.9 m."""
+    """Ahead on the left a drone stops, on the right is a line, behind it a drone of uncertain position: it passed at 2.9 m."""
     tracker, state, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), PeerState((0.0, 0.0, 3.0), (-0.5, 3.0, 0.0)), []
     tracker.reset(state.position, state.velocity)
     for step in range(30):

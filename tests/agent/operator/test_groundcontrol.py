@@ -32,7 +32,7 @@ STAGES = {Action.START: Stage.TAKEOFF, Action.HOLD: Stage.HOLD, Action.LAND: Sta
 
 
 class Drone:
-    """Says what it is, and starts when told to unless it is ``lame``."""
+    """Reports its kind, and starts on command unless ``lame``."""
 
     def __init__(
         self,
@@ -124,7 +124,7 @@ def order(
     folder: Path | None = None,
     mission: str = "",
 ) -> list[str]:
-    """Carry out an order to running drones; what was said."""
+    """Carry out an order to running drones; return the messages."""
     said: list[str] = []
 
     async def run() -> None:

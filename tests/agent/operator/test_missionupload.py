@@ -24,7 +24,7 @@ NEW = replace(MISSION, name="new")
 
 
 def uploaded(*drones: Drone, without: tuple[str, ...] = ()) -> tuple[dict[str, str], list[str]]:
-    """The results by drone, and what was said."""
+    """The results by drone, and the messages."""
     said: list[str] = []
 
     async def run() -> dict[str, str]:

@@ -196,7 +196,7 @@ async def publish_until(endpoint, done):
 
 @pytest.fixture
 def radron_agent(monkeypatch, capsys):
-    """The command in this process: its exit code, and what it prints."""
+    """The command in this process: its exit code, and its output."""
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["radron-agent", *arguments, "--swarm", "test", "--insecure"])
@@ -209,7 +209,7 @@ def radron_agent(monkeypatch, capsys):
 
 
 def beside_a_drone(course):
-    """The result of a course beside a drone at an endpoint; ``course(endpoint, done)``, after which nobody publishes any more."""
+    """The result of a course beside a drone at an endpoint; ``course(endpoint, done)`` ends all publishing by ``done``."""
 
     async def run():
         endpoint, done = f"tcp/127.0.0.1:{free_ports(1)[0]}", asyncio.Event()

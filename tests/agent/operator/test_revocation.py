@@ -101,7 +101,7 @@ async def flying(own: Identity, listen: str) -> AsyncIterator[Pilot]:
 
 
 def carried_out(folder: Path, request: Request, own: Identity | None = None, confirmed: bool = True) -> tuple[Pilot, list[str]]:
-    """d1 after a request, and what was said."""
+    """d1 after a request, and the messages."""
     said: list[str] = []
 
     def confirm(text: str) -> bool:
@@ -180,7 +180,7 @@ def test_only_drones_that_have_signed_their_statuses_are_asked(folder: Path) -> 
 
 
 def test_a_stolen_drone_does_not_tell_up_to_where_its_own_entries_count(folder: Path) -> None:
-    """It answers for d1's log too; only d1's own answer counts. The twin is the test above, without it."""
+    """The stolen drone answers for d1's log too; only d1's own answer counts. The twin is the test above, without it."""
     request, listen = asked(folder), f"tls/127.0.0.1:{free_ports(1)[0]}"
     endless = encode_summary(MISSION.mission_id, {("d2", BOOT): Held(((0, 2**40),))})
 

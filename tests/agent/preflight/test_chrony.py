@@ -12,7 +12,7 @@ REPORT = "C0A80101,192.168.1.1,3,1700000000.123456789,{},0.000001,0.00002,-1.234
 
 @pytest.fixture
 def answering(tmp_path, monkeypatch):
-    """Puts a chronyc on the path that does what is given."""
+    """Put a chronyc with the given behaviour on the path."""
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
 
     def answer(script):

@@ -1,4 +1,4 @@
-"""What `doctor --write` sets: whatever was wrong, the value passes the check that found it."""
+"""Corrections by `doctor --write`: after any fault, the new value passes the check that found it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ def mission(datum=DATUM, **drone):
 
 
 def place(x, y):
-    """Of a vehicle that stands there, whose autopilot was switched on 300 m east of the mission's datum."""
+    """The launch place of a vehicle standing there; its autopilot was switched on 300 m east of the mission's datum."""
     latitude, longitude, altitude = geodetic_from_mission(DATUM, (300.0, 0.0, 0.0))
     return LaunchPlace(
         north_m=y, east_m=x - 300.0, down_m=0.0,

@@ -98,7 +98,7 @@ def test_a_drone_without_a_camera_is_not_ready(folder: Path) -> None:
 
 
 def test_the_address_of_another_computer(folder: Path) -> None:
-    mesh = finding(folder, "mesh", RADRON_MESH__LISTEN="tls/192.0.2.1:7447")  # RFC 5737: nobody's
+    mesh = finding(folder, "mesh", RADRON_MESH__LISTEN="tls/192.0.2.1:7447")  # RFC 5737: unassigned
     assert mesh.verdict == "failed"
     assert mesh.text.startswith("mesh.listen: 'tls/192.0.2.1:7447' is not an address of this computer")
 
@@ -126,7 +126,7 @@ def test_a_serial_device_that_this_user_may_not_open(folder: Path, monkeypatch: 
 
 def test_a_serial_device_is_new_until_udev_has_set_it_up(tmp_path: Path) -> None:
     adapter = os.makedev(188, 0)
-    assert not is_new(adapter, tmp_path)  # a computer without udev: nobody will set it up
+    assert not is_new(adapter, tmp_path)  # a computer without udev: no set-up to wait for
     for file in ("run/udev/control", "sys/dev/char/188:0", "run/udev/data/c4:64"):
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()

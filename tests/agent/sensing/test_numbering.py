@@ -1,4 +1,4 @@
-"""Which of the own entries a wrong clock has stamped."""
+"""The own entries stamped by a wrong clock."""
 
 import pytest
 
@@ -9,8 +9,8 @@ TICKS = 20
 
 
 def told(jumps, seconds, right=lambda second: True):
-    """What is told to have been stamped wrongly, by the number; a number is given at each tick. ``jumps``: by how much (s) the
-    clock is set, by second; ``right``: whether it is known to be right then.
+    """The numbers reported as wrongly stamped; a number is given at each tick. ``jumps``: steps of the clock (s), by second;
+    ``right``: whether the clock is known to be right then.
     """
     numbering, ahead_s, found = Numbering(), 0.0, []
     for tick in range(seconds * TICKS):
@@ -46,7 +46,7 @@ def test_where_the_clock_was_never_set_ahead_what_carries_later_stamps():
 
 
 def test_nothing_once_the_time_has_come_again():
-    """Set back wrongly: while it is known to be wrong nothing is told, and then what was stamped before is right."""
+    """Set back wrongly: while the clock is known to be wrong nothing is reported, and then the earlier stamps are right."""
     assert told({30: -8.0}, 60, right=lambda second: second < 30 or second >= 38) == []
     assert told({30: -8.0, 35: 8.0}, 60, right=lambda second: second < 30 or second >= 35) == []
 

@@ -145,7 +145,7 @@ def test_a_readout_of_seconds_makes_an_entry_that_can_be_sent():
 
 
 def test_no_exposure_is_longer_than_a_log_takes():
-    """What is held is published before a stretch that would make it too long."""
+    """The held exposure is published before a stretch that would make it too long."""
     history = PoseHistory()
     observer = observer_with(history)
     for tick in range(31):
@@ -159,7 +159,9 @@ def test_no_exposure_is_longer_than_a_log_takes():
 
 
 def test_where_a_drone_is_whose_camera_is_silent():
-    """Nothing while the camera works; then what it told of last, and poses without live time, up to what it may still tell."""
+    """Nothing while the camera works; then the last reported exposure, and poses without live time, up to the last stretch it
+    may still report.
+    """
     history = PoseHistory()
     observer, step = observer_with(history), SECOND // 10
     seen, unseen = [], []
@@ -309,7 +311,7 @@ def test_what_is_measured_at_an_unknown_place_is_dropped(observer, history):
 
 
 def test_measurements_wait_for_the_telemetry_of_their_time(observer, history):
-    """It comes late where the computer has much to do; a pose held meanwhile would be metres off."""
+    """Telemetry comes late on a busy computer; a pose held meanwhile would be metres off."""
     for k in range(5):
         assert observer.observe(stretch(0.8 + 0.2 * k, 1.0 + 0.2 * k)) == []
     history.add(telemetry(2 * SECOND, (10.0, 0.0, 8.0), Rotation.identity()))
@@ -321,7 +323,7 @@ def test_measurements_wait_for_the_telemetry_of_their_time(observer, history):
 
 @pytest.mark.parametrize("gap_s", [3.0, 60.0])
 def test_of_a_gap_in_the_telemetry_nothing_is_told(observer, history, gap_s):
-    """Poses held for 1.5 s, and a line between those before and after the gap, bent the drone's frame by 12 degrees."""
+    """Poses held for 1.5 s, and a line between the poses before and after the gap, bent the drone's frame by 12 degrees."""
     entries = observer.observe(stretch(0.8, 1.0))
     for k in range(round(5 * gap_s)):
         now_s = 1.2 + 0.2 * k

@@ -27,7 +27,7 @@ PORT = free_port()
 
 @pytest.fixture
 def drone_file(tmp_path: Path) -> Path:
-    """Of a drone whose certificate begins tomorrow."""
+    """The file of a drone whose certificate begins tomorrow."""
     identity(new_issuer("radron"), tmp_path, "d1", from_ns=DAY_NS + DAY_NS // 2)
     (tmp_path / "mission.toml").write_text(MISSION)
     (tmp_path / "told").mkdir()
@@ -39,7 +39,7 @@ def drone_file(tmp_path: Path) -> Path:
 
 
 def waits(drone_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
-    """What it says that it waits for."""
+    """The reported reasons for waiting."""
 
     def sleep(_: float) -> None:
         raise InterruptedError  # the test's end

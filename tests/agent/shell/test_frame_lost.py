@@ -1,4 +1,4 @@
-"""When the agent begins anew by itself, as its vehicle's local frame is another one."""
+"""The agent's restart by itself after a change of its vehicle's local frame."""
 
 from types import SimpleNamespace
 

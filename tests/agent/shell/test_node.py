@@ -16,20 +16,20 @@ from protocol.identity import load_identity
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Status
 
-SAID_S = 10.0  # within which what is wrong must be told
-BUSY_S = 15.0  # by which everything may take longer on a busy computer
+SAID_S = 10.0  # limit for the report of a fault
+BUSY_S = 15.0  # additional time for everything on a busy computer
 
 
 @pytest.fixture
 def vehicles(tmp_path: Path) -> Iterator[Vehicles]:
-    """Two vehicles of which the second never gets healthy, and files for their agents."""
+    """Two vehicles, the second never healthy, and files for their agents."""
     vehicles = Vehicles(write_configs(tmp_path, 2), {1: "Preflight Fail: compass 0 uncalibrated"})
     with closing(vehicles):
         yield vehicles
 
 
 def problems_of(folder: Path, drone: str, *expected: str, connect: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Wait until a drone's status names all these problems. ``connect``: whom to dial besides."""
+    """Wait until a drone's status names all these problems. ``connect``: further endpoints to dial."""
     statuses: list[Status] = []
 
     def receive(key: str, payload: bytes) -> None:

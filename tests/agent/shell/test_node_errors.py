@@ -1,5 +1,5 @@
-"""What a user can get wrong ends ``radron-agent run`` in one line and exit code 2 within 10 s, for a
-vehicle's port that is in use after 10 s more; it ends when it is asked to.
+"""Mistakes of a user end ``radron-agent run`` in one line and exit code 2 within 10 s, for a vehicle's port that is in use
+after 10 s more; the process ends on request.
 """
 
 import os
@@ -34,7 +34,7 @@ def agent(tmp_path: Path) -> Iterator[RunAgent]:
 
 
 def refusal(agent: Agent, limit_s: float = LIMIT_S) -> str:
-    """The one line that it ends with; other lines are of its log."""
+    """The last line; other lines belong to its log."""
     assert agent.ended(limit_s) == 2
     (line,) = (line for line in agent.log.splitlines() if not line.startswith("{"))
     return line

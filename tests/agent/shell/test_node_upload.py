@@ -40,7 +40,7 @@ def ready(folder: Path, *agents: Agent) -> None:
 
 
 def statuses(folder: Path) -> str:
-    """What ``radron-agent status`` prints."""
+    """The output of ``radron-agent status``."""
     tool = str(Path(sys.executable).parent / "radron-agent")
     links = ("--swarm", "radron", "--connect", station_endpoint(folder), "--identity", str(operator_folder(folder)))
     ran = subprocess.run([tool, "status", *links], capture_output=True, text=True, timeout=60.0, check=False)

@@ -1,4 +1,4 @@
-"""Waiting for what is missing before a flight: told once, tried again, and nothing of it without ``--wait``."""
+"""Waiting for missing parts before a flight: reported once, tried again, and none of this without ``--wait``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the process tells its pilot of the parts around it, and what it logs of that."""
+"""The process's reports to its pilot on the parts around it, and their log lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is revoked survives a restart, and each drone opens its session anew in its turn."""
+"""Revocations survive a restart, and each drone opens its session anew in its turn."""
 
 import asyncio
 from pathlib import Path
@@ -21,7 +21,7 @@ BOOT = "2" * 16
 
 
 def saved(folder: Path, held: tuple[Revocation, ...]) -> RevokedFile:
-    """A file into which a drone has written what it knows."""
+    """A file with a drone's saved knowledge."""
 
     async def course() -> RevokedFile:
         file = RevokedFile(str(folder), "d1")

@@ -1,4 +1,4 @@
-"""What an agent tells its computer, and what its computer's updater tells through the agent."""
+"""The agent's report to its computer, and the report of the computer's updater through the agent."""
 
 from __future__ import annotations
 

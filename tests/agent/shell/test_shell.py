@@ -47,7 +47,7 @@ def test_a_log_that_nobody_reads_does_not_stop_the_writer() -> None:
     reader, writer = os.pipe()
     try:
         stream = UnblockingStream(writer)
-        for _ in range(1000):  # 1 MB: sixteen times what the pipe holds
+        for _ in range(1000):  # 1 MB: sixteen times the pipe's capacity
             assert stream.write("x" * 1000) == 1000
         held = os.read(reader, 1 << 20)
         assert 4096 <= len(held) < 1_000_000
@@ -73,7 +73,7 @@ def test_state_survives(tmp_path: Path, log: Logger) -> None:
 
 
 def test_the_state_of_an_older_release_is_read(tmp_path: Path) -> None:
-    """It was written before the state had the frames of all drones."""
+    """The file is from before the state had the frames of all drones."""
     file = StateFile(str(tmp_path), "d1")
     file.path.write_text(
         '{"memory":{"mission":"m1","stamp_ns":7,"started_ns":5,"stage":"track","resume":"survey","released":false,'
@@ -112,7 +112,7 @@ def test_what_a_step_changes_is_saved_with_that_step_and_the_launch_place(tmp_pa
 def test_after_a_jump_that_was_not_announced_the_launch_place_is_not_kept_once_it_has_landed(
     tmp_path: Path, log: Logger, jumped: bool
 ) -> None:
-    """Nothing would tell an agent restarted then that its frame is another one."""
+    """Nothing would show an agent restarted then that its frame has changed."""
     node = Node(DroneConfig(id="d1", state=str(tmp_path)), MISSION, InForce(MISSION), Heartbeat(), log)
     assert STATE.memory is not None
     assert STATE.launch is not None
@@ -192,7 +192,7 @@ def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path
 
 
 def test_a_disk_that_fills_while_nothing_changes_is_told(tmp_path: Path, log: Logger, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On the ground: a flight of which nothing is stored began."""
+    """On the ground: a flight without any storage began."""
     monkeypatch.setattr(statestore, "PROBE_S", 0.02)
     folder = tmp_path / "state"
 

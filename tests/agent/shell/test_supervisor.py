@@ -50,7 +50,7 @@ def first_step(process: subprocess.Popen[str]) -> int:
 
 
 def gone(pid: int) -> bool:
-    """Whether a process has ended; one that waits for an init that does not collect it has."""
+    """Whether a process has ended; a zombie that its init does not collect has."""
     try:
         return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
@@ -152,7 +152,7 @@ def test_woken_after_a_stop_nothing_is_sent_any_more(start: Start) -> None:
     os.killpg(process.pid, signal.SIGCONT)
     code, err, steps = ended(process)
     assert code == 70
-    assert "stalled" in err or "no heartbeat" in err  # whoever is first
+    assert "stalled" in err or "no heartbeat" in err  # in either order
     assert not [step_s for step_s in steps if step_s > woken_s]
 
 

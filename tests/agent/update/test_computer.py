@@ -1,4 +1,4 @@
-"""What a computer tells of itself that the agent was installed on, without the image's slots."""
+"""The self-report of a computer with an installed agent, without the image's slots."""
 
 from __future__ import annotations
 

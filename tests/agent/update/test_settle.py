@@ -1,4 +1,4 @@
-"""What becomes of a slot after a boot: confirmed by the agent's report, or given up after three attempts; with power cuts."""
+"""The fate of a slot after a boot: confirmed by the agent's report, or given up after three attempts; with power cuts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PowerCutError(Exception):
 
 
 class Booted:
-    """One boot of a computer, by a clock of its own. ``report``: of the agent, by the seconds since the boot."""
+    """A boot of a computer, by a clock of its own. ``report``: of the agent, by the seconds since the boot."""
 
     def __init__(self, report: Callable[[float], Report | None]) -> None:
         self.now_s = 0.0
@@ -58,7 +58,7 @@ def always(report: Report | None) -> Callable[[float], Report | None]:
 
 @pytest.fixture
 def updated(tmp_path: Path) -> OnboardFiles:
-    """A computer with an old release in service, and a new one that comes first."""
+    """A computer with an old release in service, and a new release first in the boot order."""
     computer = OnboardFiles(tmp_path)
     computer.boot()
     settle(computer.slots, computer.records, OLD, Booted(always(None)).around)
@@ -158,7 +158,7 @@ def test_a_power_cut_between_any_two_writes_changes_nothing_of_what_is_decided(
 
 
 def test_a_bundle_that_was_not_written_to_its_end_is_told_as_interrupted(updated: OnboardFiles) -> None:
-    updated.slots.mark_bad("B")  # what RAUC does before it writes
+    updated.slots.mark_bad("B")  # as RAUC before it writes
     run(updated, always(well()))
     outcome = updated.records.outcome
     assert outcome is not None
@@ -212,7 +212,7 @@ def test_a_data_partition_that_became_read_only_does_not_decide_about_a_slot(
         assert [updated.boot() for _ in range(3)] == ["B"] * 3
     monkeypatch.setattr(Records, "_write", read_only)
     monkeypatch.setattr(Records, "end", read_only)
-    for _ in range(5):  # it stays so
+    for _ in range(5):  # unchanged
         booted = run(updated, always(well()))
         slot = "B" if kind == "good" else "A"
         assert (updated.slots.booted, updated.slots.primary, updated.slots.attempts(slot)) == (slot, slot, 0)

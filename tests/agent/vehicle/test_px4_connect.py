@@ -59,7 +59,7 @@ def test_a_second_agent_on_the_same_port_is_refused() -> None:
         address = f"udpin://127.0.0.1:{free_port()}"
         first = Px4Vehicle(Demands(VehicleConfig(address=address, connect_timeout_s=5.0), 60.0))
         connecting = asyncio.create_task(first.connect())
-        await asyncio.sleep(0)  # it listens as soon as it is connecting
+        await asyncio.sleep(0)  # listening as soon as it is connecting
         deadline_s = time.monotonic() + 10.0
         while time.monotonic() < deadline_s:
             text = await refusal(address, timeout_s=0.1)

@@ -104,7 +104,7 @@ def test_an_agent_restarted_in_flight_goes_on_in_the_same_frame() -> None:
             assert isinstance(launch, LaunchPlace)
             await flight.vehicle.close()
 
-            flight.new_vehicle()  # one that was told nothing
+            flight.new_vehicle()  # a vehicle without any command so far
             await flight.connect()
             await flight.fly(STAY, lambda: any("launched" in problem for problem in flight.vehicle.problems))
             assert flight.states == []

@@ -31,7 +31,7 @@ def localized(vehicle: VehicleTruth) -> MovingFrames:
 
 
 class Seeing:
-    """Tells the vehicle's SLAM's poses to whoever listens."""
+    """Send the poses of the vehicle's SLAM to all listeners."""
 
     def __init__(self, flight: Sky, server: LineServer) -> None:
         self._flight, self._server = flight, server

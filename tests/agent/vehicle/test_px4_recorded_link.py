@@ -65,7 +65,7 @@ def test_recorded_bytes_lead_to_the_recorded_states_whoever_else_speaks() -> Non
                     for beat in foreigner.beats():
                         sender.sendto(beat, ("127.0.0.1", port))
                 sender.sendto(packet.data, ("127.0.0.1", port))
-                if connecting.done() and not answered:  # told only once, before anybody listened, and then to who asks
+                if connecting.done() and not answered:  # sent only once, before there is a listener, and then on request
                     answered = True
                     sender.sendto(origin, ("127.0.0.1", port))
                 problems.update(vehicle.problems)
@@ -94,7 +94,7 @@ def test_who_holds_a_port_is_named_after_it_was_waited_for() -> None:
             waiting = asyncio.create_task(claim_port(f"udpin://127.0.0.1:{port}"))
             await asyncio.sleep(0.1)
             assert not waiting.done()
-        await waiting  # it was let go of
+        await waiting  # released
         assert holders(port) == []
 
     asyncio.run(scenario())

@@ -21,7 +21,7 @@ def test_a_lost_link_is_told_within_three_seconds_and_comes_back() -> None:
             assert time.monotonic() - begun_s < 3.0
             found = {finding.name: finding.verdict for finding in await flight.vehicle.findings()}
             assert found["autopilot"] == "failed"
-            assert found["parameters"] == "not yet"  # one that is not answered now is not unknown to it
+            assert found["parameters"] == "not yet"  # a parameter without an answer now is not unknown to it
             assert not [name for name in found if name.isupper()]
             count = len(flight.states)
             await flight.fly(STAY, lambda: len(flight.states) > count and flight.state.healthy and not flight.vehicle.problems)

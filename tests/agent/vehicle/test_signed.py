@@ -21,7 +21,7 @@ POSITION = mavlink.MAVLink_local_position_ned_message(1000, 1.0, 2.0, -3.0, 0.0,
 
 
 def sign(sender: mavlink.MAVLink) -> None:
-    """Have it sign what it sends, and take signed messages only, as PX4 does once it has a key."""
+    """Have it sign its messages, and take signed messages only, as PX4 does once it has a key."""
     sender.signing.secret_key = KEY
     sender.signing.timestamp = int((time.time() - 1_420_070_400) * 1e5)
     sender.signing.sign_outgoing = True
@@ -97,7 +97,7 @@ def _told(signs: bool) -> tuple[str, str, bool]:
             if signs:
                 sign(link._mavlink)
             await flight.connect()
-            # One that ignores what it is asked tells the origin of its local frame once: perhaps before it is listened to.
+            # An autopilot that ignores requests sends the origin of its local frame once: perhaps before there is a listener.
             await flight.fly(STAY, lambda: bool(signs or (flight.states and flight.state.healthy)))
             await flight.insist(TAKEOFF)
             finding = next(one for one in await flight.vehicle.findings() if one.name == "autopilot")

@@ -1,4 +1,4 @@
-"""What bounds the error of a position without satellites, and when it ends."""
+"""The error bound of a position without satellites, and its end."""
 
 import pytest
 

@@ -4,7 +4,7 @@ from agent.vehicle.batteries import ALL, STALE_S, Batteries
 
 
 def test_the_lowest_level_that_is_still_told_counts() -> None:
-    """Of a smart battery whose bus had failed the last level counted for good; one with number 1 counted nothing."""
+    """The last level of a smart battery counted for good after its bus had failed; a battery with number 1 counted nothing."""
     batteries, now_s = Batteries(), 100.0
     assert (batteries.level(now_s), batteries.problem(now_s)) == (None, None)
     batteries.take(1, 45, now_s)

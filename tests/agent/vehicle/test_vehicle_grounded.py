@@ -1,4 +1,4 @@
-"""One faulty or forged packet ends no flight: that a vehicle is down is confirmed, by more reports and by its motion."""
+"""One faulty or forged packet ends no flight: a landing is confirmed by more reports and by the vehicle's motion."""
 
 import pytest
 from msgspec.structs import replace
@@ -13,7 +13,7 @@ FAST = (2.0 * MOVING_MPS, 0.0, 0.0)
 
 
 class Flight:
-    """One in the air, and what is believed of it."""
+    """A vehicle in the air, and its estimated landed state."""
 
     def __init__(self) -> None:
         self.grounded = Grounded()

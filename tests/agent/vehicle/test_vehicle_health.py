@@ -19,7 +19,7 @@ def status(present: int, enabled: int, health: int) -> SystemStatus:
 
 def test_the_autopilots_own_prearm_check_decides() -> None:
     assert not_ready(status(PRESENT, ENABLED, READY)) is None
-    assert not_ready(status(PRESENT, ENABLED, READY & ~GPS)) is None  # it lets itself be armed all the same
+    assert not_ready(status(PRESENT, ENABLED, READY & ~GPS)) is None  # can be armed all the same
     assert not_ready(status(PRESENT, ENABLED, NOT_READY)) == "prearm check"
     assert not_ready(status(PRESENT, ENABLED, NOT_READY & ~GPS & ~BATTERY)) == "GPS, battery"
 
@@ -77,7 +77,7 @@ def test_events_say_what_a_link_without_a_ground_station_gets_no_text_of() -> No
     told.receive(event("commander_armed_by", 0x66, 1, "04"), 0.0)  # a notice
     told.receive(event("commander_failsafe_enter_autopilot_disengaged", 0x42, 2, "0000060008"), 1.0)
     told.receive(event("commander_failsafe_enter_hold", 0x42, 3, "0000060006050004"), 2.0)
-    told.receive(event("commander_failsafe_enter_hold", 0x42, 3, "0000060006050004"), 2.1)  # somebody asked for it again
+    told.receive(event("commander_failsafe_enter_hold", 0x42, 3, "0000060006050004"), 2.1)  # requested again
     assert told.recent(2.0) == ("Failsafe: battery critically low: return in 5 s", "Failsafe: descend")
 
 
@@ -105,7 +105,7 @@ def test_the_last_report_says_what_keeps_it_from_being_armed_in_which_mode() -> 
 def test_a_text_that_is_an_event_too_is_told_once() -> None:
     told = StatusMessages()
     told.receive(StatusText(2, "Failsafe activated\t"), 0.0)
-    assert told.recent(0.0) == ("Failsafe activated",)  # of an autopilot of which no events are heard
+    assert told.recent(0.0) == ("Failsafe activated",)  # of an autopilot without events
     told = StatusMessages()
     told.receive(event("commander_failsafe_enter_generic", 0x42, 2, "0000060006"), 0.0)
     told.receive(StatusText(2, "Failsafe activated\t"), 0.0)

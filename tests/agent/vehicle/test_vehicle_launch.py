@@ -161,7 +161,7 @@ def test_without_satellites_too_if_the_autopilot_has_not_been_booted_since() -> 
 
 
 def test_after_a_jump_it_is_measured_again_on_the_ground() -> None:
-    """Where that frame lies is known by the motion in flight only, and that is over."""
+    """The position of that frame is known by the motion in flight only, and the flight is over."""
     for jumped in (True, False):
         survey = LaunchSurvey(replace(STORED, flown=True, epoch=int(not jumped)))
         if jumped:
@@ -175,7 +175,7 @@ def test_after_a_jump_it_is_measured_again_on_the_ground() -> None:
 
 def test_what_is_kept_tells_whether_it_was_flown_from() -> None:
     survey = surveyed(3.0)
-    assert survey.to_keep is None  # it may still change
+    assert survey.to_keep is None  # may still change
     survey.observe(3.0, (10.0, -20.0, 0.3), armed=True, in_air=False)
     assert survey.to_keep == survey.place
     survey.observe(4.0, (10.0, -20.0, -3.0), **FLYING)

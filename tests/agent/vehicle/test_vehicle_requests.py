@@ -118,7 +118,7 @@ def test_an_operator_ends_a_failsafe_that_lasts_but_only_once(mode: FlightMode) 
     desk.requests.acked()
     assert desk.run(Request.OFFBOARD, 10.0) == []  # refused
     desk.run(Request.RELEASE, 1.0)
-    assert 2 <= len(desk.run(Request.OFFBOARD, 10.0)) <= 4  # nobody hears it
+    assert 2 <= len(desk.run(Request.OFFBOARD, 10.0)) <= 4  # unheard
     desk.run(Request.RELEASE, 1.0)
     desk.seen = replace(FLYING, mode=FlightMode.OFFBOARD)
     desk.run(Request.OFFBOARD, 3.0)
@@ -148,7 +148,7 @@ def test_a_pilot_who_takes_over_before_offboard_was_reached_keeps_the_vehicle() 
     desk = Desk(FLYING)
     assert desk.run(Request.OFFBOARD, 1.0) == [Act.OFFBOARD]
     desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
-    assert len(desk.run(Request.OFFBOARD, 10.0)) <= 1  # what was asked before a heartbeat told
+    assert len(desk.run(Request.OFFBOARD, 10.0)) <= 1  # requested before the heartbeat with the pilot's mode
 
 
 def test_a_new_request_is_carried_out_at_once_and_from_any_mode() -> None:
@@ -163,15 +163,15 @@ def test_a_human_pilot_keeps_the_vehicle_until_the_takeover_has_been_seen() -> N
     desk.run(Request.OFFBOARD, 1.0)
     desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
     assert desk.run(Request.OFFBOARD, 0.5) == []
-    assert desk.run(Request.HOLD, 10.0) == []  # wanted for lack of telemetry: nobody has looked at the mode yet
+    assert desk.run(Request.HOLD, 10.0) == []  # wanted for lack of telemetry: the mode is not checked yet
     assert desk.run(Request.OFFBOARD, 10.0) == []
     assert desk.run(Request.RELEASE, 1.0) == []
-    assert desk.run(Request.LAND, 0.05) == [Act.LAND]  # an operator wants it who can see that a human flies
+    assert desk.run(Request.LAND, 0.05) == [Act.LAND]  # wanted by an operator, aware of the manual override
 
 
 @pytest.mark.parametrize("gap_s", [1.2, 10.0])
 def test_a_human_pilot_who_took_over_in_or_after_a_gap_in_telemetry_keeps_the_vehicle(gap_s: float) -> None:
-    """The hold that is asked for meanwhile begins anew what the requests know of the mode."""
+    """The hold requested meanwhile resets the requests' knowledge of the mode."""
     desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
     desk.run(Request.OFFBOARD, 3.0)
     desk.beat_s = inf
@@ -196,7 +196,7 @@ def test_a_human_pilot_keeps_the_vehicle_although_the_first_heartbeat_comes_with
 
 @pytest.mark.parametrize(("request_", "act"), [(Request.HOLD, Act.HOLD), (Request.LAND, Act.LAND)])
 def test_a_vehicle_that_is_not_heard_is_commanded_for_a_moment_only(request_, act) -> None:
-    """A human pilot who had taken over lost it again every 1.5 s. Once it is heard again, it is asked again."""
+    """A pilot in manual override lost the vehicle again every 1.5 s. Once heard again, it is commanded again."""
     desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
     desk.run(Request.OFFBOARD, 3.0)
     desk.beat_s = inf
@@ -242,7 +242,7 @@ def test_a_vehicle_that_stands_in_offboard_is_brought_to_hold() -> None:
 
 
 def test_the_autopilots_own_way_from_takeoff_to_hold_leaves_the_request_alone() -> None:
-    """A stale heartbeat says hold, the next ones takeoff, then hold again: nobody has chosen anything."""
+    """A stale heartbeat says hold, the next ones takeoff, then hold again: no mode was chosen by anyone."""
     for beat_s in (0.2, 1.0):
         desk = Desk(FLYING, beat_s)
         desk.run(Request.OFFBOARD, 2.0)
@@ -267,7 +267,9 @@ def test_in_a_failsafe_what_it_goes_back_to_is_changed() -> None:
 
 
 def test_one_heartbeat_that_says_disarmed_does_not_end_a_request() -> None:
-    """Faulty or forged: the next one says otherwise, and the autopilot is asked again. One that stays disarmed is left alone."""
+    """Faulty or forged: the next heartbeat says otherwise, and the autopilot is asked again. A vehicle that stays disarmed is
+    left alone.
+    """
     steered = replace(FLYING, mode=FlightMode.OFFBOARD)
     desk = Desk(steered, beat_s=1.0)
     desk.run(Request.OFFBOARD, 3.0)

@@ -41,7 +41,7 @@ def test_a_jump_with_a_reset_is_another_frame_once(count_first: bool, metres: fl
         rig.resets.take_count(rig.count, rig.time_s)
     rig.offset_m, rig.offset_rad = metres, radians
     first = rig.fly(2 * STEP_S, counting=count_first)
-    assert first[0] is None  # nothing is done by a position of which nobody knows whose it is
+    assert first[0] is None  # no action on a position of unknown origin
     rest = [*first, *rig.fly(1.0)]
     assert rest.count(True) == 1
     assert rig.resets.moved == (metres > 0.0)
@@ -54,7 +54,7 @@ def test_heading_reset_turns_no_frame_whose_axes_are_fixed(radians: float) -> No
     rig = Rig(Resets(axes_fixed=True))
     rig.fly(0.5)
     rig.count, rig.offset_rad = 8, radians
-    assert set(rig.fly(1.0)) == {False}  # nor is any position held back
+    assert set(rig.fly(1.0)) == {False}  # no position is held back either
     rig.count, rig.offset_m = 9, 15.0
     assert rig.fly(1.0).count(True) == 1
 
@@ -88,12 +88,12 @@ def test_a_reset_when_satellites_are_lost_is_another_frame() -> None:
     rig.resets.take_satellites(True)
     rig.fly(0.5)
     rig.resets.take_satellites(False)
-    assert set(rig.fly(0.5)) == {False}  # it still flies by what it knew
+    assert set(rig.fly(0.5)) == {False}  # still flying by its former knowledge
     rig.count += 1
     assert rig.fly(1.0).count(True) == 1
     rig.count += 1
     assert set(rig.fly(1.0)) == {False}
-    rig.resets.take_satellites(True)  # they come a little later than the reset, once a second
+    rig.resets.take_satellites(True)  # satellites come a little later than the reset, once a second
     assert rig.fly(1.0).count(True) == 1
 
 
@@ -102,14 +102,14 @@ def test_a_gap_in_the_telemetry_is_no_jump() -> None:
     rig.fly(0.5)
     rig.count += 1
     rig.time_s += 1.0
-    rig.offset_m = 3.0  # it has braked and turned meanwhile
+    rig.offset_m = 3.0  # braked and turned meanwhile
     rig.offset_rad = 1.0
     assert set(rig.fly(0.5)) == {False}
 
 
 def test_the_count_wraps_and_may_be_remembered_over_a_restart() -> None:
     assert set(Rig(Resets(7)).fly(0.5)) == {False}
-    assert Rig(Resets(6)).fly(0.5).count(True) == 1  # whatever happened while nobody looked
+    assert Rig(Resets(6)).fly(0.5).count(True) == 1  # one for any number of unobserved resets
     rig = Rig()
     rig.count = 255
     rig.fly(0.5)

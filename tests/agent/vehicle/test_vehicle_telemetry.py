@@ -1,4 +1,4 @@
-"""From messages to the state: heights, sigmas, health, and what is missing."""
+"""From messages to the state: heights, sigmas, health, and missing data."""
 
 from math import atan2, cos, pi, radians, sin
 
@@ -37,7 +37,7 @@ ON_GROUND: tuple[Message, ...] = (
 
 
 class Rig:
-    """Telemetry with a clock: each position is 1/30 s later than the one before, with the attitude given."""
+    """Telemetry with a clock: each position is 1/30 s later than the last, with the attitude given."""
 
     def __init__(self, *messages: Message, gnss: bool = True, stored: LaunchPlace | None = None) -> None:
         self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15, gnss=gnss), stored)
@@ -61,7 +61,7 @@ class Rig:
 
 
 def launched(*messages: Message) -> Rig:
-    """One that has stood on the ground for 2 s."""
+    """A vehicle that has stood on the ground for 2 s."""
     rig = Rig(*ON_GROUND)
     for _ in range(60):
         rig.position()

@@ -16,8 +16,8 @@ FILES = 1000
 def events(rng: np.random.Generator) -> np.ndarray:
     """Times (N, 2) in 25 ns steps of two hits each, half of them across a border of two periods, further apart than 5 us.
 
-    No other event lies just behind a border: two such events beside successive borders, 400 ns from 409.6 us apart, look like one
-    whose hits were misplaced.
+    No other event lies just behind a border: two such events beside successive borders, 400 ns from 409.6 us apart, look like an
+    event with misplaced hits.
     """
     start = np.cumsum(rng.integers(2_000, 60_000, EVENTS)) + PERIOD
     start[start % PERIOD < MAX_APART] += MAX_APART

@@ -136,7 +136,7 @@ def test_blank_lines_are_skipped(path):
 
 
 def spoiled(path, line, text):
-    """A file of 100 rows of which the given line (from 1, the header) reads otherwise."""
+    """A file of 100 rows with the given line (from 1, the header) replaced."""
     write(path, [(i, 1000 * i, 9, 0, 0) for i in range(100)])
     lines = path.read_text().split("\n")
     lines[line - 1] = text

@@ -24,7 +24,7 @@ def watch_of(nuclide):
 
 
 def looked_at(watch, second, gain, *nuclides):
-    """Ten seconds of a camera that reads so much of all energies, after which the watch looks. Returns what it told then."""
+    """Ten seconds of a camera that reads that fraction of all energies, then a check by the watch. Returns the watch's report."""
     rng = np.random.default_rng(second)
     measured = [rng.choice(pool(nuclide), 600) for nuclide in nuclides or ("Cs-137",)]
     watch.add(watch.scale * gain * np.concatenate((*measured, rng.choice(pool("background"), 30))))
@@ -42,7 +42,7 @@ def test_a_small_error_of_the_calibration_is_corrected_and_not_told(gain):
 
 @pytest.mark.parametrize("nuclide", CANDIDATES)
 def test_the_scale_of_a_right_camera_stays_with_all_nuclides(nuclide):
-    """Am-241, too, whose line at the end of the spectrum is read 1.4 % low."""
+    """Am-241, too, with its line at the end of the spectrum read 1.4 % low."""
     rng = np.random.default_rng(6)
     scale = EnergyScale(nuclide)
     scale.look(0)
@@ -112,7 +112,7 @@ def test_the_scale_follows_a_nuclide_that_is_not_the_mission_s():
 
 @pytest.mark.parametrize("nuclide", ["Ir-192", "I-131", "Co-60"])
 def test_another_nuclide_is_no_jump(nuclide):
-    """Only Na-22 looks like Cs-137 of which a camera reads 0.77: 511 of 662 keV."""
+    """Only Na-22 looks like Cs-137 in a camera that reads 0.77 of it: 511 of 662 keV."""
     watch = watch_of("Cs-137")
     looked_at(watch, 1, 1.0)
     for second in range(2, 6):
@@ -123,7 +123,7 @@ def test_another_nuclide_is_no_jump(nuclide):
 @pytest.mark.parametrize(("mission", "nuclide"), [("I-131", "Ba-133"), ("Ba-133", "I-131"), ("Ba-133", "Eu-152")])
 @pytest.mark.parametrize("gain", [0.95, 1.0])
 def test_another_nuclide_with_a_line_nearby_is_no_drift(mission, nuclide, gain):
-    """364 and 356 keV, 356 and 344 keV: what the first readings took for the mission's line is forgotten with the recognition."""
+    """364 and 356 keV, 356 and 344 keV: the first readings' assumed mission line is forgotten with the recognition."""
     watch = watch_of(mission)
     for second in range(1, 9):
         looked_at(watch, second, 1.0, nuclide)

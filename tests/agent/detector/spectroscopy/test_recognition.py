@@ -206,7 +206,7 @@ def test_a_watch_with_candidates_takes_any_of_them_and_tells_of_all_else():
 
 @pytest.mark.parametrize("expected", ["Cs-137", ("Cs-137", "Co-60")])
 def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected) -> None:
-    """All agents of a swarm look at the same time: where they share a computer, what a first look costs adds up."""
+    """All agents of a swarm analyse at the same time: on a shared computer the costs of the first analysis add up."""
     for each in (residuals.single_lines, recognition._parts, recognition.mixtures, recognition._read, recognition._common):
         each.cache_clear()
     watch = NuclideWatch(expected)
