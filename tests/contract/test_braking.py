@@ -1,4 +1,4 @@
-"""A vehicle that is told to hold, to land or to return in flight gets as far as a real PX4 did, in lockstep and emulated alike.
+"""A vehicle commanded to hold, land or return in flight gets as far as a real PX4 did, in lockstep and emulated alike.
 
 By the estimates, from the command or the failsafe on, along the velocity then, within 4 s. A real vehicle that holds or lands
 goes on, and stays at its stopping point; a vehicle that returns, or holds because of the fence, stops earlier and flies back:
@@ -37,7 +37,7 @@ WATCHED_S = 4.0  # the landing from 6.6 m/s is no longer
 # Two recorded vehicles were stopped at the fence: from 4.9 m/s one got 7.4 m far, from 5.1 m/s the other 8.6 m. That is 0.9 m
 # more than by the difference in speed, at 1.7 s of it; an error of the estimated velocity of 0.4 m/s, as is usual, makes 0.7 m.
 APART_M = 1.0
-BACK_M = 0.5  # a returning vehicle flies back further; a staying one does not, but for the drift of its estimate
+BACK_M = 0.5  # a returning vehicle flies back by more; a staying one does not, but for the drift of its estimate
 LEAD_S = 3.0  # before that, another mode was flown in one recording
 STEP_S = 0.05  # the lockstep's
 HEIGHT_M, POSITION_AND_MORE = 3.0, 0x800  # the mask of setpoints with all but a yaw rate

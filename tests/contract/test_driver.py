@@ -95,7 +95,7 @@ def test_in_the_air_is_in_the_air(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in NAMES if rows(name, "global_origin")])
 def test_what_was_never_said_is_no_problem(name: str) -> None:
-    """Nothing is told of a flight in which nothing is wrong but the parameters that were not asked for."""
+    """No report on a flight without faults, except for the parameters that were not requested."""
     heartbeats, fixes = rows(name, "heartbeat"), rows(name, "fix")
     for look in looks(name):
         now, fix, state = newest(heartbeats, look.time_s), newest(fixes, look.time_s), look.state
@@ -106,7 +106,7 @@ def test_what_was_never_said_is_no_problem(name: str) -> None:
             assert [problem for problem in look.problems if "parameter" not in problem] == [], look
 
 
-WORDS = [  # recording, from when to when, s, and what everybody is told
+WORDS = [  # recording, begin and end (s), and the reports to all
     ("A_boot_nogcs_armtries", 2.2, 3.6, "the autopilot is not ready to arm in mode hold: prearm check"),
     ("A_boot_nogcs_armtries", 2.2, 3.6, "the autopilot says: Heading estimate not stable"),
     ("A_boot_gcs_armtries", 2.4, 3.6, "the autopilot says: Heading estimate not stable"),

@@ -19,7 +19,7 @@ LOST_S = 40.0  # after its last heartbeat; a takeoff takes half of that
 def test_an_operator_commands_a_vehicle_again_that_has_lost_its_ground_station(
     reactions: tuple[int, int], mode: FlightMode, action: Action, stage: Stage
 ) -> None:
-    """The station stays away. The drone obeyed, told the stage of the command, and stayed in its failsafe."""
+    """The station stays away. Before, the drone obeyed, reported the stage of the command, and stayed in its failsafe."""
     parameters = {"NAV_DLL_ACT": reactions[0], "COM_OBL_RC_ACT": reactions[1], "COM_DL_LOSS_T": LOST_S}
     solo = Solo(1, parameters=parameters)
     station = mavlink.MAVLink(None, 255, 190)

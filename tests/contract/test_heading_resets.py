@@ -21,7 +21,7 @@ def replay(name: str) -> FlownReplay:
 @pytest.mark.parametrize("name", V1_16)
 def test_v1_16_resets_its_heading_alone_in_a_takeoff(name: str) -> None:
     (reset,) = replay(name).resets
-    assert 1.45 < reset.up_m < 1.8  # at 1.5 m; it climbs at 1 m/s, and is told ten times a second, its truth five
+    assert 1.45 < reset.up_m < 1.8  # at 1.5 m; the climb is 1 m/s, reported at 10 Hz, its truth at 5 Hz
     assert reset.moved_m < 0.1
 
 

@@ -19,7 +19,7 @@ from sim.world.localization import LocalizationTruth
 
 SEEDS = range(8)
 RECORDED: dict[ReleaseName, tuple[str, ...]] = {"1.16": V1_16, "1.17": MAIN}
-LEVEL = LocalizationTruth(vertical_m=0.0, drift_m=0.0)  # heights were right in the recordings, and tell where a heading is reset
+LEVEL = LocalizationTruth(vertical_m=0.0, drift_m=0.0)  # heights were right in the recordings, and show where a heading is reset
 TOLD_S = 0.1  # between two messages in the recordings
 
 

@@ -101,7 +101,7 @@ def test_a_loss_of_two_seconds_is_stayed_out_and_then_forgotten() -> None:
 
 
 def test_a_loss_of_five_seconds_is_survived_where_it_is_certainly_high_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PX4 came down for two seconds from 3.1 m, and told so for 2.0 s."""
+    """PX4 descended for two seconds from 3.1 m, and reported it for 2.0 s."""
     name, lost_s, trusted_s = "D_gps_loss_5s_circling_r12_v3", 8.1, 17.5
     high = Flown(name)
     assert high.mission.stage is Stage.SURVEY

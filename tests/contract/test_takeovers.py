@@ -80,7 +80,7 @@ def test_a_human_pilot_keeps_a_vehicle_that_its_agent_does_not_hear(seed: int) -
 
 @pytest.mark.parametrize("up_m", [1.0, 2.5, 5.0])
 def test_hold_that_a_human_pilot_chooses_in_a_takeoff_keeps_the_vehicle(up_m: float) -> None:
-    """PX4 ends its own takeoff in hold, too, and nothing but the height tells the two apart."""
+    """PX4 ends its own takeoff in hold, too, and only the height distinguishes the two."""
     solo = Solo(int(up_m), HIGH)
     solo.ready()
     solo.order(Action.START)

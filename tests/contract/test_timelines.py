@@ -37,7 +37,7 @@ GRIDS_MS = {
     "satellites lost -> fix 0": 160.0,
 }
 REPEATED = ("B_flight1", "B_flight2", "B_flight3", "B_flight4", "B_flight5")
-TIE = "B_offboard_landing_by_setpoints"  # a return comes to its end 10 ms after it was told to hold: either may be first
+TIE = "B_offboard_landing_by_setpoints"  # a return ends 10 ms after the hold command: either may be first
 LOST_20_S = ("D_gps_loss_20s_hover", "D_gps_loss_20s_circling_r12_v3")
 
 

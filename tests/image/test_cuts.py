@@ -23,7 +23,7 @@ pytestmark = [
     pytest.mark.skipif(lacking() is not None, reason=lacking() or ""),
 ]
 INTERRUPTED = r"radron-update: the update to .* was interrupted before slot B could be started: slot A runs on.*; push again"
-NOTHING = PROVISIONED  # there is nothing to be told
+NOTHING = PROVISIONED  # nothing to report
 
 
 @pytest.mark.parametrize("moment", ["copied 30 %", "copied 80 %"])
@@ -92,7 +92,7 @@ def test_two_cuts_before_the_agent_is_well_do_not_end_in_the_old_slot(bench: Ben
 @pytest.mark.parametrize("moment", [Moment.BEFORE, pytest.param(Moment.CACHED, marks=pytest.mark.smoke), Moment.FLUSHED, None])
 def test_a_cut_as_the_slot_is_marked_good_changes_nothing_of_what_was_decided(bench: Bench, moment: Moment | None) -> None:
     run = bench.run("in the mesh")
-    if moment is None:  # told already
+    if moment is None:  # reported already
         run.machine.wait_for(UPDATED, BOOT_S)
         run.cut()
     else:

@@ -1,4 +1,4 @@
-"""Agents that are started elsewhere: the launcher provides the world and the start command."""
+"""Agents started by another program: the launcher provides the world and the start command."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def circles_evenly(now: Moment, source: Sequence[float]) -> bool:
 
 
 def tell(what: str, *agents: ObservedAgent) -> bool:
-    """Whether these agents tell of it, each among its problems."""
+    """Whether these agents report it, each among its problems."""
     return all(any(what in problem for problem in agent.problems) for agent in agents)
 
 

@@ -38,7 +38,7 @@ def test_three_agents_fly_by_several_sources_and_their_loops_do_not_wait(tmp_pat
     assert not [one for one in psutil.process_iter() if one.pid in computing and one.status() != psutil.STATUS_ZOMBIE]
     result = json.loads((tmp_path / "run.json").read_text())
     assert (result["estimator"], result["sources_true"]) == ("sources", 1)
-    assert result["error_median_m"] < 3.5  # at which it is told
+    assert result["error_median_m"] < 3.5  # threshold of its report
     assert not result["lost"]
     report = json.loads((tmp_path / "agents.json").read_text())
     assert report["agreed"], run.said

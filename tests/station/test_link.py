@@ -1,4 +1,4 @@
-"""A link between browser and station that stalls: told within seconds, and no command is executed when it goes on."""
+"""A link between browser and station that stalls: reported within seconds, and no command is executed when it goes on."""
 
 import asyncio
 import time

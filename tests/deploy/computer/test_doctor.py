@@ -79,7 +79,7 @@ def test_this_computer_with_a_camera_and_an_emulated_vehicle_whose_parameters_ar
     assert wrong.returncode == 1, wrong.stderr
     failed = {line.split("│")[2].strip() for line in wrong.stdout.splitlines() if "X FAILED" in line}
     assert failed - {"chrony"} == {"GF_ACTION", "COM_OF_LOSS_T", "RTL_DESCEND_ALT"}  # chrony is not everywhere
-    assert "before" not in wrong.stdout  # nothing is set without being told to
+    assert "before" not in wrong.stdout  # nothing is set without a command
     assert "parameter GF_ACTION: 1 before, 3 now" in mended.stdout
     assert "parameter COM_OF_LOSS_T: 5 before, 1 now" in mended.stdout
     assert "parameter RTL_DESCEND_ALT: 90 before, 10 now" in mended.stdout

@@ -1,4 +1,4 @@
-"""Two sessions that publish under one drone's name are told; a restart is not."""
+"""Two sessions that publish under one drone's name are reported; a restart is not."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_an_estimator_that_is_as_good_as_it_says_agrees() -> None:
 
 @pytest.mark.parametrize(("factor", "verdict"), [(1.3, "too seldom"), (0.75, "too often")])
 def test_one_that_is_too_sure_or_not_sure_enough_does_not(factor: float, verdict: str) -> None:
-    """By a quarter to a third: that much 200 runs can tell."""
+    """By a quarter to a third: the difference that 200 runs can show."""
     found = consistency_of("near", claiming(factor))
     assert verdicts(claiming(factor)) == [verdict, verdict]
     assert found.uniform_p is not None

@@ -1,4 +1,5 @@
-"""Valid entries that are old, or far more than a camera measures, with a drone's key: told by all, and all logs are one again."""
+"""Valid entries that are old, or far more than a camera measures, with a drone's key: all report them, and all logs become
+equal again."""
 
 from itertools import pairwise
 

@@ -173,7 +173,7 @@ def test_a_vehicle_without_satellites_does_not_miss_them() -> None:
 
 @pytest.mark.slow
 def test_a_receiver_without_corrections_that_is_dragged_by_5_m_is_named():
-    """By 5.3 of the sigmas that it tells; each fix that fitted half began the count anew, and it took 12 s (mission 1240499)."""
+    """By 5.3 of its published sigmas; each fix that fitted half began the count anew, and it took 12 s (mission 1240499)."""
     mission = Mission(1240499)
     scenario = parse_scenario(mission.drawn, mission.label)
     judge = Judge(Setting(scenario, mission.course.heal_s, mission.course.end_s))

@@ -34,7 +34,7 @@ class Pair:
     """Two drones or three that publish their poses, and exchange missing entries."""
 
     def __init__(self, *logs, tellers=Tellers, dead=None):
-        """``dead``: a drone that tells nothing."""
+        """``dead``: a drone that publishes nothing."""
         self.logs, self.dead = logs, dead
         truth = RadioTruth(delay_s=0.02, jitter_s=0.0, loss=0.0)
         schedule = Schedule((), NAMES, 1)

@@ -61,8 +61,9 @@ def test_stages_come_in_order(demo):
 
 
 def test_all_drones_hold_the_same_hypothesis(demo):
-    """Bit for bit, but while an entry is still on its way: with some 13 a second, cones and exposures, 1 % come 0.5 s late to
-    each of two others, so that in about 13 % of the moments a drone lacks an entry. Equal logs are compared in the next test.
+    """Bit for bit, except while an entry is still on its way. Some 13 entries a second, cones and exposures; 1 % come 0.5 s
+    late to each of two others. Hence in about 13 % of the moments a drone lacks an entry. Equal logs are compared in the next
+    test.
     """
     hypothesis = demo.trace.hypothesis_m
     known = ~np.isnan(hypothesis).any(axis=(1, 2))

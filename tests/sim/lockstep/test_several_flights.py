@@ -1,4 +1,4 @@
-"""Flights among several sources in a small area, by the estimator that is told neither number nor nuclides."""
+"""Flights among several sources in a small area, by the estimator without given number and nuclides."""
 
 import numpy as np
 import pytest

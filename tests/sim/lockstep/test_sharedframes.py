@@ -24,7 +24,7 @@ def jumping(seed):
 
 
 def wrongly_timed(seed):
-    """The clock of d2 is ahead from a while on; its exposures tell so some seconds later."""
+    """The clock of d2 is ahead from a certain time on; its exposures show it some seconds later."""
     flown = fly(anchored(**UNKNOWN), 14.0, seed)
     half_ns = int(flown.stamps_ns[len(flown.stamps_ns) // 2])
     flown.entries[:] = [

@@ -128,7 +128,7 @@ def test_a_cone_tells_less_the_less_sure_it_is() -> None:
     sure, *unsure, lost = cone_information(661.657, [0.0, 0.12, 0.5, 0.999])
     assert sure > unsure[0] > unsure[1] > lost
     assert lost < 1e-3 * sure
-    # A right reading, of 6.3 degrees for 68 % (reference), would tell 83; two readings, one of them wrong, tell less.
+    # A right reading, of 6.3 degrees for 68 % (reference), would give 83; two readings, one of them wrong, give less.
     assert 30.0 < sure < 1.0 / np.radians(6.3) ** 2
 
 

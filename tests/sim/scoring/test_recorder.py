@@ -106,7 +106,7 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
     assert result.error_relative_median_m == pytest.approx(0.0, abs=1e-9)
     assert (result.error_sample_m, result.nees_sample) == pytest.approx((1.0, 0.36 / 2.0 + 0.64))
     assert result.x0_rms_m == pytest.approx(3.0**0.5)
-    # The vehicle's own bias of 1 m along each axis stays; 20 s of measurements from there tell a lot.
+    # The vehicle's own bias of 1 m along each axis stays; 20 s of measurements from there carry much information.
     assert result.bound_median_m is not None
     assert result.bound_relative_median_m is not None
     assert result.bound_median_m > 1.177

@@ -1,4 +1,4 @@
-"""Vehicles flown elsewhere, as seen on their ground-station links."""
+"""Vehicles flown by another program, as seen on their ground-station links."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_positions_count_from_the_launch_place_and_axes_are_turned() -> None:
             assert (report.mode, report.armed, report.failsafe) == ("offboard", True, False)
             vehicle.heartbeat(ARMED_OFFBOARD, status=5)
             await until(lambda: station.reports()[1].failsafe)
-            vehicle.heartbeat(DISARMED)  # down again, elsewhere: the launch place is still where it was
+            vehicle.heartbeat(DISARMED)  # landed at another place: the launch place is unchanged
             vehicle.position(101.0, 50.0, -7.0)
             await until(lambda: station.position_m[1, 2] < 1.0)
             assert station.position_m[1].tolist() == pytest.approx([20.0, -4.0, 0.0])
@@ -166,7 +166,7 @@ def test_heartbeats_of_others_on_a_vehicles_link_do_not_count() -> None:
         with links(station) as sockets:
             for packet in recorded:
                 system, component = packet.source
-                # Nothing tells from which of the two links these came: each vehicle forwards its own companion's.
+                # The link of origin of these is unknown: each vehicle forwards its own companion's.
                 for link in (sockets[system],) if component == 1 else sockets.values():
                     link.send(packet.data)
                 await settled()

@@ -61,7 +61,7 @@ class Slam:
         )  # fmt: skip
 
     def error_m(self):
-        """Of the position that the vehicle tells."""
+        """Error of the vehicle's published position."""
         message = self._flight.last("LOCAL_POSITION_NED")
         return dist((message.y, message.x, -message.z), self.local(self._flight.position))
 

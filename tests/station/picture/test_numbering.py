@@ -36,7 +36,7 @@ def numbers():
 def test_a_source_keeps_its_number_whatever_its_place_in_the_list(numbers):
     assert numbers(CS, CO, IR) == [1, 2, 3]
     assert numbers(IR, CS, CO) == [3, 1, 2]
-    assert numbers(at(CO, 11.0), at(CS, 11.2)) == [2, 1]  # close together: told apart by the nuclide
+    assert numbers(at(CO, 11.0), at(CS, 11.2)) == [2, 1]  # close together: distinguished by the nuclide
     assert numbers(IR, CO) == [3, 2]
 
 

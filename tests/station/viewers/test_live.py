@@ -85,7 +85,7 @@ def show(page, now_ns):
 
 
 def received(socket, channel):
-    """Subscription, log time and content of the next message, decoded by the schema that was told."""
+    """Subscription, log time and content of the next message, decoded by the announced schema."""
     data = socket.recv(timeout=10.0)
     opcode, subscription, log_ns = struct.unpack_from("<BIQ", data)
     assert opcode == 1

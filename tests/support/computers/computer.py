@@ -49,7 +49,7 @@ class VirtualComputer:
         return msgspec.json.decode(file.read_bytes(), type=Report) if file.exists() else well()
 
     def status(self) -> Computer:
-        """As ``radron-update status`` tells it."""
+        """As in the output of ``radron-update status``."""
         slots, records = self.files.slots, self.files.records
         return Computer(
             name="radron-d1",

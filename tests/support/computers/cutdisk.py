@@ -24,7 +24,7 @@ _OPTION_REPLY, _REQUEST, _REPLY = 0x3E889045565A9, 0x25609513, 0x67446698
 _ABORT, _GO = 2, 7  # options
 _INFO, _ACKNOWLEDGED, _UNSUPPORTED = 3, 1, 0x80000001  # their replies
 _READ, _WRITE, _DISCONNECT, _FLUSH, _ZERO = 0, 1, 2, 3, 6  # commands
-_FEATURES = 0b1000101  # of the export: this is a field of features; it can be flushed, and told to write zeros
+_FEATURES = 0b1000101  # of the export: this is a field of features; with flush, and with writing of zeros
 
 
 class Moment(Enum):

@@ -1,4 +1,4 @@
-"""A time server (RFC 5905) that tells the time of the own computer on a port that needs no root."""
+"""A time server (RFC 5905) with the time of the own computer on a port that needs no root."""
 
 from __future__ import annotations
 

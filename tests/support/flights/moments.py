@@ -44,7 +44,7 @@ def hypothesis(x=30.0, y=30.0, sigma_m=0.5, stamp_ns=0):
 
 
 class Log:
-    """Numbers of the entries held of d2's first boot, and the ranges that the summary tells."""
+    """Numbers of the entries held of d2's first boot, and the ranges in the summary."""
 
     def __init__(self, entries=(), told=()):
         self.entries, self.told = entries, told

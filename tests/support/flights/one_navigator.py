@@ -61,7 +61,7 @@ def flown(
     peers: Peers | None = None,
     home_m=None,
 ):
-    """Places (T, 3) in the mission frame of a vehicle that is where it is told to be.
+    """Places (T, 3) in the mission frame of a vehicle that follows its setpoints exactly.
 
     believed: the hypothesis by the time. home_m: mission frame.
     """

@@ -84,7 +84,7 @@ def fly_dying(job: Job) -> RunResult:
 
 
 def fly_threads(job: Job) -> RunResult:
-    """Fails unless told to compute with one thread."""
+    """Fails unless set to compute with one thread."""
     assert os.environ["OMP_NUM_THREADS"] == "1"
     return fly_synthetic(job)
 

@@ -1,4 +1,4 @@
-"""The agent with a camera driver that ruins it when told to: SIGUSR1 blocks the event loop, SIGUSR2 native code that keeps the
+"""The agent with a camera driver that ruins it on a signal: SIGUSR1 blocks the event loop, SIGUSR2 native code that keeps the
 interpreter's lock, SIGHUP has the pilot's next step fail. Otherwise as ``agent/__main__.py``.
 """
 

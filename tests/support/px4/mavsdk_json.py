@@ -1,4 +1,5 @@
-"""MAVLink packets as MAVSDK's MavlinkDirect tells them: the fields by name as JSON, NaN as null, and no empty ends of strings."""
+"""MAVLink packets in the form of MAVSDK's MavlinkDirect: the fields by name as JSON, NaN as null, and no empty ends of
+strings."""
 
 from __future__ import annotations
 

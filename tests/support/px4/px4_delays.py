@@ -73,7 +73,7 @@ def _is_armed(flown: Flown, now_ms: float) -> bool:
 
 
 def _lands(flown: Flown) -> Found:
-    """As told, or by a failsafe."""
+    """By command, or by a failsafe."""
     yield from _after_commands(LAND, "landed", ON_GROUND)(flown)
     for row in of_kind(flown.rows, "event"):
         if row[2] in (FAILSAFE, FAILSAFE_OF) and row[4][8:10] == "07":

@@ -11,7 +11,7 @@ Rows = list[list[Any]]
 BEAT_MS = 2_150.0  # a state that heartbeats show for less may be half as long, and fall between two
 GRID_MS = 450.0  # the same of EXTENDED_SYS_STATE
 UNSTEADY_EVENTS = {
-    0x167C97B,  # no ground station: told again with each summary of the checks
+    0x167C97B,  # no ground station: repeated with each summary of the checks
     0x1FDF2ED,  # heading not stable: at the start only, see the tests of it
     0x1AF6FD6,  # vertical drift of satellites: by chance
     0x159387D,  # a battery that is too low to shut down: PX4's simulator cannot

@@ -39,7 +39,7 @@ def hover(east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0) -> V
 
 
 class Sky:
-    """``vehicle`` is the driver under test; ``states`` is all that it told."""
+    """``vehicle`` is the driver under test; ``states``: all its states."""
 
     def __init__(
         self,

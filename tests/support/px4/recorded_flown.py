@@ -1,4 +1,4 @@
-"""Flights of radron's own agents on a real PX4, as another link of it told them (``recordings/flown``), given to the driver.
+"""Flights of radron's own agents on a real PX4, as recorded on another of its links (``recordings/flown``), given to the driver.
 
 That link has neither ATTITUDE_QUATERNION nor ODOMETRY: the attitudes come from ATTITUDE, and a reset is counted where the heading
 jumps in a takeoff. The origin of the local frame, which PX4 sends once, follows from the truth.

@@ -154,7 +154,7 @@ class Replay:
 
     @staticmethod
     def _launch(name: str) -> LaunchPlace | None:
-        """The origin that the vehicle tells."""
+        """The origin published by the vehicle."""
         for packet in packets(name):
             found = fields_of(packet.data) if packet.component == AUTOPILOT_COMPONENT else None
             if found is not None and found[0] == "GPS_GLOBAL_ORIGIN":

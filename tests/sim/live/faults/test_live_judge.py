@@ -1,4 +1,4 @@
-"""A live flight's judge: what agents tell of themselves, what becomes of a disarmed vehicle, and what their logs say."""
+"""A live flight's judge: the agents' statuses, the fate of a disarmed vehicle, and the agents' logs."""
 
 import json
 from math import cos, pi, sin

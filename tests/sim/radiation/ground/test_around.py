@@ -27,7 +27,7 @@ TICKS = 400  # 625 ns
 
 
 def events_per_s(camera: Camera, views: list[SourceView], start_s: int = 0) -> float:
-    """Events, told by gaps in time: their pixels are within 200 ns."""
+    """Events, separated by gaps in time: their pixels are within 200 ns."""
     hits = camera.expose(start_s * 10**9, (start_s + SECONDS) * 10**9, views, 3.0).hits
     return (1 + np.count_nonzero(np.diff(np.sort(hits.tick)) > TICKS)) / SECONDS if len(hits) else 0.0
 

@@ -271,7 +271,7 @@ def test_others_keep_clear_of_the_home_of_one_that_is_revoked(home_m, revoked_s,
     ],
 )
 def test_nobody_knows_that_one_was_spoofed_after_a_revocation(revoked_s, spoofed_s, told_x, expected_x, expected) -> None:
-    """d2, 10 m away at x = 20, takes itself to be at ``told_x`` since it was spoofed for 4 s; d1 has it at ``expected_x``."""
+    """d2, 10 m away at x = 20, estimates its own position at ``told_x`` after a spoofing of 4 s; d1 has it at ``expected_x``."""
     faults = [{"kind": "spoofed", "at_s": spoofed_s, "for_s": 4.0, "target": "d2"}]
     faults += [{"kind": "revoked", "at_s": revoked_s, "target": "d1"}] if revoked_s < inf else []
     invariant = Reckoned(moments.setting(*faults))
@@ -284,7 +284,7 @@ def test_nobody_knows_that_one_was_spoofed_after_a_revocation(revoked_s, spoofed
 
 @pytest.mark.parametrize(("localization", "expected"), [("gnss", []), ("slam", [("d1", "d2")])])
 def test_who_flies_by_slam_loses_nothing_with_its_satellites(localization, expected) -> None:
-    """d2, 10 m away, takes itself to be 8 m farther away, and d1 has it there."""
+    """d2, 10 m away, estimates its own position 8 m farther away, and d1 has it there."""
     faults = (
         {"kind": "satellites-lost", "at_s": 9.5, "for_s": 4.0, "target": "d2"},
         {"kind": "revoked", "at_s": 8.0, "target": "d1"},
