@@ -114,8 +114,7 @@ def test_a_report_that_cannot_be_made_is_told():
         until(page, f"() => document.getElementById('report-told').textContent === '{says}'")
 
 
-# Colours on the canvas of moving objects, at the places of the first drone and of the source, and how many of its pixels are
-# drawn.
+# Colours on the canvas of moving objects, at the first drone and at the source, and the number of its pixels drawn.
 COLOURS = """() => {
   const { canvas, map } = radron.map.sketch;
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;

@@ -81,8 +81,7 @@ def message_id(packet: bytes) -> int:
 
 
 def airborne(first_us: int, true: list[tuple[int, bytes]]) -> dict[str, list[list[float]]]:
-    """Intervals (seconds) in which HIL_STATE_QUATERNION has the vehicle in the air, and the interval with any
-    HIL_STATE_QUATERNION."""
+    """Intervals (s) with the vehicle in the air by HIL_STATE_QUATERNION, and the interval with any such message."""
     heights = [
         (round((stamp_us - first_us) * 1e-6, 2), _height_m(packet))
         for stamp_us, packet in true

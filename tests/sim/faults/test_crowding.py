@@ -1,5 +1,4 @@
-"""Valid entries that are old, or far more than a camera measures, with a drone's key: all report them, and all logs become
-equal again."""
+"""Valid entries that are old, or far more than a camera measures, with a drone's key: all report them; logs end equal."""
 
 from itertools import pairwise
 

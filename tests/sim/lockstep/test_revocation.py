@@ -1,5 +1,4 @@
-"""A drone with a stolen key is revoked in a flight of lockstep: an operator sends the order to one drone, and the swarm goes
-on."""
+"""A drone with a stolen key is revoked in a lockstep flight: an operator sends the order to one drone, and the swarm goes on."""
 
 from math import dist
 

@@ -73,8 +73,7 @@ def test_a_source_above_the_ground_is_circled_at_two_heights():
 
 @pytest.mark.slow
 def test_over_soil_number_nuclides_and_activities_are_right():
-    """Most counted photons are scattered by soil: without spectra of these photons both sources were reported with unknown
-    nuclides."""
+    """Most counted photons are scattered by soil: without their spectra both sources were reported with unknown nuclides."""
     cobalt = SourceTruth(activity_bq=1e9, nuclide="Co-60", start_m=(32.0, 14.0))
     result = flown((SourceTruth(activity_bq=3e9, start_m=(12.0, 30.0)), cobalt), 110.0, "many-soil").result
     assert (result.sources_found, result.false_sources, result.nuclides_right) == (2, 0, 2)

@@ -172,7 +172,7 @@ def test_a_page_may_look_back_and_follow_again(page):
     page.call(page.hub.show, 5_000_000_000)
     with page.socket() as socket:
         first(socket, "progress")
-        assert first(socket, "at")["at_ms"] == 5000  # first bytes
+        assert first(socket, "at")["at_ms"] == 5000  # first frame
         socket.send('{"live": false, "at_ms": 5500}')
         assert first(socket, "at")["at_ms"] == 5500
         assert first(socket, "frame")["at_ms"] == 5000

@@ -1,4 +1,4 @@
-"""A link to a computer that can be lost: as with a radio out of reach, there is no error, and data under way arrive later."""
+"""A link to a computer that can be lost: as with a radio out of reach, no side is notified, and data under way arrive later."""
 
 from __future__ import annotations
 

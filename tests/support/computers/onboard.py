@@ -31,8 +31,7 @@ class OnboardFiles:
         return dict(line.split("=", 1) for line in lines)
 
     def boot(self) -> str:
-        """Switch on: the boot loader chooses a slot, and counts the attempt. The logic of grub.cfg in Python; returns the
-        slot."""
+        """Switch on: the boot loader chooses a slot, and counts the attempt (grub.cfg in Python); returns the slot."""
         found = self.variables()
         good = [slot for slot in found["ORDER"].split() if found[f"{slot}_OK"] == "1"]
         untried = [slot for slot in good if int(found[f"{slot}_TRY"]) < MOST_ATTEMPTS]

@@ -274,8 +274,7 @@ def _exposures(drone, identity, stamps, local, heading, epoch):
 
 
 def _fixes(drone, identity, place, local, yaw, epoch, stamps):
-    """1 Hz; of its own localisation (an autopilot that follows its receiver), and of the part that the localisation does not
-    follow yet."""
+    """1 Hz; of its own localisation (an autopilot that follows its receiver), plus the part not followed yet."""
     entries = []
     origin, start = _origin(drone, place), math.radians(drone.yaw_deg)
     grown = _grown(drone, len(stamps))

@@ -31,8 +31,7 @@ def _is_own(url: str, own: str) -> bool:
 
 @contextmanager
 def browsing(url: str, width: int = 1400, height: int = 900) -> Iterator[Page]:
-    """A page that is open as long as the block lasts. Complaints of its scripts fail the test, and so do requests to other
-    servers."""
+    """A page that is open as long as the block lasts. Complaints of its scripts and requests to other servers fail the test."""
     complaints: list[str] = []
     own = urlsplit(url).netloc
     with sync_playwright() as playwright:

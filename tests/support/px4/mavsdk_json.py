@@ -1,5 +1,4 @@
-"""MAVLink packets in the form of MAVSDK's MavlinkDirect: the fields by name as JSON, NaN as null, and no empty ends of
-strings."""
+"""MAVLink packets as in MAVSDK's MavlinkDirect: the fields by name as JSON, NaN as null, and no empty ends of strings."""
 
 from __future__ import annotations
 

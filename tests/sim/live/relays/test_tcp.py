@@ -1,4 +1,4 @@
-"""A TCP relay that is cut, frozen, delayed or slow: nothing is lost, and nothing is reported."""
+"""A TCP relay that is cut, frozen, delayed or slow: nothing is lost, and no side is notified."""
 
 from __future__ import annotations
 

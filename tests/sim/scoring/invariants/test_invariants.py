@@ -320,8 +320,7 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
 
 
 def unnamed(named_s, *, seconds=5.0, gone=""):
-    """Drones that do not name d2 after its key is copied at 10 s; d1 and d3 name it from ``named_s`` on. ``gone``: has no
-    agent."""
+    """Drones that do not name d2, its key copied at 10 s; d1 and d3 name it from ``named_s`` on. ``gone``: has no agent."""
     invariant = Impersonated(moments.setting({"kind": "copied-key", "at_s": 10.0, "for_s": 20.0, "target": "d2"}))
     said, found = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of", []
     for time_s in np.arange(9.0, 10.0 + seconds, 0.05):
@@ -473,8 +472,7 @@ def test_whose_autopilot_acts_may_land_although_the_reserve_is_small(reserve, ac
 
 
 def out_without(agent_lost, *faults, pilots=None, mode=FlightMode.HOLD):
-    """Drones that have not ended as required by ``agent_lost``, the autopilots' action without agents; all are in the air, in
-    this mode."""
+    """Drones that have not ended by ``agent_lost``, the autopilots' action without agents; all are in the air, in this mode."""
     setting = moments.setting(*faults)
     setting.mission = replace(setting.mission, safety=replace(setting.mission.safety, agent_lost=agent_lost))
     invariant = Landed(setting)

@@ -1,5 +1,4 @@
-"""Position estimates of drones and of their peers: each invariant is shown violations, and beside them cases that it must
-accept."""
+"""Position estimates of drones and peers: each invariant is shown violations, and beside them cases that it must accept."""
 
 from math import inf
 
