@@ -1,4 +1,4 @@
-"""The driver, given a real PX4's packets: it comes to the recorded states at the recorded times, for all behaviour of PX4.
+"""The driver, given a real PX4's packets: it comes to the recorded states at the recorded times, whatever PX4 does.
 
 Expected values come from the decoded timelines and the simulator's true state, made without the driver.
 """

@@ -92,8 +92,7 @@ def lag_and_radius_error(recording: Recording, time_s, position):
 
 
 def kind_of(name):
-    """Recordings without an effective difference are one kind; MPC_ACC_HOR has no effect in offboard, nor have two more
-    rotors."""
+    """Recordings without an effective difference are one kind; MPC_ACC_HOR has none in offboard, nor have two more rotors."""
     for part in WITHOUT_EFFECT:
         name = name.replace(part, "")
     return name.replace("C_yaw_circle_r12_v3_tangent", "C_circle_r12_v3_pva")

@@ -33,7 +33,7 @@ class Listening(Pilot):
 
 @pytest.fixture(scope="module")
 def flight():
-    """Eight seconds of search by a GNSS, an RTK and a SLAM drone; its frame jumps by 15 m and turns on the way."""
+    """Eight seconds of search by a GNSS, an RTK and a SLAM drone; the SLAM frame jumps by 15 m and turns on the way."""
     events = [{"at_s": JUMP_S, "jump_m": 15.0, "turn_deg": 40.0}]
     changes = {"localization.vehicles.d3.events": events, "end.search_s": 8.0, "source.activity_bq": 1e3}
     pilots = []
