@@ -1,4 +1,4 @@
-"""Sources beyond the fence, as operators are told of them."""
+"""Sources beyond the fence, as reported to operators."""
 
 from __future__ import annotations
 

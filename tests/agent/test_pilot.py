@@ -177,7 +177,7 @@ def test_who_is_started_later_believes_most_of_the_others_of_when_they_began():
 
 
 def test_a_resumption_that_was_refused_is_not_carried_out_later():
-    """Sent again after a human pilot had the drone hold, it took the vehicle from him."""
+    """Sent again after the pilot had the drone hold, the command took the vehicle from him."""
     one = tracking()
     now_ns = START_NS + 5 * SECOND
     resume = command(Action.RESUME, stamp_ns=now_ns)

@@ -1,4 +1,4 @@
-"""A drone that signs two different entries under one number: all leave the same out, in any order of arrival, and tell."""
+"""A drone that signs two different entries under one number: all leave the same out, in any order of arrival, and report it."""
 
 from itertools import permutations
 

@@ -1,4 +1,4 @@
-"""A drone that is told to fly on from below the floor: its pilot has brought it down, or it was landing."""
+"""A drone that is commanded to fly on from below the floor, after a descent by its pilot, or while landing."""
 
 from math import hypot
 

@@ -101,7 +101,7 @@ def test_a_new_epoch_is_stored_at_once_with_its_frame():
 
 @pytest.mark.parametrize("jumped", [False, True], ids=["announced", "unannounced"])
 def test_what_is_stored_after_a_restart_is_the_present_own_frame_and_not_the_one_of_before(jumped):
-    """A second restart would find that of an epoch that is over, and neither its frame nor the doubt about it."""
+    """A second restart would find that of an epoch that is over, and neither its frame nor the uncertainty of it."""
     one, _ = back(replace(KEPT, frames={"d1": RIGHT}), epoch=1)
     fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD, epoch=1)
     fly(one, BACK_NS + SECOND, 0.1, FlightMode.OFFBOARD, position=(20.0, 0.0, 3.0), epoch=1 if jumped else 2)
@@ -233,7 +233,7 @@ def test_an_agent_whose_takeoff_is_the_last_that_was_stored_takes_its_vehicle_ba
     [(Stage.SURVEY, 0.8, Stage.TAKEOFF), (Stage.SURVEY, 0.1, Stage.SURVEY), (Stage.RETURN, 0.8, Stage.LANDING)],
 )
 def test_what_sinks_too_fast_to_stop_above_the_floor_counts_as_below_it(stage, sinks_mps, then):
-    """A simulated vehicle at 1.59 m and 0.8 m/s stopped at 1.36 m, 0.5 s later; and heights told are not exact."""
+    """A simulated vehicle at 1.59 m and 0.8 m/s stopped at 1.36 m, 0.5 s later; and published heights are not exact."""
     low = (5.0, 5.0, 1.85)
     one, _ = back(replace(KEPT, stage=stage), mode=FlightMode.LAND, position=low, velocity_mps=(0.0, 0.0, -sinks_mps))
     assert one.stage is then
@@ -474,7 +474,7 @@ def test_what_it_covered_before_is_not_searched_again():
 
 
 def test_a_landing_goes_on_whose_agent_was_restarted_before_the_autopilot_showed_it():
-    """The hold of before was taken for a human pilot's: it hovered with a spent battery."""
+    """The earlier hold counted as the pilot's: the drone hovered with a spent battery."""
     kept = replace(KEPT, stage=Stage.LANDING, holds=True)
     one, step = back(kept, mode=FlightMode.HOLD, healthy=True)
     assert (one.stage, step.command.request) == (Stage.LANDING, Request.LAND)

@@ -1,4 +1,4 @@
-"""A pilot of a swarm with certificates: forged entries and commands do nothing, and are told; each beside the allowed case."""
+"""A pilot with certificates: forged entries and commands do nothing, and are reported; each beside the allowed case."""
 
 import pytest
 from members import AUTHORITY, FOREIGN, OPERATOR, cones, credential, give, order, trusting

@@ -109,7 +109,7 @@ def test_on_a_network_it_is_that_of_the_source_and_the_port_is_free_again() -> N
             assert asyncio.run(overheard_time(address, None, "127.0.0.2", 0.1)) is None
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as agent:
             agent.bind(("127.0.0.1", port))
-            assert asyncio.run(overheard_time(address, None, None, 0.1)) is None  # in use: told when it is opened for good
+            assert asyncio.run(overheard_time(address, None, None, 0.1)) is None  # in use: reported when it is opened for good
 
 
 def test_on_a_serial_line() -> None:

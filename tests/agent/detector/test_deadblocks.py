@@ -1,4 +1,4 @@
-"""Dead blocks of pixels are told once the others have seen enough, unless the calibration masks them."""
+"""Dead blocks of pixels are reported once the others have seen enough, unless the calibration masks them."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def test_the_verdicts_differ_without_colours() -> None:
     every: tuple[Verdict, ...] = get_args(Verdict)
     lines = [line.split("│")[3].strip() for line in printed(report(*every)).splitlines() if "thing" in line and "│" in line]
     assert len(set(lines)) == len(every)
-    assert len({line[0] for line in lines}) == len(every)  # the sign alone tells it
+    assert len({line[0] for line in lines}) == len(every)  # shown by the sign alone
 
 
 def test_what_was_set_shows_before_and_after() -> None:

@@ -1,4 +1,4 @@
-"""An uploaded mission in the flight record: replayed to the bit, and told by the audit."""
+"""An uploaded mission in the flight record: replayed to the bit, and reported by the audit."""
 
 from pathlib import Path
 

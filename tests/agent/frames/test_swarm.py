@@ -194,7 +194,7 @@ def test_who_has_lost_the_satellites_drifts(announced):
 @pytest.mark.parametrize(
     ("off_m", "moved"),
     [
-        ([(15.0, -6.0), (15.0, -6.0), (15.0, -6.0)], True),  # of the swarm as a whole, the sightings told nothing
+        ([(15.0, -6.0), (15.0, -6.0), (15.0, -6.0)], True),  # of the swarm as a whole, the sightings gave nothing
         ([(15.0, -6.0), (-6.0, 15.0), (0.0, -20.0)], False),
         ([(15.0, -6.0), (15.0, -6.0)], False),  # two may err alike
         ([(15.0, -6.0), (15.0, -6.0), (-20.0, 3.0)], False),
@@ -216,7 +216,7 @@ def test_a_swarm_lies_where_three_receivers_agree_that_it_does(off_m, moved):
 
 
 def test_exact_receivers_count_where_others_can_be_right_in_both_places():
-    """Two with RTK were not believed any more, after all had been led away by a spoofed one; others err by as much anyway."""
+    """Two drones with RTK were rejected, after all had been led away by a spoofed one; others err by as much anyway."""
     exact = [Drone(f"d{k}", kind="rtk", fixes=True) for k in (1, 2)]
     vague = [Drone(f"d{k}", kind="gnss", fixes=True) for k in (3, 4)]
     flown = fly([*exact, *vague, Drone("d5", kind="rtk", fixes=True)], 20.0, 1, Sensor(rate_hz=5.0), datum=True)

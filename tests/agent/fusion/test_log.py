@@ -166,7 +166,7 @@ def test_another_boot_is_another_publisher(mission, entries, kit):
 
 @given(seed=st.integers(0, 2**32))
 def test_entries_of_a_kind_are_a_function_of_the_content(mission, entries, seed):
-    """In their order, and their revision tells when they have changed."""
+    """In their order, and their revision shows a change."""
     path = {"path_m": ((0.0, 0.0), (1.0, 0.0)), "swath_m": 5.0, "epoch": 0, "sequence": 99}
     shared = {name: getattr(entries[0], name) for name in ("stamp_ns", "drone", "mission", "boot")}
     mixed = [*entries[:3], Coverage(**shared | path)]

@@ -1,4 +1,4 @@
-"""A publisher that tells different drones different entries of one number: all logs come to leave the same out, and agree."""
+"""A publisher that sends different drones different entries of one number: all logs come to leave the same out, and agree."""
 
 from functools import partial
 

@@ -71,7 +71,7 @@ def test_overlapping_exposures_do_not_count_in_whatever_order_they_come(kit, mis
     states = {one.entry_id: [] for one in held}
     for identity, counts in log.recounted:
         states[identity].append(counts)
-    for told in states.values():  # each change is told once
+    for told in states.values():  # each change is reported once
         assert all(before != after for before, after in itertools.pairwise(told))
 
 

@@ -76,7 +76,7 @@ def test_what_is_taken_back_leaves_no_trace_in_the_hypothesis(kit, mission, entr
 
 @pytest.mark.parametrize("settled", [True, False])
 def test_where_the_retraction_itself_does_not_count_any_more_the_entries_do(kit, mission, entries, settled):
-    """Its drone has contradicted itself before it, which is told late."""
+    """Its drone has contradicted itself before it, as reported late."""
     fusion, never = fusion_of(mission), fusion_of(mission)
     kit.feed(fusion, [*entries, retraction(kit, mission, 2, 9, sequence=900)])
     kit.feed(never, entries)

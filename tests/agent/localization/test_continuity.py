@@ -1,4 +1,4 @@
-"""A drone's frame stays continuous when its localisation jumps, and tells how sure that is."""
+"""A drone's frame stays continuous when its localisation jumps, and states how sure that is."""
 
 import math
 
@@ -32,7 +32,7 @@ def attitude(yaw_rad):
     yaw=angles, turned=angles, heading=angles, place=st.tuples(metres, metres, metres), moved=st.tuples(metres, metres, metres)
 )
 def test_place_and_heading_in_the_mission_frame_stay(yaw, turned, heading, place, moved):
-    """The same pose told in a frame that has been turned and moved."""
+    """The same pose in a frame that has been turned and moved."""
     old = Transform(yaw, (5.0, -3.0, 1.0))
     there = Transform(turned, moved).apply_point(place)
     new = carried_on(old, pose(place, heading), pose(there, heading + turned, after_s=0.05))

@@ -102,7 +102,9 @@ def test_the_frame_of_a_localisation_that_has_jumped_back_is_known_exactly_after
 
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
-    """The frame that is told has the doubt in its covariance: carried on, it had it twice, and no second place was known."""
+    """The published frame has the uncertainty in its covariance: carried on, the frame held it twice,
+    and no alternative position was known.
+    """
     graph = FrameGraph.from_launch_layout(MISSION)
     own = own_pose("d1", graph)
     own.take(state(START_NS, position=HERE))
@@ -117,7 +119,7 @@ def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
 
 @pytest.mark.parametrize("gap_s", [0.05, 1.0, 2.0, 3.0])
 def test_a_jump_back_that_nobody_watched_ends_the_doubt_as_far_as_the_motion_explains_the_rest(gap_s):
-    """On a circle of 10 m at 3 m/s. The doubt stayed for the rest of the flight, and the drone flew by the worse of the two."""
+    """On a circle of 10 m at 3 m/s. Both hypotheses stayed to the end of the flight, and the drone flew by the worse one."""
     own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
 
     def at(seconds, east_m=0.0):

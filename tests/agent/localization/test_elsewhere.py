@@ -26,7 +26,7 @@ def hits(tick):
 
 
 def flown(one, jump_m, back_m=0.0, epoch=0, before_m=None, set_back_s=0):
-    """Retractions told in 20 s of hovering.
+    """Retractions published in 20 s of hovering.
 
     ``jump_m``: by which the localisation jumps after 15 s, into that epoch of the vehicle's; ``back_m``: back again after 16 s;
     ``before_m``: place to which it jumps first, half a step earlier. ``set_back_s``: by which its clock is set back after 17 s.

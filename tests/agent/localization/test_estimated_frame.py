@@ -131,7 +131,9 @@ def reckoned(one, now_ns):
 
 
 def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_log_tells_them():
-    """All that held the log were restarted: with a heading that only sightings tell it would wait, and others not know where."""
+    """All holders of the log were restarted: with a heading from sightings alone it would wait, at a place unknown to the
+    others.
+    """
     mission, covariance = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0)), np.diag([0.1, 0.1, 0.1, 0.01])
     one = pilot(mission=mission)
     flown(one, 1.0, began_ns=START_NS - SECOND, armed=False)
@@ -163,7 +165,7 @@ def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_
 
 @pytest.mark.parametrize(("away_s", "flown_s"), [(12, 0), (12, 48), (60, 0)])
 def test_the_frame_of_before_a_restart_drifts_until_the_log_tells_it(away_s, flown_s):
-    """All that held the log were restarted, and no sighting tells the heading: it flies by that frame to the end."""
+    """All holders of the log were restarted, and no sighting gives the heading: the drone flies by that frame to the end."""
     member, before = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0), Transform(0.5, (4.0, 5.0, 0.0), 0.01 * np.eye(4))
     drift, own = Drift(mission_of(member)), own_pose("d1", FrameGraph(), member)
     back_ns = START_NS + away_s * SECOND

@@ -1,4 +1,4 @@
-"""A vehicle that has landed stays where it is: a position that moves there is not believed, and not measured with."""
+"""A vehicle that has landed stays where it is: a position that moves there is rejected, and not used for measurements."""
 
 import pytest
 from one_pilot import MISSION, START_NS, TICK_NS, own_pose, state

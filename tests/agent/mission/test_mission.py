@@ -307,7 +307,7 @@ def test_one_that_is_stranded_returns_after_that_time_unless_it_was_not_for_a_mo
 
 
 def test_one_without_room_leaves_no_later_than_its_vehicle_would_without_its_agent():
-    """That long the others keep clear of where it has stopped: 7.7 m beside it, one reckoned with it 42 m away."""
+    """That long the others keep clear of its stopping place: 7.7 m beside it, a peer expected it 42 m away."""
     course = Agentless(MISSION).course("d1", PeerState((20.0, 20.0, 3.0)), Stage.TRACK, (5.0, 5.0, 0.0))
     noticed_s = 1.5 * SILENT_NS * 1e-9  # that it is not heard, by the plans and statuses of the others
     climbing_s = (course.cruise_m - 3.0) / MISSION.limits.climb_mps

@@ -1,4 +1,4 @@
-"""Nonces: valid for a while, and unknown to everybody before the drone tells them."""
+"""Nonces: valid for a while, and unknown to everybody before the drone publishes them."""
 
 from one_pilot import MISSION, SECOND, START_NS, command, messages, state
 from one_pilot import pilot as one_pilot

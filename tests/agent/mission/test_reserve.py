@@ -63,7 +63,7 @@ def test_who_would_land_with_too_little_waits_for_nobody(way_home_s, goes) -> No
 
 @pytest.mark.parametrize(("way_home_s", "spent_at_s"), [(0.0, 9), (12.0, 5), (20.0, 5)])
 def test_whose_battery_does_not_last_for_the_way_home_knows_it(way_home_s, spent_at_s) -> None:
-    """From 10 % it drains by 0.4 % each second, of which 1 % may be a step of the autopilot's reading."""
+    """From 10 % the battery drains by 0.4 % each second; 1 % may be a step of the autopilot's reading."""
     reserve, since_s = Reserve("d2", 0.2), None
     for second in range(12):
         reserve = reserve.observed(second * SECOND, replace(state(0), battery=0.1 - 0.004 * second), {}, way_home_s=way_home_s)
@@ -93,6 +93,6 @@ def test_one_that_can_wait_no_longer_does_not() -> None:
     [(None, False, ()), (0.2, False, ()), (0.19, False, (LOW_BATTERY,)), (0.19, True, ())],
 )
 def test_it_does_not_take_off_only_to_return(level: float | None, in_air: bool, problems: tuple[str, ...]) -> None:
-    """Started at 18 % three drones rose one after the other, and came down 5 s later."""
+    """Started at 18 % three drones rose one after the other, and landed 5 s later."""
     vehicle = replace(state(0), battery=level, in_air=in_air)
     assert Problems("d2", "0" * 16, 0.2).against_start(0, vehicle, {}) == problems

@@ -81,7 +81,7 @@ def test_a_hold_that_the_autopilot_shows_after_touchdown_is_nobodys_takeover() -
 
 
 def test_what_an_operator_commands_once_more_is_sent_once_more() -> None:
-    """A pilot's hold has not been taken for a takeover yet: the request to the autopilot is the same."""
+    """A pilot's hold does not count as a takeover yet: the request to the autopilot is the same."""
     flight = landing()
     assert flight.run(22.0, FlightMode.HOLD) == []
     assert flight.command(Action.LAND) is None
@@ -218,7 +218,7 @@ def test_a_hold_after_the_autopilots_takeoff_is_its_own_also_after_a_restart() -
 @pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND])
 @pytest.mark.parametrize("action", [Action.RETURN, None])
 def test_resume_leads_to_what_a_pilot_has_interrupted_in_whatever_mode(action: Action | None, mode: FlightMode) -> None:
-    """After a return that a human pilot's own one, and then a hold, had interrupted, it searched again."""
+    """After a return interrupted by the pilot's own return, and then a hold, the drone searched again."""
     flight = tracked()
     if action is not None:
         assert flight.command(action) is None

@@ -275,7 +275,7 @@ def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_i
         state = tracker.state(now_ns + STEP_NS)
         apart_m.append(hypot(state.position[0] - 6.0, state.position[1]))
     assert min(apart_m) > LIMITS.separation_m
-    assert hypot(state.position[0] + 4.5, state.position[1]) > 8.0  # in the end it is farther from the doubtful one, too
+    assert hypot(state.position[0] + 4.5, state.position[1]) > 8.0  # in the end farther from the uncertain neighbour, too
 
 
 def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_unconstrained_way() -> None:

@@ -165,7 +165,7 @@ def test_one_in_doubt_itself_goes_around_the_homes_of_silent_ones_as_they_lie_fr
 
 @pytest.mark.parametrize("announced_m", [-35.0, 25.0])
 def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
-    """The second place was taken for that by the frame of the launch, and with it the doubt for one about the first place."""
+    """The alternative position counted as the place by the launch frame, and the uncertainty as one about the first place."""
     around, peers = jumped_m(20.0, told=True)
     around.around(peers, Self(NOW_NS, 0, 0.3, Transform()))
     frames, later_ns = around.frames._graph, 2 * NOW_NS

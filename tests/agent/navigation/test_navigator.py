@@ -121,7 +121,7 @@ def test_it_encircles_what_its_own_localisation_sees():
 
 
 def test_the_centre_of_its_circle_stays_over_a_fast_source():
-    """3 m/s, told every half a second and half a second late: without a lead the circle would be 2 m behind."""
+    """3 m/s, published every half a second and half a second late: without a lead the circle would be 2 m behind."""
 
     def source(now_ns):
         return np.array([-10.0 + 3.0 * (now_ns - START_NS) / SECOND, 25.0, 0.0])
@@ -208,7 +208,7 @@ def test_who_comes_home_flies_around_two_that_human_pilots_hold_beside_each_othe
         for name, place in held.items():
             local = frames.mission_from_local(name, 0).inverse().apply_point(place)
             told = {"stamp_ns": now_ns, "drone": name, "epoch": 0}
-            if now_ns == START_NS:  # since then a human pilot has the vehicle
+            if now_ns == START_NS:  # since then under manual override
                 assert peers.receive(Plan(**told, step_ns=SECOND, positions_m=(local, local)), now_ns) is None
                 status = Status(stamp_ns=now_ns, drone=name, mission=mission.mission_id, boot="1" * 16, stage=Stage.HOLD)
                 assert peers.receive(status, now_ns) is None
@@ -394,7 +394,7 @@ def test_jumps_of_the_others_are_bridged_while_it_plans_nothing_itself():
 
 
 def test_one_that_is_restarted_without_its_log_climbs_and_searches_above_those_that_circled_with_it():
-    """Two came down from there to search, each where the other one circled: 1.2 m."""
+    """Two drones descended from there to search, each at the other's place on the circle: 1.2 m."""
     heard_ns, peers = START_NS - 3 * SECOND, Peers(["d2"])
     where = {"position_m": (0.0, 0.0, 3.0), "velocity_mps": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
     pose = Pose(stamp_ns=heard_ns, drone="d2", epoch=0, position_sigma_m=0.1, yaw_sigma_rad=0.01, **where)

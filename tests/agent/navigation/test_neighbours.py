@@ -101,7 +101,7 @@ def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_
     [
         (Stage.LANDING, True, 13.0, True),
         (Stage.ABORT, True, 13.0, True),
-        (Stage.HOLD, True, 13.0, False),  # a human pilot flies it wherever he likes
+        (Stage.HOLD, True, 13.0, False),  # the pilot flies it anywhere
         (Stage.LANDING, False, 13.0, False),  # and had it land where he had flown it
         (Stage.LANDING, True, 0.1, False),
     ],

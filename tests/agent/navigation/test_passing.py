@@ -35,7 +35,7 @@ def hear(one, now_ns, place, velocity, stage=Stage.TRACK):
 
 
 def asked_to_start(place, velocity, stage=Stage.TRACK):
-    """A drone on the ground that is told to start at this moment."""
+    """A drone on the ground that gets the command to start at this moment."""
     one = pilot(mission=LATE)
     one.observe_vehicle(on_ground(START_NS))
     hear(one, START_NS, place, velocity, stage)

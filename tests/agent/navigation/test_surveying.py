@@ -221,7 +221,7 @@ def test_coverage_is_reported_every_few_seconds_without_a_gap():
 
 
 def test_coverage_does_not_lead_from_one_frame_into_another():
-    """The localisation jumps by 100 m after 3 s: each part is told in the epoch in which it was flown."""
+    """The localisation jumps by 100 m after 3 s: each part is published in the epoch in which it was flown."""
     log, reports = CoverageLog(10.0), []
     for tick in range(200):
         jumped = tick >= 60

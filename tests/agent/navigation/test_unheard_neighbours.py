@@ -143,7 +143,7 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
 
 @pytest.mark.parametrize("hears", [False, True])
 def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_its_plan_or_status_does(hears):
-    """The plan of before the silence was taken for that, and the last contact forgotten on one side only, with its line."""
+    """The plan from before the silence counted as that, and the last contact forgotten on one side only, with its line."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), plan(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
@@ -163,7 +163,7 @@ def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_it
 
 
 def test_one_that_plans_nothing_any_more_is_in_contact_again_when_its_status_tells_so():
-    """A human pilot held it, and the last plan, of before the link was well again, counted for good: this drone went home."""
+    """The pilot held it, and the last plan, from before the link recovered, counted for good: this drone returned."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for now_ns in range(0, 3 * SECOND, SECOND // 5):
         for message in (pose(now_ns), replace(plan(now_ns), unheard=("a",)), replace(status(Stage.SURVEY), stamp_ns=now_ns)):
@@ -496,7 +496,7 @@ def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_
 
 @pytest.mark.parametrize("told_s", [0.0, 60.0])
 def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhile(told_s):
-    """Taken for ones of a drone that is heard, they had it fly backwards, and all that it told later was older."""
+    """Accepted as messages of a heard drone, the old ones had it fly backwards, and all its later messages counted as older."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     hood.remember({"b": LastNews.of(pose(round(told_s * SECOND)), status(Stage.TRACK), None)})
     for now_s in (30, 32):
@@ -699,7 +699,7 @@ def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(
 @pytest.mark.parametrize(("revoked", "second", "sigma_m"), [(True, 11, 2.0), (True, 12, 0.0), (False, 12, 2.0)])
 def test_a_revoked_drone_does_not_wait_over_its_home_because_the_home_of_another_is_doubtful(revoked, second, sigma_m):
     """b, without its agent, is home after 11.5 s at the latest. Pushed aside by the doubt until b had to be down as well, a drone
-    waited for a minute, and came down through the layers of others that took it to have landed.
+    waited for a minute, and descended through the altitude layers of others that expected it landed.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.TRACK)):
@@ -722,9 +722,7 @@ def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it
 
 @pytest.mark.parametrize("resumed", [True, False])
 def test_an_agent_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_until_that_is_down(resumed):
-    """The revoked drone waited over its home, and the other landed beside it: 1.1 m. A late drone took off and flew past: 0.6
-    m.
-    """
+    """The revoked drone waited over its home: the other landed 1.1 m beside it; a late drone took off and flew past at 0.6 m."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=resumed, excluded=("b",))
     places = []
@@ -768,7 +766,9 @@ def test_one_of_which_no_status_was_heard_is_missed_like_one_that_was_never_hear
 
 
 def test_one_that_is_seen_to_fly_faster_than_when_it_was_heard_is_where_it_is_seen():
-    """Its last pose told 2 m/s. At 6 m/s its sightings did not confirm each other by that: it stood where it had been slower."""
+    """Its last pose reported 2 m/s. At 6 m/s its sightings did not confirm each other by that: it stood where it had been
+    slower.
+    """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
@@ -866,7 +866,7 @@ def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
 @pytest.mark.parametrize("told_mps", [0.2, 2.6, 6.5])
 @pytest.mark.parametrize("count", [4, 5, 6, 7])
 def test_one_that_is_seen_only_a_few_times_may_have_become_as_fast_as_any(told_mps, count):
-    """Too few to tell its velocity: by the speed of its last pose, of 0.2 m/s, it was 1.95 m off at a sigma of 0.46 m."""
+    """Too few to give its velocity: by the speed of its last pose, of 0.2 m/s, it was 1.95 m off at a sigma of 0.46 m."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (replace(pose(), velocity_mps=(told_mps, 0.0, 0.0)), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None

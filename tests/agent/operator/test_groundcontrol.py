@@ -52,7 +52,7 @@ class Drone:
         self.notices: tuple[str, ...] = ()
         self.stage = Stage.PREFLIGHT
         self.is_contested, self.overtaken = False, 0
-        self.is_taken_over, self.landing = False, 0  # by a human pilot, once many statuses have shown that it lands
+        self.is_taken_over, self.landing = False, 0  # by the pilot, once many statuses have shown that it lands
         self.commands: list[Command] = []
         self.received: list[Command] = []  # whether obeyed or not
         self.tells_ticket = True

@@ -65,7 +65,7 @@ def test_a_value_survives_the_link(value: float, kind: int) -> None:
 
 @dataclass
 class Deaf:
-    """A vehicle that keeps a wrong value, whatever it is told."""
+    """A vehicle that keeps a wrong value, in spite of any setting."""
 
     told: list[tuple[str, float]] = field(default_factory=list)
 

@@ -131,7 +131,7 @@ def test_a_serial_device_is_new_until_udev_has_set_it_up(tmp_path: Path) -> None
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()
     assert is_new(adapter, tmp_path)
-    assert not is_new(os.makedev(136, 0), tmp_path)  # a pseudo terminal, which udev is not told of
+    assert not is_new(os.makedev(136, 0), tmp_path)  # a pseudo terminal, unknown to udev
     (tmp_path / "run/udev/data/c188:0").touch()
     assert not is_new(adapter, tmp_path)
 

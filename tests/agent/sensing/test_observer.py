@@ -73,7 +73,7 @@ def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
     ("mission", "epoch", "z_m"),
     [
         (MISSION, 0, 0.15 - 0.3),  # the ground at 0.2 m, the launch place at 0.5 m
-        (MISSION, 1, 1.1),  # nothing tells how the frame lies after a jump
+        (MISSION, 1, 1.1),  # the frame's position is unknown after a jump
         (MISSION, 2, 0.15 - 0.3 - 0.7),
         (replace(MISSION, ground=GroundConfig(slope=(0.1, 0.0))), 0, 1.1),
         (
@@ -159,8 +159,8 @@ def test_no_exposure_is_longer_than_a_log_takes():
 
 
 def test_where_a_drone_is_whose_camera_is_silent():
-    """Nothing while the camera works; then the last reported exposure, and poses without live time, up to the last stretch it
-    may still report.
+    """Nothing while the camera works; then the last measured exposure, and poses without live time, up to
+    the time of measurements that may still come.
     """
     history = PoseHistory()
     observer, step = observer_with(history), SECOND // 10
@@ -298,7 +298,7 @@ def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, histo
 
 
 def test_what_is_measured_at_an_unknown_place_is_dropped(observer, history):
-    """A vehicle without satellites published cones from where it was last believed, metres off."""
+    """A vehicle without satellites published cones from its last trusted position, metres off."""
     observer.observe(stretch(0.0, 0.2))
     still(history, 1.0, 1.5, position_trusted=False)
     still(history, 2.0, 2.5)

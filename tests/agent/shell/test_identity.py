@@ -1,4 +1,4 @@
-"""A drone's certificate as its file names it, and what an operator is told as its end comes nearer."""
+"""A drone's certificate as its file names it, and the report to the operator as its end comes nearer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A mission uploaded to real agents with emulated vehicles: taken by all or told why not, kept over restarts, and flown."""
+"""A mission uploaded to real agents with emulated vehicles: taken by all or refused with a reason, kept over restarts, and
+flown.
+"""
 
 import subprocess
 import sys

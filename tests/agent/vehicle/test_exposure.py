@@ -1,4 +1,4 @@
-"""MAVLink from elsewhere: what an operator is told of a link, and packets that are taken from the vehicle only."""
+"""MAVLink from elsewhere: the report to the operator on a link, and packets that are taken from the vehicle only."""
 
 from __future__ import annotations
 

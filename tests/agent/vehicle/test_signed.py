@@ -1,4 +1,4 @@
-"""MAVLink 2 signatures: an autopilot that signs, and so ignores an agent that does not, is recognised and told."""
+"""MAVLink 2 signatures: an autopilot that signs, and so ignores an agent that does not, is recognised and reported."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from agent.vehicle.interface import FlightMode
 from agent.vehicle.mavlink.messages import DECODERS, Event, StatusText, SystemStatus
 
 GPS, BATTERY = 0x20, 0x0200_0000
-PRESENT, ENABLED = 0x0300_402F, 0x0301_402F  # as a real PX4 tells them; the prearm check is never among them
+PRESENT, ENABLED = 0x0300_402F, 0x0301_402F  # as from a real PX4; the prearm check is never among them
 READY, NOT_READY = 0x1320_C83F, 0x0320_C83F
 
 

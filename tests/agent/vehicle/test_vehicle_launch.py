@@ -41,7 +41,7 @@ def test_it_needs_some_time_on_the_ground_and_the_frames_origin() -> None:
 
 @pytest.mark.parametrize("origin", [ORIGIN, None])
 def test_one_that_flies_from_a_place_that_nobody_knows_has_one_of_its_own_after_a_while(origin) -> None:
-    """Its state was torn: the agent told that it is on the ground, and refused to land it, while the failsafe flew it home."""
+    """Its state was torn: the agent reported it on the ground, and refused to land it, while the failsafe flew it home."""
     survey = LaunchSurvey()
     if origin is not None:
         survey.take_origin(origin)
@@ -68,7 +68,7 @@ def test_without_satellites_the_stored_place_counts_while_the_autopilot_is_not_b
     survey = LaunchSurvey(replace(STORED, booted_ns=BOOTED_NS))
     for second in range(40):
         survey.observe(100.0 + second, (50.0, 20.0, -8.0), **FLYING, booted_ns=booted_ns)
-        assert (survey.place is None) is (second < (5 if known else 30))  # its origin may yet be told
+        assert (survey.place is None) is (second < (5 if known else 30))  # its origin may yet be reported
     assert (survey.place.north_m == STORED.north_m) is known
     assert (survey.place.epoch == 0) is known
 

@@ -1,4 +1,4 @@
-"""Fulfilment of requests: by the heartbeat, not by acknowledgements, and never against a human pilot."""
+"""Fulfilment of requests: by the heartbeat, not by acknowledgements, and never against a pilot."""
 
 from math import inf
 
@@ -61,7 +61,7 @@ def test_nor_is_one_that_showed_itself_armed_right_after_the_command() -> None:
     desk = Desk(ON_GROUND, beat_s=1.0)
     assert desk.run(Request.TAKEOFF, 1.0, altitude_set=False) == [Act.SET_TAKEOFF_ALTITUDE]
     desk.seen = replace(ON_GROUND, armed=True)
-    assert desk.run(Request.TAKEOFF, 0.1)[0] is Act.ARM  # a heartbeat right after it, too soon to be taken for its effect
+    assert desk.run(Request.TAKEOFF, 0.1)[0] is Act.ARM  # a heartbeat right after it, too soon to count as its effect
     desk.seen = ON_GROUND
     assert Act.ARM not in desk.run(Request.TAKEOFF, 5.0)
 

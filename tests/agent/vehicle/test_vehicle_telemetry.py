@@ -226,7 +226,7 @@ def test_without_satellites_neither_origin_nor_home_is_missed() -> None:
 @pytest.mark.parametrize("at", [-1, 0, 1, 5])
 def test_a_reset_while_no_agent_ran_is_noticed_whenever_its_count_comes(in_air: bool, resets: int, at: int) -> None:
     """The count comes at 10 Hz, the heartbeat at 1 Hz, positions at 30 Hz, in any order. In flight another frame is another
-    epoch, on the ground the launch place is measured again; before that is known no state is told.
+    epoch, on the ground the launch place is measured again; before that is known no state is given.
     """
     stored = LaunchPlace(
         north_m=1.0,

@@ -65,7 +65,7 @@ def test_a_weak_source_on_strong_background_is_never_taken_for_another(nuclide):
     assert {found.nuclide for found in named if found is not None} <= {nuclide}
 
 
-# Energies (keV) of peaks that must be among the lines that are told, with the number of events from which on they are.
+# Energies (keV) of peaks that must be among the reported lines, with the number of events from which on they are.
 UNKNOWN = {
     "Am-241": (1000, (59,)),
     "Ba-133": (5000, (80, 356)),

@@ -38,7 +38,7 @@ def test_a_static_source_is_found_with_its_activity(kit):
 
 
 def test_a_measured_background_is_no_source(kit):
-    """A background beyond all levels of the prior, 1.95 times the tables', is taken for a source beyond the fence."""
+    """A background beyond all levels of the prior, 1.95 times the tables', counts as a source beyond the fence."""
     mission = kit.mission_of()
     measured = with_background(mission, 6.0)
     none = []
@@ -84,7 +84,8 @@ def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
 
 
 def jumped(entry, error_m, sigma_m):
-    """An entry after its drone's own position has jumped by (20, -5) m, and the frame of that epoch as the drone tells it: off by
+    """An entry after its drone's own position has jumped by (20, -5) m, and the frame of that epoch as published by the drone:
+    off by
     ``error_m`` to the east, which it knows to ``sigma_m`` in each axis.
     """
     if not isinstance(entry, Exposure):
@@ -223,7 +224,7 @@ def test_the_order_of_arrival_leaves_no_trace(kit):
 
 @pytest.mark.parametrize("activity_bq", [0.0, 3e9])
 def test_a_camera_on_the_ground_stops_nothing(kit, activity_bq):
-    """Before takeoff, right over the middle of a cell, and later over where the source is believed to be."""
+    """Before takeoff, right over the middle of a cell, and later over the estimated place of the source."""
     mission = kit.mission_of()
     source_at = None if activity_bq == 0.0 else lambda _: (50.0, 50.0)
     entries = entries_of(kit, mission, np.random.default_rng(6), 60.0, source_at, activity_bq)

@@ -11,7 +11,7 @@ from agent.fusion.bayes.motion import BIAS
 
 
 def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):
-    """Half of the circle off, as by a clock that is 6 s ahead, and told so: it pulled the track along."""
+    """Half of the circle off, as by a clock that is 6 s ahead, and published so: it pulled the track along."""
     mission = kit.mission_of()
     entries = flown(kit, mission, of="c", since_s=40.0, until_s=65.0, sigma_m=20.0, off_m=(14.0, -18.0))
     without = [entry for entry in entries if not (entry.drone == "c" and 40.0 <= (entry.stamp_ns - kit.T0_NS) * 1e-9 < 65.0)]
@@ -31,7 +31,7 @@ def test_who_does_not_know_its_place_counts_where_nobody_else_does(kit):
 
 
 def test_a_place_that_is_doubted_does_not_end_a_track_when_others_are_heard_again(kit):
-    """While it was alone it counted, and the doubt of its place is part of the track since then."""
+    """While it was alone it counted, and its position uncertainty is part of the track since then."""
     mission = kit.mission_of()
     entries = flown(kit, mission, of="c", since_s=40.0, until_s=65.0, sigma_m=20.0)
     gap = [entry for entry in entries if entry.drone == "c" or not 42.0 <= (entry.stamp_ns - kit.T0_NS) * 1e-9 < 49.0]

@@ -84,7 +84,7 @@ def walking(weight, away_m, sigma_m=1.0):
 
 
 def told_sigmas(track, place):
-    """How far the Gaussian that is told is from a place."""
+    """The distance of the published Gaussian from a place."""
     mean, covariance = track.moments()
     off, told = np.array(place) - mean[:2], covariance[:2, :2] + track.hedge(mean, covariance)
     return np.sqrt(off @ np.linalg.solve(told, off))

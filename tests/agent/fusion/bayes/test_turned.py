@@ -1,4 +1,4 @@
-"""A camera that is turned against its drone's heading is told, with its side; the others are not."""
+"""A camera that is turned against its drone's heading is reported, with its side; the others are not."""
 
 from __future__ import annotations
 

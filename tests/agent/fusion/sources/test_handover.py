@@ -66,7 +66,7 @@ def until(kit, entries, seconds):
 
 
 def test_a_source_that_walks_is_followed_and_told_alone(kit, walk):
-    """As ``bayes`` tells it: its velocity, and no turns of the circle."""
+    """As from ``bayes``: its velocity, and no turns of the circle."""
     mission, entries = walk
     told = after(kit, mission, until(kit, entries, 25.0), 25.0).hypothesis
     assert (told.nuclide, told.others, told.watched_s) == ("Cs-137", (), None)
@@ -76,7 +76,7 @@ def test_a_source_that_walks_is_followed_and_told_alone(kit, walk):
 
 
 def test_until_it_is_handed_over_the_drones_look_where_it_has_walked_to(kit, walk):
-    """Sources at rest are told as they were fitted: it walks away from there."""
+    """Sources at rest are published as fitted: it walks away from there."""
     mission, entries = walk
     told = after(kit, mission, until(kit, entries, 10.0), 10.0).hypothesis
     assert off_m(told, 10.0) > 2.5

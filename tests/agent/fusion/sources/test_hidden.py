@@ -71,7 +71,7 @@ def test_what_is_hidden_does_not_tell_how_strong_a_source_is(weights):
 
 
 def test_a_row_without_any_count_is_hidden_and_still_expects_some():
-    """A camera that is blind, or right behind a wall: its expected counts divide in births and in exclusion limits."""
+    """A camera that is blind, or right behind a wall: its expected counts are the divisor in births and in exclusion limits."""
     one = seen((0.0, 0.0))
     assert one.hidden[0] > 0.99
     assert one.mean.min() > 0.0

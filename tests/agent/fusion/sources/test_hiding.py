@@ -57,7 +57,7 @@ def test_an_empty_area_is_excluded_down_to_an_activity_of_each_nuclide(kit, amon
 
 
 def test_what_is_there_is_not_excluded(kit, among):
-    """A source that is so weak that it is not told: the limits of its nuclide are above its activity, as often as is stated.
+    """A source too weak to be published: the limits of its nuclide are above its activity, as often as is stated.
 
     ``EXCLUDED`` is 5 % of the odds; of 20 flights one or two may be wrong, and four in fewer than 2 % of all such tests.
     """

@@ -26,7 +26,7 @@ def test_news_of_the_future_is_dropped(ahead_ns, taken):
 
 @pytest.mark.parametrize("ahead_ns", [300 * MS, 1410 * MS, -1410 * MS, 3600_000 * MS])
 def test_news_of_a_drone_whose_clock_is_known_to_differ_is_taken_at_its_time_by_the_own_clock(ahead_ns):
-    """By two delays of 20 ms that both drones tell; as long as only one is known, it is dropped."""
+    """By two delays of 20 ms, published by both drones; as long as only one delay is known, the message is dropped."""
     one, taken = pilot(), []
     now_ns = START_NS + 20 * MS
     for delays_ns, after_ms in (({}, (0,)), ({"d1": 20 * MS + ahead_ns}, (1, 201))):  # 201: of the future

@@ -1,4 +1,4 @@
-"""News of one drone from two sources: told, and both places kept clear of; honest news beside it, and jumps, are not told."""
+"""Messages of one drone from two sources: reported, and both places kept clear; honest messages and jumps are not reported."""
 
 import itertools
 
@@ -159,7 +159,9 @@ def test_a_status_does_not_take_a_flying_drone_out_of_the_air(stage, boot):
 
 
 def landed_for(tenths, *between):
-    """A drone that flew, and has told by status and poses for so long that it is on the ground; with others' messages between."""
+    """A drone that flew, then reported by status and poses for that long that it is on the ground; with others' messages
+    between.
+    """
     told = [pose(START_NS), status(START_NS)]
     for at_ns in stamps(tenths, PERIOD_NS):
         told += [replace(pose(at_ns), in_air=False), status(at_ns, stage=Stage.LANDED)]
@@ -275,7 +277,7 @@ def test_a_drone_says_when_it_hears_news_of_its_own_boot_that_it_has_not_sent_an
 
 @pytest.mark.parametrize("forged_ms", [-2050, -1000, 1000, 2050])
 def test_a_forged_difference_of_the_clocks_hides_nobody(forged_ms):
-    """The thief's statuses tell that the clock of d2 is off by two seconds: all that d2 says was stale, or of the future."""
+    """The thief's statuses report the clock of d2 two seconds off: all messages of d2 were stale, or of the future."""
     one, forged_ns, own = pilot(), forged_ms * MS, []
     for tick in range(100):
         now_ns = START_NS + tick * SECOND // 20

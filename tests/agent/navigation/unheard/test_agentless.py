@@ -14,7 +14,7 @@ HOME = (0.0, 0.0, 0.0)
 NOW = np.array([3.0, 5.0, 7.0])
 
 
-COMES_DOWN_S = 10.0  # a drone that comes down over its home by setpoints settles there, and lands from a few metres, in this time
+COMES_DOWN_S = 10.0  # a drone that lands at its home by setpoints settles there, and lands from a few metres, in this time
 
 
 def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), steered=True, **safety):

@@ -19,7 +19,7 @@ HOME = (10.0, 0.0)
 
 
 def heard_again(silent_s, epoch=1, stage=Stage.SURVEY, heard_s=0.5, **more):
-    """b is silent for so long, in a place that its new localisation does not tell, and heard again for half a second."""
+    """Peer b is silent for that long, at a place unknown to its new localisation, and heard again for half a second."""
     peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     me = Self(0, 0, 0.1, Transform(), ahead=lambda: np.tile((0.0, 0.0, 3.0), (21, 1)), height_m=3.0, **more)
     for message in (replace(HEARD, steered=stage is not Stage.HOLD), status(stage)):

@@ -54,7 +54,7 @@ def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
 
 @pytest.mark.parametrize(("away_m", "keeps"), [(6.0, True), (3.5, True), (2.5, False), (-1.0, False)])
 def test_one_that_hovers_as_its_circle_has_no_room_keeps_from_the_one_inside_that_it_is_clear_of(away_m, keeps):
-    """Others followed the source towards four that hovered, which did not account for them. A drone on that circle, or
+    """Others followed the source towards four hovering drones, which did not account for them. A drone on that circle, or
     inside of it, would flee outward.
     """
     absence = Absence(("d1",), (), 1, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=())

@@ -46,7 +46,7 @@ def ring(me, missing, hears, obeying=(), since_s=LEFT_S, home=()):
     silent = Silent(MISSION, me)
     for name in obeying:
         silent.obeys(name, NOW_NS - round(since_s * 1e9))
-        silent.obeys(name, NOW_NS)  # told again and again
+        silent.obeys(name, NOW_NS)  # reported again and again
     partners = [name for name in hears if name not in home]
     return silent.absence(missing, partners, peers, NOW_NS).ring
 
