@@ -49,8 +49,8 @@ def counting_fusion(mission):
 
 
 def test_old_entries_again_and_again_delay_nothing_and_are_all_in_it_in_the_end(kit, mission, entries):
-    """An entry each 0.3 s, enough to have everything computed again: every call costs a slice at most, and the hypothesis
-    stays the newest.
+    """An entry each 0.3 s, enough to have everything computed again: every call costs a slice at most, and the hypothesis stays
+    the newest.
     """
     cones = kit.flight(mission, np.random.default_rng(5), 120.0, lambda _: (40.0, 60.0), rate_hz=2.0)
     counting, fusion = counting_fusion(mission)

@@ -92,8 +92,7 @@ def test_a_clock_that_is_set_in_flight_is_known_within_two_seconds(jump_ms, name
 
 def exchanged_over(seconds, way_ns, ahead_ns, phases=(3, 13)):
     """Offsets of two clocks, as published by a and b after every twentieth of a second. ``way_ns``: of a message sent then, by
-    its
-    sender; ``ahead_ns``: of the clock of b.
+    its sender; ``ahead_ns``: of the clock of b.
     """
     clocks, flying, told = {"a": Clocks("a", ["b"]), "b": Clocks("b", ["a"])}, [], []
     for tick in range(seconds * 20):

@@ -102,8 +102,8 @@ def test_the_frame_of_a_localisation_that_has_jumped_back_is_known_exactly_after
 
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_jump_in_doubt_adds_nothing_to_the_doubt_that_is_told(restarts):
-    """The published frame has the uncertainty in its covariance: carried on, the frame held it twice,
-    and no alternative position was known.
+    """The published frame has the uncertainty in its covariance: carried on, the frame held it twice, and no alternative
+    position was known.
     """
     graph = FrameGraph.from_launch_layout(MISSION)
     own = own_pose("d1", graph)

@@ -218,10 +218,9 @@ def costly_world(flown, entries, units):
 @pytest.mark.parametrize(("late_s", "units", "most_s"), [(6.6, 200, 4.8), (9.0, 400, 8.0)])
 def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, units, most_s):
     """All of d2's entries come late, cones as well as the entries behind the frames. A call computes two new steps, or one, and
-    one of
-    a replay: 5 ms and more, above a replay's budget per call. In the first case a replay has up to 32 steps with
-    cones, 1.6 s, and an entry waits for the replay under way, the rest after it, and its own: three times as long. In the
-    second case the flight itself takes half of the calls, and a replay is longer than from border to border.
+    one of a replay: 5 ms and more, above a replay's budget per call. In the first case a replay has up to 32 steps with cones,
+    1.6 s, and an entry waits for the replay under way, the rest after it, and its own: three times as long. In the second case
+    the flight itself takes half of the calls, and a replay is longer than from border to border.
     """
     flown, entries = recorded(2)
     world, entries = costly_world(flown, entries, units)
@@ -240,8 +239,8 @@ def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, uni
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_what_follows_from_late_entries_is_computed_once_the_frames_have_them(seed):
-    """A slow agent starts again and gets the log in two parts, the second while it works off the first.
-    A replay by the frames of the first part would keep the frames of the second waiting to its end: 4.6 s and 5.0 s.
+    """A slow agent starts again and gets the log in two parts, the second while it works off the first. A replay by the frames
+    of the first part would keep the frames of the second waiting to its end: 4.6 s and 5.0 s.
     """
     flown, entries = recorded(seed)
     world, entries = costly_world(flown, entries, 100)

@@ -753,8 +753,8 @@ def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, mis
 
 @pytest.mark.parametrize(("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("b",), ("b",)), (False, ("a",), None)])
 def test_one_of_which_no_status_was_heard_is_missed_like_one_that_was_never_heard(resumed, measured, missing):
-    """An agent that was started in flight, and was revoked, heard poses for a third of a second, and none from
-    then on: a peer without a status so far did not exist for it.
+    """An agent that was started in flight, and was revoked, heard poses for a third of a second, and none from then on: a peer
+    without a status so far did not exist for it.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     assert peers.receive(pose(), 0) is None

@@ -159,8 +159,8 @@ def test_no_exposure_is_longer_than_a_log_takes():
 
 
 def test_where_a_drone_is_whose_camera_is_silent():
-    """Nothing while the camera works; then the last measured exposure, and poses without live time, up to
-    the time of measurements that may still come.
+    """Nothing while the camera works; then the last measured exposure, and poses without live time, up to the time of
+    measurements that may still come.
     """
     history = PoseHistory()
     observer, step = observer_with(history), SECOND // 10

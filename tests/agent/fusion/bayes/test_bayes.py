@@ -85,8 +85,7 @@ def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
 
 def jumped(entry, error_m, sigma_m):
     """An entry after its drone's own position has jumped by (20, -5) m, and the frame of that epoch as published by the drone:
-    off by
-    ``error_m`` to the east, which it knows to ``sigma_m`` in each axis.
+    off by ``error_m`` to the east, which it knows to ``sigma_m`` in each axis.
     """
     if not isinstance(entry, Exposure):
         x, y, z = entry.apex_m

@@ -26,8 +26,8 @@ MOTION = Motion(
 
 
 def tracked(scatter: float, height_m: float, direct: float = 1.0) -> Mixture:
-    """A track after 600 exposures (0.5 s) by one camera around 3 GBq, drawn with a scatter factor, a height, and the share
-    of the direct photons that pass what lies upon the source.
+    """A track after 600 exposures (0.5 s) by one camera around 3 GBq, drawn with a scatter factor, a height, and the share of
+    the direct photons that pass what lies upon the source.
     """
     rng, one, response, soil = np.random.default_rng(1), np.ones(1), SCENE.response, SCENE.response.over_soil
     track = Mixture.of_sites(
