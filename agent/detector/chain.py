@@ -34,8 +34,11 @@ class DetectorChain:
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
-        """Args: config: coincidence window, thresholds and line windows. nuclide: its lines make cones, as in the mission; None:
-        hits and coincidences only. calibration: of the camera. on_energies: receives the energies (keV) of all events.
+        """Args:
+            config: coincidence window, thresholds and line windows.
+            nuclide: the lines of this nuclide make cones, as in the mission; None: hits and coincidences only.
+            calibration: of the camera.
+            on_energies: receives the energies (keV) of all events.
 
         Raises:
             ConfigError: the nuclide is unknown.

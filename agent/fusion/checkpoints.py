@@ -16,10 +16,10 @@ def undo(states: dict[int, T], step: int) -> None:
 
 
 def thin(states: dict[int, T]) -> None:
-    """Limit the states to ``MOST_CHECKPOINTS``: drop the one whose loss lengthens replays least, relative to their necessary
-    steps.
+    """Limit the states to ``MOST_CHECKPOINTS``.
 
-    So the spacing grows with the age, and a late entry costs about twice the steps that it changes, at any age.
+    Drop the state with the least cost: the additional steps of a replay without it, relative to the necessary steps. The
+    spacing then grows with the age, and a late entry costs about twice the steps that it changes, at any age.
     """
     if len(states) <= MOST_CHECKPOINTS:
         return

@@ -40,7 +40,7 @@ class Fusion:
         hypothesis = H(E(.. E(E(initial, Z_1), Z_2) .., Z_n), due step)
 
     where E is the estimator's ``step``, H its ``hypothesis``, and Z_1 .. Z_n are the non-empty sets of observations of all steps
-    up to the due step. So it is a pure function of the log's content, of the known frames and of the due step. The order of
+    up to the due step. The hypothesis is a pure function of the log's content, the known frames and the due step. The order of
     arrival, duplicates, delays and the slicing of the work do not matter.
 
     The estimator's state after every step with observations is a checkpoint. A new entry discards the checkpoints from its step

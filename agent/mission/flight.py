@@ -97,7 +97,7 @@ class Flight(Struct, frozen=True):
             return self
         stage = TABLE[self.stage, event] or self.resume
         begins_search = stage is Stage.SURVEY and self.searching_since_ns is None
-        brakes = event in TO_REST and self.stage in STEERED and vehicle is not None
+        brakes = event in TO_REST and self.stage in STEERED
         lost = self.position_loss.lands if event is Event.BLIND else None
         return replace(
             self,

@@ -15,14 +15,14 @@ from benchmarks.support.soil import (
     GENERATIONS,
     GRID_KEV,
     MASS_KEV,
-    MIN_KEV,
-    MIN_WEIGHT,
     attenuations,
     deflected,
     isotropic,
     klein_nishina,
     moved,
     scattering_cosines,
+    survivors,
+    unabsorbed,
 )
 
 _NATURAL_DEPTH_M, _MEAN_DEPTH_M = 1.0, 0.3  # of the soil's own photons: the deepest emission, and the scale of the drawn depths
@@ -74,13 +74,11 @@ def _batch(energies: Array, shares: Array, heights_m: Array, edges_kev: Array, c
     for _ in range(GENERATIONS):
         tally += _crossing(place[:, 2], direction[:, 2], energy, weight, heights_m, edges_kev, media)
         place, soil, out = moved(place, direction, energy, media, rng)
-        weight = weight * np.where(soil, np.interp(energy, GRID_KEV, compton[1]), np.interp(energy, GRID_KEV, compton[0]))
+        weight = unabsorbed(weight, energy, soil, compton)
         cosine = scattering_cosines(energy, rng)
         direction = deflected(direction, cosine, rng)
         energy = energy / (1.0 + energy / MASS_KEV * (1.0 - cosine))
-        kept = np.logical_not(out) & (energy > MIN_KEV)
-        kept &= (weight > MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
-        weight = np.where(weight > MIN_WEIGHT, weight, 10.0 * weight)
+        kept, weight = survivors(weight, energy, out, rng)
         place, direction, energy, weight = place[kept], direction[kept], energy[kept], weight[kept]
         if not len(energy):
             break

@@ -117,11 +117,7 @@ def _batch(
     weight = np.ones(count)
     for _ in range(GENERATIONS):
         place, soil, out = moved(place, direction, energy, media, rng)
-        share = np.where(soil, np.interp(energy, GRID_KEV, compton[1]), np.interp(energy, GRID_KEV, compton[0]))
-        weight = weight * share
-        kept = ~out & (energy > MIN_KEV)
-        kept &= (weight > MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
-        weight = np.where(weight > MIN_WEIGHT, weight, 10.0 * weight)
+        kept, weight = survivors(unabsorbed(weight, energy, soil, compton), energy, out, rng)
         place, direction, energy, weight = place[kept], direction[kept], energy[kept], weight[kept]
         if not len(energy):
             break
@@ -130,6 +126,19 @@ def _batch(
         direction = deflected(direction, cosine, rng)
         energy = energy / (1.0 + energy / MASS_KEV * (1.0 - cosine))
     return tally
+
+
+def unabsorbed(weight: Array, energy: Array, soil: Array, compton: Array) -> Array:
+    """Weights after interactions in soil or air: less the share that is absorbed."""
+    share: Array = np.where(soil, np.interp(energy, GRID_KEV, compton[1]), np.interp(energy, GRID_KEV, compton[0]))
+    return weight * share
+
+
+def survivors(weight: Array, energy: Array, out: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Photons to be followed further, and all weights: a tenth of the light photons survives, with ten times the weight."""
+    kept = ~out & (energy > MIN_KEV)
+    kept &= (weight > MIN_WEIGHT) | (rng.random(len(weight)) < 0.1)
+    return kept, np.where(weight > MIN_WEIGHT, weight, 10.0 * weight)
 
 
 def isotropic(count: int, rng: np.random.Generator) -> Array:

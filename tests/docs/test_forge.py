@@ -10,13 +10,12 @@ import yaml
 FORGE = docs_pages.ROOT / ".github"
 PROJECT = tomllib.loads((docs_pages.ROOT / "pyproject.toml").read_text())["project"]
 JOBS = yaml.safe_load((FORGE / "workflows/checks.yml").read_text())["jobs"]
-TARGETS = re.findall(r"^([\w-]+):", (docs_pages.ROOT / "Makefile").read_text(), re.M)
 
 
 def test_the_workflow_calls_targets_that_exist_on_pythons_that_are_supported():
     steps = [step["run"] for job in JOBS.values() for step in job["steps"] if "run" in step]
     called = [match[1] for step in steps if (match := re.match(r"make ([\w-]+)", step))]
-    assert {"test", "lint", "docs"} <= set(called) <= set(TARGETS)
+    assert {"test", "lint", "docs"} <= set(called) <= set(docs_pages.TARGETS)
     pythons = JOBS["tests"]["strategy"]["matrix"]["python"]
     assert pythons == ["3.11", "3.12", "3.13", "3.14"]
     assert PROJECT["requires-python"] == f">={pythons[0]}"

@@ -60,8 +60,8 @@ class Fit(Struct, frozen=True, eq=False):
             over soil also along the height; plus g times the derivative of the contrast (``spectrum``)
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + uncertainty of the component's share of S,
 
-    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``. Photons scattered by air fall off less than
-    exp(-mu D) / D^2; this is left out of h, not of S. So are all effects of buildings and the camera's facing.)
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). Here mu is ``air_per_m``. S has, and h leaves out: the flux of photons
+    scattered by air, which falls off less than exp(-mu D) / D^2, and the effects of buildings and of the camera's facing.
 
     gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
     ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component with the

@@ -128,7 +128,7 @@ class CountModel:
         seen = self.views(expected)
         mixture = sources.plus(spectrum, time)
         if solution.log_soil is not None:
-            mixture = mixture.scaled(self._of_soil(sources, solution))
+            mixture = mixture.varied(self._of_soil(sources, solution))
         return seen.log_likelihood, lambda: self._derived(mixture, expected, seen, self._of_drone)
 
     def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Derivatives]:

@@ -53,7 +53,7 @@ class Mixture:
         shapes, direct = np.vstack((self.shapes, shape)), np.vstack((self.direct, np.zeros_like(shape)))
         return Mixture(shapes, direct, [*self.parts, part], np.vstack((self.strengths, strength)))
 
-    def scaled(self, by: Array) -> Mixture:
+    def varied(self, by: Array) -> Mixture:
         """Return the mixture with a further number; ``by`` (Q, R): derivatives of the strengths by it."""
         return Mixture(self.shapes, self.direct, [*self.parts, Part(slice(0, len(by)), by[:, None])], self.strengths)
 

@@ -81,7 +81,6 @@ class Spectra:
     and J; None over nothing.
     """
 
-    ground: str
     nuclides: tuple[str, ...]
     air_per_m: Array
     direct: Array
@@ -115,6 +114,11 @@ class Spectra:
                 )
         return _spectra(tuple(nuclides), ground)
 
+    @property
+    def ground(self) -> str:
+        """The ground of these tables, as in the mission: ``soil`` or ``none``."""
+        return "none" if self.soil is None else "soil"
+
     def plus(self, unknown: Sequence[UnknownSpectrum]) -> Spectra:
         """Return the tables with further unknown nuclides."""
         return _extended(self, tuple(unknown)) if unknown else self
@@ -143,8 +147,8 @@ class Spectra:
     def strengths(self, sight: Sight) -> tuple[Array | float, ...]:
         """Return the strengths of the Q templates, relative to w."""
         depth, facing, steepness, soil = sight
-        level = 1.0, depth, facing
-        return level if self.soil is None else (*level, soil, soil * steepness, soil * steepness * facing)
+        bare = 1.0, depth, facing
+        return bare if self.soil is None else (*bare, soil, soil * steepness, soil * steepness * facing)
 
     @property
     def level(self) -> list[int]:
@@ -254,7 +258,6 @@ def _spectra(nuclides: tuple[str, ...], ground: str) -> Spectra:
     scattered_pairs = np.array([TABLES[name]["scattered_pairs"] for name in nuclides])
     return replace(
         bare,
-        ground=ground,
         air=pooled(of("air")) / AIR,
         air_by_scale=pooled(of("air_by_scale")) / AIR,
         nearby=nearby,
@@ -275,7 +278,6 @@ def _over_nothing(nuclides: tuple[str, ...]) -> Spectra:
 
     background, scattered, by_scale = TABLES["background"], areas("scattered"), areas("scattered_by_scale")
     return Spectra(
-        ground="none",
         nuclides=nuclides,
         air_per_m=of("air_per_m")[:, 0],
         direct=areas("direct"),
