@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agent.detector.files.pixetxml import read_pixet_xml
 from agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from agent.detector.sensor import DRIFT_NS
+from agent.detector.sensor import DRIFT_NS, drift_time_ns
 from agent.errors import DetectorError
 
 NAMES = ("a", "b", "c", "t")
@@ -112,7 +112,7 @@ def load_calibration(path: Path) -> Calibration:
 
     The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first, and
     may hold ``drift.txt``, the electrons' drift time across the sensor, ns (``radron-agent calibrate``). The configuration is an
-    XML file as the camera's manufacturer delivers it. Bad pixels are masked.
+    XML file as the camera's manufacturer delivers it; its bias voltage and thickness give the drift time. Bad pixels are masked.
 
     Raises:
         DetectorError: a file is missing, is not a calibration, or more than a fifth of its pixels are bad.
@@ -125,6 +125,8 @@ def load_calibration(path: Path) -> Calibration:
         found = read_pixet_xml(path)
         a, b, c, t = found.constants
         masked, thickness_mm = found.masked, found.thickness_mm
+        if found.bias_v is not None:
+            drift_ns = drift_time_ns(thickness_mm, found.bias_v)
     else:
         raise DetectorError(
             f"{path}: no such file or folder; a calibration is a folder with a.txt, b.txt, c.txt and t.txt, or Pixet's XML file"

@@ -2,7 +2,7 @@
 
 The section of a chip holds ``caliba``, ``calibb``, ``calibc`` and ``calibt``, each the base64 text of 65,536 little-endian
 doubles, row by row; ``BinaryPixelCfg``, the base64 text of a byte for each pixel, whose lowest bit masks it; and
-``SensorThickness`` in micrometres.
+``SensorThickness`` in micrometres. The section ``Settings`` holds ``Bias``, the sensor's bias voltage in volts.
 """
 
 from __future__ import annotations
@@ -23,15 +23,17 @@ MAX_XML_BYTES = 32 << 20  # ten times as large as a camera's file
 _CONSTANTS = ("caliba", "calibb", "calibc", "calibt")
 _PIXELS = SENSOR_PIXELS**2
 _MASK_BIT = 1
+MIN_BIAS_V, MAX_BIAS_V = 4.0, 1000.0  # the maker's smallest voltage, and the largest one that the drone file takes
 
 
 @dataclass(frozen=True, slots=True)
 class PixetConfiguration:
-    """constants: a, b, c and t, (65536,) each by matrix index; masked: (65536,)."""
+    """constants: a, b, c and t, (65536,) each by matrix index; masked: (65536,); bias_v: None where the file gives none."""
 
     constants: tuple[NDArray[np.float64], ...]
     masked: NDArray[np.bool_]
     thickness_mm: float
+    bias_v: float | None
 
 
 def read_pixet_xml(path: Path) -> PixetConfiguration:
@@ -57,7 +59,7 @@ def read_pixet_xml(path: Path) -> PixetConfiguration:
     masked = np.zeros(_PIXELS, np.bool_)
     if chip.find("BinaryPixelCfg") is not None:
         masked = np.frombuffer(_binary(path, chip, "BinaryPixelCfg", _PIXELS), np.uint8) & _MASK_BIT != 0
-    return PixetConfiguration(constants, masked, _thickness_mm(path, chip))
+    return PixetConfiguration(constants, masked, _thickness_mm(path, chip), _bias_v(path, root))
 
 
 def _binary(path: Path, chip: ElementTree.Element, name: str, size: int) -> bytes:
@@ -81,3 +83,16 @@ def _thickness_mm(path: Path, chip: ElementTree.Element) -> float:
     if not 0.0 < thickness_mm < 100.0:
         raise DetectorError(f"{path}: {chip.tag}/SensorThickness: {text[:20]!r} is not a thickness in micrometres")
     return thickness_mm
+
+
+def _bias_v(path: Path, root: ElementTree.Element) -> float | None:
+    text = root.findtext("Settings/Bias")
+    if text is None:
+        return None
+    try:
+        bias_v = float(text)
+    except ValueError:
+        bias_v = 0.0
+    if not MIN_BIAS_V <= abs(bias_v) <= MAX_BIAS_V:
+        raise DetectorError(f"{path}: Settings/Bias: {text[:20]!r} is not a bias voltage of {MIN_BIAS_V:g} to {MAX_BIAS_V:g} V")
+    return bias_v

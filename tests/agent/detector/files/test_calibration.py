@@ -92,7 +92,7 @@ def test_the_hits_of_a_bad_pixel_have_no_energy_and_the_share_of_good_ones_is_kn
     assert calibration.good_share == 1.0 - 1.0 / 65536
 
 
-def xml(path, thickness="2000", chips=1, **constants):
+def xml(path, thickness="2000", chips=1, bias="-500", **constants):
     """A configuration as Pixet writes it, with the same constants for every pixel and the first one masked."""
     values = {"a": 1.5, "b": 30.0, "c": 80.0, "t": 2.0, **constants}
     binary = {f"calib{name}": np.full(65536, value, "<f8").tobytes() for name, value in values.items()}
@@ -100,7 +100,7 @@ def xml(path, thickness="2000", chips=1, **constants):
     inner = "".join(f"<{name}>{b64encode(data).decode()}</{name}>" for name, data in binary.items())
     section = f"<SensorThickness>{thickness}</SensorThickness>{inner}"
     body = "".join(f"<J05-W013{k}>{section}</J05-W013{k}>" for k in range(chips))
-    path.write_text(f"<?xml version='1.0' encoding='UTF-8'?><xml><Settings><Bias>-500</Bias></Settings>{body}</xml>")
+    path.write_text(f"<?xml version='1.0' encoding='UTF-8'?><xml><Settings><Bias>{bias}</Bias></Settings>{body}</xml>")
     return path
 
 
@@ -111,6 +111,20 @@ def test_the_configuration_of_pixet_is_a_calibration(tmp_path):
     np.testing.assert_allclose(calibration.energy_kev(index, tot), load_calibration(tmp_path).energy_kev(index, tot))
     assert calibration.bad_pixels == 1
     assert np.isnan(calibration.energy_kev(np.zeros(1, np.uint16), np.array([77], np.uint16)))[0]
+
+
+@pytest.mark.parametrize(
+    ("thickness", "bias", "drift_ns"), [("2000", "-450", 86.0), ("2000", "-300", 129.0), ("1000", "500", 19.35)]
+)
+def test_bias_and_thickness_of_a_configuration_give_the_drift_time(tmp_path, thickness, bias, drift_ns):
+    """d^2 / (mobility x bias), with 1,034 cm2/(V s)."""
+    assert load_calibration(xml(tmp_path / "camera.xml", thickness, bias=bias)).drift_ns == pytest.approx(drift_ns)
+
+
+@pytest.mark.parametrize("bias", ["", "none", "0", "nan", "-20000"])
+def test_a_configuration_without_a_usable_bias_is_refused(tmp_path, bias):
+    with pytest.raises(DetectorError, match=r"Settings/Bias: .* is not a bias voltage of 4 to 1000 V"):
+        load_calibration(xml(tmp_path / "camera.xml", bias=bias))
 
 
 def test_a_sensor_of_another_thickness_is_read_but_does_not_fly(tmp_path):
@@ -149,7 +163,7 @@ def test_the_configuration_of_a_real_camera_is_read(tmp_path):
     path = tmp_path / "camera.xml"
     path.write_bytes(lzma.decompress((CAMERA / "MiniPIX-J05-W0130.xml.xz").read_bytes()))
     calibration = load_calibration(path)
-    assert (calibration.bad_pixels, calibration.thickness_mm) == (46, 1.0)
+    assert (calibration.bad_pixels, calibration.thickness_mm, calibration.drift_ns) == (46, 1.0, pytest.approx(19.35))
     index = np.arange(65536, dtype=np.uint16)
     energy = calibration.energy_kev(index, np.full(65536, 200, np.uint16))
     assert np.nanmedian(energy) == pytest.approx((200 - 6.07) / 1.29, rel=0.02)
