@@ -44,7 +44,7 @@ class DetectorChain:
             ConfigError: the nuclide is unknown.
         """
         self._calibration = calibration
-        self._events = EventReader(config, nuclide, on_energies, calibration.drift_ns)
+        self._events = EventReader(config, nuclide, on_energies, calibration.thickness_mm, calibration.drift_ns)
         self._threshold_kev = config.cluster_threshold_kev
         self._gap = config.cluster_gap_ns / TICK_NS
         self._reach = max(config.cluster_gap_ns, config.coincidence_window_ns) / TICK_NS

@@ -43,16 +43,18 @@ class EventReader:
         config: DetectionConfig,
         nuclide: str | tuple[str, ...] | None,
         on_energies: EnergySink | None = None,
+        thickness_mm: float = SENSOR_THICKNESS_MM,
         drift_ns: float = DRIFT_NS,
     ) -> None:
         """``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. ``drift_ns``: of electrons
-        across the sensor. Raises ConfigError for an unknown nuclide.
+        across the sensor's thickness. Raises ConfigError for an unknown nuclide.
         """
         self._windows = Windows(() if nuclide is None else candidates_of(nuclide), config)
         self._window_ticks = config.coincidence_window_ns / TICK_NS
         self._minimum_pixels = config.minimum_pixels
         self._on_energies = on_energies
-        self._mm_per_tick = SENSOR_THICKNESS_MM / drift_ns * TICK_NS
+        self._thickness_mm = thickness_mm
+        self._mm_per_tick = thickness_mm / drift_ns * TICK_NS
 
     def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
         """Evaluate clusters, sorted by tick, one by one."""
@@ -109,6 +111,6 @@ class EventReader:
             return None
         drift = first.tick - second.tick + first.delay - second.delay
         depth = drift * self._mm_per_tick  # the later, the further from the pixels at the rear
-        depth = min(max(depth, -SENSOR_THICKNESS_MM), SENSOR_THICKNESS_MM)
+        depth = min(max(depth, -self._thickness_mm), self._thickness_mm)
         separation = (first.x_mm - second.x_mm, first.y_mm - second.y_mm, depth)
         return cone_event(clock_ns + first.tick * 25 // 16, energies, separation, line)

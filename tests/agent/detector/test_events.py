@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from agent.config.mission import DetectionConfig
 from agent.detector.clustering import Cluster, Clusters
@@ -47,3 +48,12 @@ def test_an_event_with_a_full_counter_is_counted_without_energy() -> None:
     assert (tally.hits, tally.coincidences, tally.photopeak, tally.cones, energies) == (3, 1, 0, [], [])
     whole = reader.read_few([full._replace(saturated=False), other], 0)
     assert (whole.hits, whole.coincidences, whole.photopeak, len(whole.cones)) == (2, 1, 1, 1)
+
+
+def test_the_depth_between_two_clusters_follows_from_thickness_and_drift_time() -> None:
+    """6 ticks of 1.5625 ns are 0.484 of 19.35 ns: 0.484 mm in a sensor of 1 mm; 20 ticks are beyond its thickness."""
+    reader = EventReader(DetectionConfig(), "Cs-137", thickness_mm=1.0, drift_ns=19.35)
+    for ticks, depth_mm in ((6, 0.4845), (20, 1.0)):
+        electron = Cluster(100 + ticks, 277.0, 6, 0.0, 0.0, 0.0, saturated=False)
+        (cone,) = reader.read_few([Cluster(100, 384.66, 6, 3.0, 0.0, 0.0, saturated=False), electron], 0).cones
+        assert cone.separation_mm == pytest.approx(np.hypot(3.0, depth_mm), abs=1e-3)
