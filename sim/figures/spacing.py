@@ -70,5 +70,8 @@ def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]])
         return [f"the gap farthest from uniform is {float(np.median(widest)):.1f} deg from it in the median"]
     settled = settling_times(trace.time_s, error, steps, WITHIN_DEG)
     settled = settled[~np.isnan(settled)]
-    middle, worst = seconds(float(np.median(settled))), seconds(float(np.max(settled)))
-    return [f"all gaps within {WITHIN_DEG:g} deg of uniform {middle} after a step of the hypothesis (median; worst {worst})"]
+    median, worst = float(np.median(settled)), float(np.max(settled))
+    if not np.isfinite(median):
+        return [f"after most steps of the hypothesis, the gaps do not stay within {WITHIN_DEG:g} deg of uniform"]
+    settles = f"{seconds(median)} after a step of the hypothesis (median; worst {seconds(worst)})"
+    return [f"the gaps stay within {WITHIN_DEG:g} deg of uniform from {settles}"]
