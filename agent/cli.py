@@ -131,7 +131,6 @@ def replay(
 ) -> None:
     """Replay a recorded flight, and verify that every hypothesis, setpoint and message is identical, bit for bit.
 
-    Of a record of version 1 of the protocol only the source estimates are made again, from its log.
     Exit code 0: identical; 1: different; 2: the flight cannot be replayed (to its end).
     """
     from agent.flight.command import run_replay  # noqa: PLC0415  belongs to this command alone

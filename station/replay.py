@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Iterator, Sequence
 from heapq import merge
 from pathlib import Path
@@ -11,12 +10,10 @@ from time import monotonic
 from typing import NamedTuple
 
 from agent.errors import FlightRecordError
-from agent.flight.former import FORMER, as_today
 from agent.flight.reader import RecordedFlight
 from agent.flight.topics import MESSAGE, PUBLICATION, decode_message
 from protocol.errors import ProtocolError
 from protocol.identity import Authority
-from protocol.keys import VERSION
 from protocol.signing import Verifier
 from station.hub import Hub
 from station.picture.history import FRAME_MS
@@ -52,7 +49,6 @@ class Records:
         self._flights = [RecordedFlight(path, whole=False) for path in paths]
         first = self._flights[0].header
         for path, flight in zip(paths, self._flights, strict=True):
-            flight.header.check_protocol(path, "open", (FORMER, VERSION))
             if flight.header.mission.mission_id != first.mission.mission_id:
                 raise FlightRecordError(f"{path}: a flight of another mission than {paths[0]}: open them one by one")
         self.mission, self.judges_exposures = first.mission, first.judges_exposures
@@ -149,6 +145,4 @@ def _messages(flight: RecordedFlight, once: _Once) -> Iterator[Heard]:
     for record in flight.records((MESSAGE, PUBLICATION)):
         latest_ns = max(latest_ns, record.log_ns)
         if once.is_new(record.data, latest_ns):
-            key, payload = decode_message(record.data)
-            with contextlib.suppress(ProtocolError):  # the drones rejected the message, too
-                yield Heard(latest_ns, *as_today(key, payload))
+            yield Heard(latest_ns, *decode_message(record.data))

@@ -12,19 +12,17 @@ import msgspec
 
 from agent.errors import FlightRecordError
 from agent.flight import topics
-from agent.flight.former import FORMER, FormerCommand, read_message
-from agent.flight.reader import FlightRecord, RecordedCall, RecordedFlight
+from agent.flight.reader import RecordedCall, RecordedFlight
 from agent.mission.commanding import Verdict
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import Authority, Peer, utc
-from protocol.keys import VERSION, Key, parse_key
+from protocol.keys import Key, parse_key
 from protocol.messages import STATION_KINDS, Action, AnyMessage, AnyOrder, Command, Order, Upload
 from protocol.revocations import Revocation, Revoked
 from protocol.signing import Member
 
 UNTOLD = "the record does not say what became of it (it lists a bounded number of refused commands a second)"
-UNJUDGED = f"version {FORMER} of the protocol did not record what became of it"
 _TAKEN = "taken over"  # an upload, unless the agent could not keep it
 _SERIAL_DIGITS = 16  # as `radron-deploy pki show` prints them
 _WORDS = {
@@ -73,7 +71,7 @@ def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = Non
         progress: called regularly with the share done, 0 to 1.
 
     Raises:
-        FlightRecordError: the record is of another version of the protocol, or its content cannot be read.
+        FlightRecordError: its content cannot be read.
     """
     reader = _Reader(flight)
     found: dict[tuple[object, ...], Audited] = {}
@@ -96,8 +94,6 @@ class _Reader:
 
     def __init__(self, flight: RecordedFlight) -> None:
         self._file, header = flight.files[0], flight.header
-        header.check_protocol(self._file, "audit", (FORMER, VERSION))
-        self._is_former = header.protocol == FORMER
         self._drone, self._mission, self._swarm = header.drone.id, header.mission.mission_id, header.mission.swarm
         try:
             self._authority = Authority.read(header.authority.encode()) if header.authority else None
@@ -106,10 +102,6 @@ class _Reader:
 
     def read(self, call: RecordedCall) -> Iterator[tuple[tuple[object, ...], Audited]]:
         """The command to this drone, or revocations that it did not know; and what each has in common with its copies."""
-        if self._is_former:
-            former = self._former(call.record)
-            yield from () if former is None else (former,)
-            return
         key, payload = self._message(call.record.data)
         if key is not None and key.kind in ("revocation", "revoked"):
             yield from self._revocations(key, payload, call)
@@ -148,30 +140,14 @@ class _Reader:
         audited = Audited(at_ns, at_ns, command.station, told(signer), action, drones, result)
         return (key, command.certificate, command.stamp_ns, action, drones, result), audited
 
-    def _former(self, record: FlightRecord) -> tuple[tuple[object, ...], Audited] | None:
-        """A command of version 1 of the protocol, which had neither certificates nor recorded verdicts."""
-        try:
-            command = read_message(*self._content(record.data))
-        except ProtocolError:
-            return None
-        if not isinstance(command, FormerCommand) or self._drone not in (command.drones or (self._drone,)):
-            return None
-        drones, at_ns = command.drones or ("all",), record.log_ns
-        audited = Audited(at_ns, at_ns, command.station, "unsigned", command.action, drones, UNJUDGED)
-        return (command.station, command.stamp_ns, command.action, drones), audited
-
-    def _content(self, data: bytes) -> tuple[str, bytes]:
+    def _message(self, data: bytes) -> tuple[Key | None, bytes]:
+        """Key and payload of a message; no key for a foreign one."""
         try:
             text, payload = topics.decode_message(data)
             if not isinstance(text, str) or not isinstance(payload, bytes):
                 raise TypeError("not a key with a payload")
         except (ValueError, TypeError) as error:
             raise FlightRecordError(f"{self._file}: a record of {topics.MESSAGE} cannot be read: {error}") from None
-        return text, payload
-
-    def _message(self, data: bytes) -> tuple[Key | None, bytes]:
-        """Key and payload of a message; no key for a foreign one."""
-        text, payload = self._content(data)
         try:
             return parse_key(text), payload
         except ProtocolError:

@@ -7,26 +7,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from agent.flight.former import FORMER
 from agent.flight.progress import progress_bar
-from agent.flight.reader import UNFINISHED, RecordedFlight
-from agent.flight.refold import refold, sentence
+from agent.flight.reader import UNFINISHED
 from agent.flight.replay import ReplayReport, replay
 
 IDENTICAL, DIFFERENT, UNUSABLE = 0, 1, 2  # exit codes
 
 
 def run_replay(path: Path) -> int:
-    """Replay a flight, with a progress bar on stderr and the result on stdout; returns the exit code. Raises RadronError.
-
-    Of a record of the former protocol only the log is folded again.
-    """
+    """Replay a flight, with a progress bar on stderr and the result on stdout; returns the exit code. Raises RadronError."""
     terminal, out = Console(stderr=True), Console(highlight=False, soft_wrap=True)
-    if RecordedFlight(path, whole=False).header.protocol == FORMER:
-        with progress_bar(terminal, f"folding the log of {path.name}") as show:
-            found = refold(path, show)
-        out.print(sentence(found), markup=False)
-        return IDENTICAL if found.stands else UNUSABLE if found.flaw is not None else DIFFERENT
     with progress_bar(terminal, f"replaying {path.name}") as show:
         report = replay(path, show)
     out.print(_table(report))

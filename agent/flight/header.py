@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Container
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -26,6 +25,22 @@ from protocol.signing import Trust
 _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
 
 
+class Recording(Struct, frozen=True, kw_only=True):
+    """The part of a header that is readable in each version of the protocol. Version 1 did not name itself."""
+
+    protocol: int = 1
+    versions: dict[str, str] = {}
+
+    def check_protocol(self, file: Path) -> None:
+        """Raise FlightRecordError if the messages are of another version of the protocol."""
+        if self.protocol == VERSION:
+            return
+        text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
+        if self.protocol < VERSION:
+            raise FlightRecordError(f"{text}: no release reads it")
+        raise FlightRecordError(f"{text}: read it with the radron that recorded it ({self.versions.get('radron', 'unknown')})")
+
+
 class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
@@ -43,7 +58,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     memory: Memory | None = None
     calibration: dict[str, str] = {}
     versions: dict[str, str] = {}
-    protocol: int = 1
+    protocol: int
     certificate: bytes = b""
     authority: str = ""
     nonce_key: bytes = b""
@@ -103,14 +118,6 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             release = self.versions.get("radron", "unknown")
             text = f"{file}: recorded with other tables of what a camera counts"
             raise FlightRecordError(f"{text}: replay it with the radron that recorded it ({release})")
-
-    def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
-        """Raise FlightRecordError if the messages are of another version of the protocol; ``do``: the intended action."""
-        if self.protocol not in known:
-            text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
-            raise FlightRecordError(
-                f"{text}: {do} it with the radron that recorded it ({self.versions.get('radron', 'unknown')})"
-            )
 
     def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
         """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""

@@ -10,7 +10,7 @@ import msgspec
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata
 
 from agent.errors import FlightRecordError
-from agent.flight.header import FlightHeader
+from agent.flight.header import FlightHeader, Recording
 from agent.flight.mcapfile import DAMAGE, UnfinishedError, items, messages
 from agent.flight.segment import HEADER
 from agent.flight.topics import OUT
@@ -51,8 +51,8 @@ class RecordedFlight:
         """``path``: any file of a flight, or a folder with one flight; ``whole``: from its beginning, or not at all.
 
         Raises:
-            FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the
-                flight is missing.
+            FlightRecordError: no such file, not a recorded flight, a folder with several, another version of the protocol,
+                or the beginning of the flight is missing.
             ConfigError: a pipe or a device.
         """
         self.files = _files(path)
@@ -165,7 +165,9 @@ def _header(file: Path) -> FlightHeader:
         try:
             for item in items(stream):
                 if isinstance(item, Metadata) and item.name == HEADER:
-                    header = msgspec.json.decode(item.metadata["header"], type=FlightHeader)
+                    text = item.metadata["header"]
+                    msgspec.json.decode(text, type=Recording).check_protocol(file)
+                    header = msgspec.json.decode(text, type=FlightHeader)
                 elif isinstance(item, Attachment):
                     calibration[item.name] = item.data.decode()
                 elif isinstance(item, Chunk | Message):

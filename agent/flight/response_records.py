@@ -12,11 +12,11 @@ import numpy as np
 
 from agent.errors import FlightRecordError
 from agent.flight import topics
-from agent.flight.former import read_message
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.geometry import Array
 from agent.navigation.drag import horizontal_thrust
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand, VehicleState
+from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.messages import Plan
 
@@ -63,7 +63,7 @@ class ResponseRecords:
         elif record.topic == topics.PUBLICATION:
             key, payload = topics.decode_message(record.data)
             if key.endswith(f"/{drone}/plan"):
-                message = read_message(key, payload)
+                message = decode_from(key, payload)
                 if isinstance(message, Plan):
                     self.plans.append(message)
 

@@ -183,7 +183,7 @@ def test_a_record_of_another_protocol_ends_in_one_line(tmp_path, told, monkeypat
     monkeypatch.undo()
     code, out, err = told(folder)
     assert (code, out) == (2, [])
-    told = "recorded with version 3 of the protocol, here 2: audit it with the radron that recorded it ("
+    told = "recorded with version 3 of the protocol, here 2: read it with the radron that recorded it ("
     assert err.startswith(f"radron-agent: {only_segment(folder)}: {told}")
 
 
