@@ -20,10 +20,9 @@ class _Tag(IntEnum):
 
 
 def shared_mode(file: Path) -> int | None:
-    """Return the mode of a file that other users can read or write; None if only its owner and this process's user can.
+    """Return the access mode of a file if other users can read or write the file; None if only its owner and this process can.
 
-    Raises:
-        OSError: the file cannot be examined.
+    A private key must not be readable by other users. Raises OSError if the file cannot be examined.
     """
     mode = stat.S_IMODE(file.stat().st_mode)
     return mode if mode & 0o077 and not _listed_for_us_alone(file) else None

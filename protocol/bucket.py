@@ -4,10 +4,11 @@ from __future__ import annotations
 
 
 class Bucket:
-    """A bucket that starts full, with ``burst``, and gains ``rate`` a second.
+    """Token bucket: limits a stream of events to a mean rate, with a limited burst.
 
-    Times are of any clock (s); a clock step backward adds nothing. The level may be negative (a debt), and later calls then
-    wait for its recovery.
+    The bucket starts full with ``burst`` tokens and gains ``rate`` tokens a second. Times are of any clock, in seconds; a
+    backward step of the clock adds no tokens. The level may become negative (a debt), and later calls of :meth:`take` then fail
+    until the level has recovered.
     """
 
     __slots__ = ("_at_s", "_burst", "_level", "_rate")
@@ -16,17 +17,17 @@ class Bucket:
         self._rate, self._burst, self._level, self._at_s = rate, burst, burst, now_s
 
     def left(self, now_s: float) -> float:
-        """Return the level at this time; negative: a debt."""
+        """Return the number of tokens at the time ``now_s``; negative: a debt."""
         self._level = min(self._burst, self._level + self._rate * max(0.0, now_s - self._at_s))
         self._at_s = now_s
         return self._level
 
     def charge(self, amount: float) -> None:
-        """Take an amount at any level, even into debt."""
+        """Remove tokens at any level, even if this makes the level negative."""
         self._level -= amount
 
     def take(self, now_s: float, amount: float = 1.0) -> bool:
-        """Take an amount if the level allows it; return whether it did."""
+        """Remove ``amount`` tokens if the bucket contains as many; return whether it did."""
         if self.left(now_s) < amount:
             return False
         self._level -= amount

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 
 
 def is_unit(vector: Sequence[float]) -> bool:
-    """Whether a direction or quaternion has unit norm, within single precision and rounding."""
+    """Return whether a direction or quaternion has the norm 1, within the rounding of single precision."""
     return abs(math.hypot(*vector) - 1.0) < 1e-3
 
 
 def flaw_of_covariance(rows: Sequence[Sequence[float]]) -> str | None:
-    """Return why a square matrix is no covariance (signs, symmetry, correlations), or None. The tolerance is for rounding."""
+    """Return why a square matrix (given by rows) is no covariance matrix; None if it is one, within rounding.
+
+    Checked are the signs of the variances, the symmetry and the size of the correlations.
+    """
     if any(row[place] < 0.0 for place, row in enumerate(rows)):
         return "a variance is negative"
     for i, row in enumerate(rows):

@@ -1,4 +1,7 @@
-"""msgpack <-> message. Any violation of the schema, the limits or the key raises ``ProtocolError``."""
+"""Conversion between messages and bytes (msgpack).
+
+A message that violates the schema, the size limits or its key raises ``ProtocolError``.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ _READERS: dict[type[Message], msgspec.msgpack.Decoder[AnyMessage]] = {
 
 
 def encode(message: Message) -> bytes:
-    """Serialise a message; the result is accepted by :func:`decode`.
+    """Convert a message to bytes that :func:`decode` accepts.
 
     Raises:
         ProtocolError: the message breaks its own schema (NaN, out of range, too large, a NumPy scalar for a float).
@@ -45,7 +48,7 @@ def encode(message: Message) -> bytes:
 
 
 def written(message: M) -> tuple[bytes, M]:
-    """Return the serialised message, and the message as its receivers read it. Raises as ``encode``."""
+    """Return a message as bytes, and the message as its receivers will decode it. Raises the same errors as ``encode``."""
     reader = _READERS.get(type(message))
     if reader is None:
         raise ProtocolError(f"not a message: {type(message).__name__} is of no known kind")
@@ -63,14 +66,18 @@ def written(message: M) -> tuple[bytes, M]:
 
 
 def as_bytes(message: Message) -> bytes:
-    """Return a received message as :func:`encode` writes it."""
+    """Return the bytes of a message that has been received and decoded.
+
+    The bytes equal the result of :func:`encode`, without its checks.
+    """
     return _WRITER.encode(message)
 
 
 def decode(payload: bytes) -> AnyMessage:
-    """Decode any message. Unknown fields are ignored; missing required fields and duplicate fields are refused.
+    """Convert received bytes of any kind of message to the message, with all checks of the schema.
 
-    Every number of the schema has bounds, which NaN and infinity violate, too.
+    Unknown fields are ignored; missing required fields and duplicate fields are refused. Every number of the schema has bounds,
+    which NaN and infinity violate, too.
 
     Raises:
         ProtocolError: for any error in the bytes.
@@ -86,13 +93,12 @@ def decode(payload: bytes) -> AnyMessage:
 
 
 def decode_as(kind: type[M], payload: bytes) -> M:
-    """Decode bytes again that were accepted as a message of this kind at their arrival.
+    """Decode bytes that have been accepted as a message of this ``kind`` before, in a quarter of the time of :func:`decode`.
 
-    Takes a quarter of the time of :func:`decode`, unless the bytes were written differently from :func:`encode`, such as binary
-    as text.
+    The gain in time is lost if the sender has written the bytes differently from :func:`encode`, such as binary data as text.
 
     Raises:
-        ProtocolError: the bytes are of another kind.
+        ProtocolError: the bytes are a message of another kind.
     """
     message = _fast(kind, payload) or decode(payload)
     if not isinstance(message, kind):
@@ -101,7 +107,11 @@ def decode_as(kind: type[M], payload: bytes) -> M:
 
 
 def decode_from(key: str, payload: bytes) -> AnyMessage:
-    """Decode a message received under a key, and check it against the key (kind and sender)."""
+    """Decode a received message, and check that its kind and its sender agree with the key under which it was published.
+
+    Raises:
+        ProtocolError: for any error in the key or the bytes, or if they contradict each other.
+    """
     address = parse_key(key)
     message = _as_written(address.kind, payload) or decode(payload)
     kind = type(message).__name__.lower()
@@ -147,7 +157,7 @@ def _refuse_extension(code: int, data: bytes) -> NoReturn:
 
 
 def size_limit(kind: str) -> int:
-    """Return the maximum size of a message of this kind, bytes."""
+    """Return the maximum size of an encoded message of this kind, in bytes."""
     return _limit_of(KINDS[kind])
 
 

@@ -15,7 +15,7 @@ from protocol.entries import SIGNATURE_BYTES
 
 
 class Signer:
-    """Signs with a private key, and does not disclose it."""
+    """Signs bytes with a private Ed25519 key that cannot be read back from this object."""
 
     __slots__ = ("_key",)
 
@@ -28,7 +28,7 @@ class Signer:
 
 
 class PublicKey:
-    """Verifies the signatures of a :class:`Signer`."""
+    """A public Ed25519 key, which verifies the signatures made with the matching private key."""
 
     __slots__ = ("_key",)
 
@@ -42,7 +42,7 @@ class PublicKey:
         return hash(self._key)
 
     def verified(self, signature: bytes, data: bytes) -> bool:
-        """Whether this is a signature of these bytes."""
+        """Return whether ``signature`` was made over ``data`` with the matching private key."""
         if len(signature) != SIGNATURE_BYTES:
             return False
         try:

@@ -8,5 +8,9 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 def elapsed_s() -> float:
-    """Return the time since the computer's start (s). Unlike the monotonic clock, it continues while the computer sleeps."""
+    """Return the time since the computer's start, in seconds.
+
+    Unlike the monotonic clock, it continues while the computer sleeps, so that an order cannot be executed too late after a
+    sleep.
+    """
     return time.clock_gettime(_CLOCK)

@@ -50,7 +50,11 @@ Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
 
 class EntryId(NamedTuple):
-    """Identity of a log entry; also its rank in the order in which estimators read the log (within one mission)."""
+    """Unique identity of a log entry: one measurement of one drone.
+
+    Estimators read the entries of a mission in ascending order of these identities, so that all drones read the same sequence.
+    ``boot``: identity of a run of the drone's agent. ``sequence``: number of the entry within this run.
+    """
 
     mission: str
     stamp_ns: int
@@ -60,7 +64,11 @@ class EntryId(NamedTuple):
 
 
 class Entry(DroneMessage, frozen=True, kw_only=True):
-    """Base of the log entries. ``boot`` changes at every start of the agent, ``sequence`` counts within one boot."""
+    """Base of the log entries: measurements that each drone publishes and that every drone keeps for the whole mission.
+
+    ``boot`` is a new random word at every start of the agent. ``sequence`` counts the entries within one boot. ``proof`` shows
+    that this drone has signed the entry (see ``signing``).
+    """
 
     mission: MissionId
     boot: BootId
@@ -69,21 +77,29 @@ class Entry(DroneMessage, frozen=True, kw_only=True):
 
     @property
     def entry_id(self) -> EntryId:
-        """The unique identity of this entry. All identities share their texts, as logs keep hundreds of thousands of them."""
+        """Return the unique identity of this entry.
+
+        Equal texts are stored once (interned), as logs keep hundreds of thousands of identities.
+        """
         return EntryId(intern(self.mission), self.stamp_ns, intern(self.drone), intern(self.boot), self.sequence)
 
 
 class Credential(Entry, frozen=True, kw_only=True):
-    """The first entry of a boot, with sequence number 0: the certificate that verifies the proofs of all entries of the boot."""
+    """A drone's certificate, published as the first log entry (sequence number 0) after each start of its agent.
+
+    Receivers verify the proofs of all later entries of this boot with the certificate.
+    """
 
     certificate: Certificate
 
 
 class ConeOrder(Struct, frozen=True, array_like=True):
-    """One order of a coincidence: which of its two clusters was the recoil electron.
+    """One of the two possible orders of a coincidence (two simultaneous clusters of pixels, from one scattered photon).
 
-    The source lies in a direction u with angle(u, axis) = theta; ``axis`` points from the absorbed photon to the recoil electron,
-    in the publisher's local frame. ``sigma_rad``: 1-sigma width of the cone's surface (ARM).
+    Each order takes another cluster for the recoil electron of the Compton scattering, so that each gives another cone. ``axis``:
+    unit vector from the absorption of the scattered photon to the recoil electron, in the publisher's local frame. The source
+    lies in a direction at the angle ``theta_rad`` from the axis. ``sigma_rad``: 1-sigma width of the cone's surface (angular
+    resolution measure, ARM). ``probability``: that this order is the true one.
     """
 
     axis: Direction
@@ -93,7 +109,12 @@ class ConeOrder(Struct, frozen=True, array_like=True):
 
 
 class Cone(Entry, frozen=True, kw_only=True):
-    """A Compton cone: direction only; its count is in the exposure (paper, Sec. IV-A)."""
+    """One Compton cone: the directions from which a photon may have come that scattered in a drone's camera.
+
+    A cone is evidence for the direction of the source only; the number of photons is in ``Exposure`` (paper, Sec. IV-A).
+    ``apex_m``: position of the camera, with the 1-sigma error ``apex_sigma_m``. ``separation_mm``: distance of the two clusters
+    (adjacent pixels hit by one particle). ``orders``: the two possible orders of scattering and absorption.
+    """
 
     epoch: Epoch
     apex_m: Position
@@ -106,7 +127,10 @@ class Cone(Entry, frozen=True, kw_only=True):
     separation_mm: SeparationMm
 
     def flaw(self) -> str | None:
-        """The axes must be unit vectors, and the probabilities must fit two exclusive alternatives (sum at most 1)."""
+        """Return an error text if an axis is no unit vector or the probabilities are impossible; else None.
+
+        The probabilities of two exclusive alternatives must add up to more than 0 and at most 1.
+        """
         first, second = self.orders
         if not 0.0 < first.probability + second.probability < 1.000001:
             return "the probabilities of its orders add up to 0 or to more than 1"
@@ -114,7 +138,7 @@ class Cone(Entry, frozen=True, kw_only=True):
 
 
 class PoseSample(Struct, frozen=True, array_like=True):
-    """Pose of the drone at ``stamp_ns + offset_ns`` of the message that contains it."""
+    """A drone's position and attitude ``offset_ns`` after the time stamp of the message that contains this sample."""
 
     offset_ns: DurationNs
     position_m: Position
@@ -122,10 +146,11 @@ class PoseSample(Struct, frozen=True, array_like=True):
 
 
 class CarriedFrame(Struct, frozen=True, array_like=True):
-    """Pose of an epoch's frame in the frame of the same drone's first epoch: translation, then yaw about up.
+    """Transform from the local frame of a later epoch to the local frame of the drone's first epoch.
 
-    The drone's motion carries the frame over jumps of the localisation. ``covariance``: rows of the 4 x 4 matrix over (x m, y m,
-    z m, yaw rad); None: the two frames are the same.
+    An epoch begins when the drone's localisation jumps. The drone measures its own motion over the jump, and so relates the new
+    frame to the first one. The transform is a rotation by ``yaw_rad`` about the vertical axis, followed by ``translation_m``.
+    ``covariance``: rows of the 4 x 4 error covariance matrix over (x m, y m, z m, yaw rad); None: the two frames are identical.
     """
 
     translation_m: Position
@@ -134,7 +159,11 @@ class CarriedFrame(Struct, frozen=True, array_like=True):
 
 
 class Counts(Struct, frozen=True, array_like=True):
-    """Events of one detector in an interval: all clusters, full-energy events, two-cluster coincidences."""
+    """Numbers of events in a detector during an interval.
+
+    ``hits``: all clusters (adjacent pixels hit by one particle). ``photopeak``: events with the full energy of a gamma line.
+    ``coincidences``: pairs of simultaneous clusters.
+    """
 
     hits: Count
     photopeak: Count
@@ -142,9 +171,12 @@ class Counts(Struct, frozen=True, array_like=True):
 
 
 class Exposure(Entry, frozen=True, kw_only=True):
-    """Counts over [stamp_ns, end_ns), zeros included; at most ``MAX_EXPOSURE_NS``. Overlapping exposures of a drone do not count.
+    """The number of photons that a drone's camera has counted from ``stamp_ns`` until before ``end_ns``, and where the drone was.
 
-    ``carried``: only in later epochs of a drone with an exactly known first frame.
+    Intervals without photons are published, too, since they show where no source is. An interval lasts at most
+    ``MAX_EXPOSURE_NS``; exposures of a drone that overlap are not evaluated. ``live_time_s``: the part of the interval in which
+    the camera could register photons. ``spectrum``: the counts by energy. ``carried``: only in later epochs of a drone whose
+    first local frame is exactly known, the transform to that first frame.
     """
 
     epoch: Epoch
@@ -159,7 +191,7 @@ class Exposure(Entry, frozen=True, kw_only=True):
     carried: CarriedFrame | None = None
 
     def flaw(self) -> str | None:
-        """Interval, live time, poses, spectrum and covariance must be consistent."""
+        """Return an error text if interval, live time, poses, spectrum and covariance contradict each other; else None."""
         if not is_in_order(self.spectrum):
             return "the bins of its spectrum are not in order of energy"
         duration_ns = self.end_ns - self.stamp_ns
@@ -182,10 +214,11 @@ class Exposure(Entry, frozen=True, kw_only=True):
 
 
 class Sighting(Entry, frozen=True, kw_only=True):
-    """A relative observation of another drone by this drone's sensors: direction (local frame), range, or both.
+    """A drone's measurement of the direction, the range, or both, of another drone.
 
-    ``position_m``: this drone's position. A camera gives a direction, a radio a range. The blinking or the radio's name
-    identifies the other drone, possibly wrongly.
+    A camera measures the direction by the other drone's blinking light, and a radio measures the range. Light and radio name
+    identify the ``target``, possibly wrongly. ``position_m`` and ``direction`` (unit vector) are in the measuring drone's local
+    frame; ``direction_sigma_rad`` and ``range_sigma_m`` are 1-sigma errors.
     """
 
     epoch: Epoch
@@ -197,7 +230,11 @@ class Sighting(Entry, frozen=True, kw_only=True):
     range_sigma_m: SensorSigmaMetres | None = None
 
     def flaw(self) -> str | None:
-        """The target must be another drone; each measurement needs its error; at least one; directions are unit vectors."""
+        """Return an error text for an inconsistent measurement; else None.
+
+        The target must be another drone. At least one of direction and range must be present, each with its error; a direction
+        must be a unit vector.
+        """
         if self.target == self.drone:
             return "it is of the drone itself"
         if (self.range_m is None) != (self.range_sigma_m is None):
@@ -210,9 +247,10 @@ class Sighting(Entry, frozen=True, kw_only=True):
 
 
 class Fix(Entry, frozen=True, kw_only=True):
-    """A satellite fix of this drone (WGS84, height above the ellipsoid), and its own localisation's ``position_m`` at this time.
+    """A drone's GNSS position (WGS84, height above the ellipsoid), paired with its position by its own localisation.
 
-    The sigmas are horizontal and vertical distances, as reported by the receiver.
+    The pair relates the drone's local frame to the Earth. ``position_m``: in the local frame at the time of the GNSS position.
+    The sigmas are 1-sigma errors in metres, horizontal and vertical, as the receiver reports them.
     """
 
     epoch: Epoch
@@ -225,7 +263,7 @@ class Fix(Entry, frozen=True, kw_only=True):
 
 
 class Coverage(Entry, frozen=True, kw_only=True):
-    """A flown part of the survey: the area within ``swath_m / 2`` of the path is covered."""
+    """A part of the search area that a drone has surveyed: all places within ``swath_m / 2`` of the flown path ``path_m``."""
 
     epoch: Epoch
     path_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=256)]
@@ -233,17 +271,17 @@ class Coverage(Entry, frozen=True, kw_only=True):
 
 
 class Retraction(Entry, frozen=True, kw_only=True):
-    """A drone's retraction of its measurements with the numbers ``first`` to ``last`` of this boot.
+    """A drone's withdrawal of its own measurements, which were taken with a wrong clock or a possibly wrong localisation.
 
-    Reasons: a wrong clock at their stamps, or a possibly wrong localisation. Retracted measurements stay in the log, and do not
-    count. Coverage is not retracted.
+    The measurements have the sequence numbers ``first`` to ``last`` of this boot. They stay in the log, but estimators ignore
+    them. Entries about coverage are not withdrawn.
     """
 
     first: Count
     last: Count
 
     def flaw(self) -> str | None:
-        """Only earlier entries can be retracted."""
+        """Return an error text unless the withdrawn sequence numbers are all below the number of this entry; else None."""
         return None if self.first <= self.last < self.sequence else "it does not take back earlier entries"
 
 

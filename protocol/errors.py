@@ -1,9 +1,9 @@
-"""The one error of this package."""
+"""The errors that this package raises."""
 
 
 class ProtocolError(ValueError):
-    """A payload or key that this version of the protocol does not accept; the text names the fault and its place."""
+    """A message or key is not acceptable in this version of the protocol; the text names the fault and its place."""
 
 
 class MeshError(ProtocolError):
-    """The Zenoh session cannot be opened as configured."""
+    """The network session (Zenoh) between the drones cannot be opened with the configured addresses."""

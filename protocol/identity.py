@@ -41,11 +41,11 @@ _UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, x509.DuplicateExtensi
 
 
 class IdentityError(ProtocolError):
-    """An unusable certificate, key or revocation list; the text names the file and the remedy."""
+    """A certificate, key or revocation list cannot be used; the text names the file and the remedy."""
 
 
 class Role(StrEnum):
-    """Role of a member: the rights of its certificate."""
+    """The role for which a certificate is issued; it determines what the holder may do in the swarm."""
 
     DRONE = "drone"  # publishes under its own name
     OPERATOR = "operator"  # commands and queries
@@ -56,7 +56,11 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A certificate signed by the swarm's authority. Times: UTC, nanoseconds; outside them the certificate opens no links."""
+    """A member of the swarm (drone, operator, observer), as described by a certificate that the swarm's authority has signed.
+
+    ``not_before_ns`` and ``not_after_ns``: period of validity in nanoseconds UTC, outside which the certificate opens no links.
+    ``der``: the certificate as bytes.
+    """
 
     name: str
     role: Role
@@ -68,12 +72,12 @@ class Peer:
     may_revoke: bool = False  # an operator's right to revoke other members in flight
 
     def verified(self, signature: bytes, data: bytes) -> bool:
-        """Whether this member has signed these bytes."""
+        """Return whether ``signature`` is this member's signature of ``data``."""
         return self.key.verified(signature, data)
 
 
 class Authority:
-    """The swarm's certificate authority with its public certificate."""
+    """The certificate authority of a swarm, known by its public certificate: it has signed the certificates of all members."""
 
     def __init__(self, certificate: x509.Certificate) -> None:
         """Use :meth:`read`."""
@@ -97,10 +101,13 @@ class Authority:
         return cls(certificate)
 
     def verify(self, der: bytes) -> Peer:
-        """Return the member of a certificate. Neither its times (``Peer.not_after_ns``) nor a revocation are checked.
+        """Check that this authority has signed a certificate (DER), and return the member that the certificate describes.
+
+        Neither the period of validity nor a revocation is checked.
 
         Raises:
-            IdentityError: no certificate, a certificate of another authority or self-signed, or without a proper name or role.
+            IdentityError: the bytes are no certificate; it is self-signed or of another authority; or it lacks a proper name or
+                role.
         """
         if len(der) > MOST_BYTES:
             raise IdentityError(f"is too large for a certificate: {len(der)} bytes")
@@ -120,7 +127,10 @@ class Authority:
 
 @dataclass(frozen=True, slots=True)
 class Revoked:
-    """Serial numbers and names revoked by the swarm's authority, from the list in a member's folder."""
+    """Serial numbers of certificates, and names of members, that the swarm's authority has revoked.
+
+    They come from the revocation list in a member's folder.
+    """
 
     serials: frozenset[int] = frozenset()
     names: frozenset[str] = frozenset()
@@ -128,7 +138,10 @@ class Revoked:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """The own certificate and key, from a folder on disk."""
+    """The certificate and the private key with which this computer takes part in the swarm, read from a folder on disk.
+
+    ``own``: content of the own certificate. ``sign``: signs bytes with the private key.
+    """
 
     own: Peer
     authority: Authority = field(repr=False)
@@ -144,7 +157,10 @@ def leave_no_core_file() -> None:
 
 
 def load_identity(folder: Path) -> Identity:
-    """Read ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if there is one, ``revoked.crl``; see ``leave_no_core_file``.
+    """Read the certificate, the private key and the authority of this computer from a folder.
+
+    The files are ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if present, ``revoked.crl``. Core files are prevented first,
+    so that a crash cannot write the key to the disk (see ``leave_no_core_file``).
 
     Raises:
         IdentityError: a missing or unreadable file, files that do not belong together, or a key that other users can read.
@@ -192,10 +208,10 @@ def _revoked(file: Path, authority: Authority) -> Revoked:
 
 
 def read_revoked(pem: bytes, authority: Authority) -> Revoked:
-    """Read the authority's list of revoked certificates.
+    """Read the authority's list of revoked certificates (CRL, PEM), and check the authority's signature.
 
     Raises:
-        IdentityError: not a list, or not signed by this authority.
+        IdentityError: the text is no such list, or this authority has not signed it.
     """
     try:
         listed = x509.load_pem_x509_crl(pem)
@@ -219,7 +235,10 @@ def _revoked_name(extensions: x509.Extensions) -> str:
 
 
 def checked_name(name: object) -> str:
-    """Return a member's name: an identifier, except the word that replaces a drone's id in the keys of operators.
+    """Check that a name is allowed for a member, and return it.
+
+    Allowed are up to 32 characters of a-z, 0-9 and '-', except the word "station", which replaces a drone's id in the keys of
+    operators.
 
     Raises:
         IdentityError: any other name.
@@ -256,7 +275,7 @@ def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
 
 
 def utc(at_ns: int) -> datetime:
-    """Convert a time (nanoseconds UTC) to the date and time of certificates, in whole seconds."""
+    """Convert a time in nanoseconds UTC to the date and time format of certificates, in whole seconds."""
     return datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
 
 
@@ -300,7 +319,7 @@ def _read(file: Path) -> bytes:
 
 
 def unusable(path: Path, error: OSError, owned: Path | None = None) -> IdentityError:
-    """Return the error of an unreadable or unwritable file or folder, with its remedy.
+    """Make the error for a file or folder that cannot be read or written, with the command that fixes it.
 
     ``owned``: the path that this user should own; None: the file itself.
     """

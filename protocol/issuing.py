@@ -1,4 +1,4 @@
-"""Issue of certificates: an authority with its key, and the folders of its members."""
+"""Issue of certificates by the swarm's authority, and the folders in which the members keep them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _NULL = b"\x05\x00"  # DER: the presence of the extension is its content
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Certificate and key of a member."""
+    """A newly issued certificate of a member, with its private key."""
 
     peer: Peer
     key: Ed25519PrivateKey = field(repr=False)
@@ -47,14 +47,20 @@ class Credentials:
 
 @dataclass(frozen=True, slots=True)
 class Issuer:
-    """A swarm's authority with its key."""
+    """The certificate authority of a swarm, with the private key with which it signs the members' certificates."""
 
     authority: Authority
     key: Ed25519PrivateKey = field(repr=False)
 
     @classmethod
     def new(cls, swarm: str, now_ns: int, days: int = AUTHORITY_DAYS, key: Ed25519PrivateKey | None = None) -> Issuer:
-        """Make a new authority, valid for ``days``; ``key`` None: with a new key. Raises IdentityError: an invalid name."""
+        """Create a certificate authority for a ``swarm``, with a self-signed certificate valid for ``days``.
+
+        ``now_ns``: beginning of the validity, nanoseconds UTC. ``key``: private key of the authority; None: generate a new key.
+
+        Raises:
+            IdentityError: the swarm's name is not allowed.
+        """
         key = key or Ed25519PrivateKey.generate()
         name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{checked_name(swarm)} authority")])
         usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)  # signs certificates and lists
@@ -77,12 +83,14 @@ class Issuer:
         may_revoke: bool = False,
         key: Ed25519PrivateKey | None = None,
     ) -> Credentials:
-        """Issue a certificate that is valid for ``days`` (none: ``DAYS``), at most as long as the authority's.
+        """Issue a certificate to a member of the swarm, and return it with the member's private key.
 
-        ``may_revoke``: the right to revoke others in flight, effective for operators only. ``key`` None: with a new key.
+        ``days``: period of validity, which ends with the authority's own validity at the latest; None: the usual period of the
+        role (``DAYS``). ``may_revoke``: the right to revoke other members in flight, effective for operators only. ``key``: the
+        member's private key; None: generate a new key.
 
         Raises:
-            IdentityError: an invalid name.
+            IdentityError: the member's name is not allowed.
         """
         key = key or Ed25519PrivateKey.generate()
         attributes = ((NameOID.COMMON_NAME, checked_name(name)), (NameOID.ORGANIZATIONAL_UNIT_NAME, str(role)))
@@ -105,7 +113,11 @@ class Issuer:
         return Credentials(self.authority.verify(certificate.public_bytes(Encoding.DER)), key)
 
     def revocation_list(self, revoked: Mapping[int, str], now_ns: int) -> bytes:
-        """Sign a list (CRL, PEM) of these certificates: from serial number to name; empty: the name may be used again."""
+        """Sign a list of revoked certificates (CRL) and return it in PEM format.
+
+        ``revoked``: from the serial number of a certificate to the member's name; an empty name may be used again by another
+        member.
+        """
         builder = x509.CertificateRevocationListBuilder(
             self.authority.certificate.subject, utc(now_ns), utc(now_ns) + timedelta(days=_LIST_DAYS)
         )
@@ -124,7 +136,9 @@ def _serial(key: Ed25519PrivateKey) -> int:
 
 
 def write_identity(folder: Path, authority: Authority, credentials: Credentials, revoked: bytes | None = None) -> None:
-    """Write a member's folder; other users cannot read its key.
+    """Write a member's certificate, private key and authority to a folder; other users cannot read the private key.
+
+    ``revoked``: list of revoked certificates (PEM) to be added; None: no list.
 
     Raises:
         OSError: the folder cannot be written.
@@ -140,7 +154,10 @@ def write_identity(folder: Path, authority: Authority, credentials: Credentials,
 
 
 def write_file(file: Path, data: bytes, secret: bool = False) -> None:
-    """Write a file completely or not at all; other users cannot read a secret file at any moment."""
+    """Write a file completely or not at all.
+
+    ``secret``: other users of the computer cannot read the file at any moment.
+    """
     descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}-")  # mode 600
     try:
         with os.fdopen(descriptor, "wb") as stream:
@@ -156,10 +173,13 @@ def write_file(file: Path, data: bytes, secret: bool = False) -> None:
 
 
 def throwaway(members: Mapping[Path, tuple[str, Role]], now_ns: int) -> None:
-    """Write identities for one flight, by folder; operators may revoke. The authority's key is discarded: no one else can join.
+    """Create an authority for a single flight, and write the folders of all its ``members``.
+
+    The authority's private key is discarded, so that no other member can ever join. ``members``: from a folder to the name and
+    role of the member; operators may revoke.
 
     Raises:
-        IdentityError: an invalid name.
+        IdentityError: a name is not allowed.
         OSError: a folder cannot be written.
     """
     issuer = Issuer.new("throwaway", now_ns, _THROWAWAY_DAYS)

@@ -20,7 +20,7 @@ _IDENTIFIER = re.compile(IDENTIFIER)
 
 
 class Key(str):
-    """A valid message key with its parts, read once at the arrival of a message."""
+    """A valid key (Zenoh's name of a data stream) split into its parts: swarm, sender and kind of message."""
 
     swarm: str
     sender: str  # a drone's id or a station's name
@@ -28,7 +28,14 @@ class Key(str):
 
 
 def drone_key(swarm: str, drone: str, kind: str) -> str:
-    """Return the key of a drone's messages of one kind, of its liveliness token (``alive``) or of its log (``log``)."""
+    """Return the key under which a drone publishes messages of one ``kind``.
+
+    ``alive`` is the key of the drone's liveliness token (Zenoh's sign that a program is connected), and ``log`` the key at which
+    its log can be queried.
+
+    Raises:
+        ProtocolError: an unknown kind, or an invalid name.
+    """
     if kind not in DRONE_KINDS and kind not in ("alive", "log"):
         raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(DRONE_KINDS)}, alive, log")
     if drone == STATION:
@@ -37,24 +44,33 @@ def drone_key(swarm: str, drone: str, kind: str) -> str:
 
 
 def log_query_key(swarm: str, drone: str, asker: str) -> str:
-    """Return the key of a query of a drone's log. The certificate of ``asker`` permits no other key; "station": any operator."""
+    """Return the key under which ``asker`` queries a drone's log.
+
+    The asker's certificate permits queries under this key only. ``asker`` is a drone's id, or "station" for any operator.
+    """
     return f"{drone_key(swarm, drone, 'log')}/{_identifier(asker, 'asker')}"
 
 
 def command_key(swarm: str, station: str) -> str:
-    """Return the key of an operator's commands."""
+    """Return the key under which an operator's station publishes commands."""
     return station_key(swarm, station, "command")
 
 
 def station_key(swarm: str, station: str, kind: str) -> str:
-    """Return the key of an operator's messages of one kind, or of a mission's parts for the drones' queries (``mission``)."""
+    """Return the key under which an operator's station publishes messages of one ``kind``.
+
+    ``mission`` is the key at which drones query the parts of an uploaded mission.
+
+    Raises:
+        ProtocolError: an unknown kind, or an invalid name.
+    """
     if kind not in STATION_KINDS and kind != "mission":
         raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(STATION_KINDS)}, mission")
     return f"{ROOT}/{_identifier(swarm, 'swarm')}/{STATION}/{_identifier(station, 'station')}/{kind}"
 
 
 def key_of(swarm: str, message: Message) -> str:
-    """Return the key of a message's publication."""
+    """Return the key under which a message must be published, from its kind and sender."""
     kind = type(message).__name__.lower()
     if isinstance(message, StationMessage):
         return station_key(swarm, message.station, kind)
@@ -64,18 +80,21 @@ def key_of(swarm: str, message: Message) -> str:
 
 
 def token_keys(swarm: str) -> str:
-    """Return the key expression of the liveliness tokens of a swarm's drones, of every version of the protocol."""
+    """Return the key expression that matches the liveliness tokens of all drones of a swarm.
+
+    A token is Zenoh's sign that a program is connected. Tokens of all versions of the protocol match.
+    """
     return f"radron/*/{_identifier(swarm, 'swarm')}/*/alive"
 
 
 def read_token(key: str) -> tuple[str, str]:
-    """Return a liveliness token's drone and the version of its protocol; "" for a version that is no number."""
+    """Return the drone's id and the protocol version from the key of a liveliness token; "" for a version that is no number."""
     _, version, _, drone, _ = key.split("/")
     return drone, version if version.isdecimal() and len(version) < 4 else ""
 
 
 def parse_key(key: str) -> Key:
-    """Read a message key; a :class:`Key` is returned unchanged.
+    """Split the key of a message into its parts. A :class:`Key` is returned unchanged.
 
     Raises:
         ProtocolError: another version, another layout, an unknown kind or a name that is no identifier.

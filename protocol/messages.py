@@ -64,7 +64,7 @@ Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
 
 class Stage(StrEnum):
-    """Stage of a drone's mission."""
+    """The stage of a drone's mission, from the checks before the flight to the landing."""
 
     PREFLIGHT = "preflight"
     TAKEOFF = "takeoff"
@@ -79,7 +79,7 @@ class Stage(StrEnum):
 
 
 class Action(StrEnum):
-    """Commands of an operator."""
+    """The action that an operator's command asks of a drone."""
 
     START = "start"
     HOLD = "hold"
@@ -90,10 +90,12 @@ class Action(StrEnum):
 
 
 class Pose(DroneMessage, frozen=True, kw_only=True):
-    """Pose of a drone by its own localisation.
+    """A drone's position, velocity and attitude as its own localisation (GNSS, SLAM or motion capture) reports them.
 
-    ``steered``: its vehicle follows its published plans; false while a pilot, a failsafe or the autopilot alone flies it.
-    ``in_air``: false after its autopilot has detected the landing.
+    The position and the velocity refer to the drone's local frame of this ``epoch`` (a new epoch begins at a jump of the
+    localisation); the quaternion (w, x, y, z) rotates from the body to the local frame. ``position_sigma_m`` and
+    ``yaw_sigma_rad`` are 1-sigma errors. ``steered``: the vehicle follows its published plans; false while a pilot, a failsafe or
+    the autopilot alone flies the vehicle. ``in_air``: false after the autopilot has detected the landing.
     """
 
     epoch: Epoch
@@ -107,15 +109,15 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     in_air: bool = True
 
     def flaw(self) -> str | None:
-        """The quaternion must have unit norm."""
+        """Return an error text if the norm of the quaternion differs from 1; else None."""
         return None if is_unit(self.quaternion) else "its quaternion has no unit norm"
 
 
 class Plan(DroneMessage, frozen=True, kw_only=True):
-    """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ...
+    """The positions at which a drone intends to be next: its predicted trajectory, for collision avoidance by the other drones.
 
-    ``unheard``: drones possibly in the air without a link to this drone: the plan accounts for none of their messages. Left out
-    if empty.
+    ``positions_m``: at ``stamp_ns``, then every ``step_ns``, in the drone's local frame of this ``epoch``. ``unheard``: drones
+    that may be in the air but have no link to this drone, so that the plan takes no account of their messages; left out if empty.
     """
 
     epoch: Epoch
@@ -124,7 +126,7 @@ class Plan(DroneMessage, frozen=True, kw_only=True):
     unheard: Annotated[tuple[DroneId, ...], Meta(max_length=64)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
-        """No two successive positions may imply a speed above 200 m/s."""
+        """Return an error text if two successive positions imply a speed above 200 m/s; else None."""
         places = self.positions_m
         if len(places) > 1 and max(map(math.dist, places, places[1:])) > _FASTEST_MPS * 1e-9 * self.step_ns:
             return "it jumps: two positions are further apart than 200 m/s allow"
@@ -132,9 +134,10 @@ class Plan(DroneMessage, frozen=True, kw_only=True):
 
 
 class Frame(DroneMessage, frozen=True, kw_only=True):
-    """The drone's derived transform mission <- local: yaw about up, then translation.
+    """A drone's estimate of the transform from its local frame to the common frame of the mission.
 
-    ``covariance``: rows of the 4 x 4 matrix over (x m, y m, z m, yaw rad).
+    The transform is a rotation by ``yaw_rad`` about the vertical axis, followed by the translation ``translation_m``.
+    ``covariance``: the rows of the 4 x 4 error covariance matrix over (x m, y m, z m, yaw rad).
     """
 
     epoch: Epoch
@@ -143,15 +146,17 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
     covariance: Annotated[tuple[Variance, ...], Meta(min_length=16, max_length=16)]
 
     def flaw(self) -> str | None:
-        """The covariance must be valid."""
+        """Return an error text if the 16 numbers are no valid covariance matrix; else None."""
         return flaw_of_covariance([self.covariance[row : row + 4] for row in (0, 4, 8, 12)])
 
 
 class Source(Struct, frozen=True, kw_only=True):
-    """One estimated source (mission frame).
+    """One radioactive source as an estimator has located it, in the common frame of the mission.
 
-    ``evidence``: natural logarithm of the likelihood ratio of this source to no source. ``lines_kev``: line energies in the
-    spectrum of an unknown source, ascending: no candidate nuclide explains its spectrum, and it has neither nuclide nor activity.
+    ``covariance_m2``: error covariance of the position (xx, xy, xz, yy, yz, zz). ``evidence``: natural logarithm of the
+    likelihood ratio between the hypotheses "this source exists" and "no source". ``cones``: number of Compton cones assigned to
+    this source. ``lines_kev``: for a source whose spectrum no candidate nuclide explains, the energies of its spectral lines in
+    ascending order; such a source has neither nuclide nor activity.
     """
 
     position_m: Position
@@ -166,10 +171,12 @@ class Source(Struct, frozen=True, kw_only=True):
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
-    """The hypothesis: all known sources, and the digest of the log from which they were computed.
+    """A drone's estimate of all radioactive sources found so far, with the digest (hash) of the log from which it was computed.
 
-    ``excluded_bq``: exclusion limit by nuclide: the activity above which further sources are excluded in the area, except where
-    known sources outshine them. Nuclides without an exclusion limit are left out. Only from estimators of several sources.
+    Two drones with equal digests have computed their estimates from equal log entries. ``sources``: the source that the swarm
+    tracks comes first. ``excluded_bq``: by nuclide, the activity in becquerels above which further sources in the search area are
+    excluded, except close to known sources that outshine them. A nuclide without such a limit is left out. Only estimators of
+    several sources publish these limits.
     """
 
     mission: MissionId
@@ -179,7 +186,7 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MOST_EXCLUDED)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
-        """The covariances must be valid."""
+        """Return an error text if the covariance of a source's position is not valid; else None."""
         for source in self.sources:
             xx, xy, xz, yy, yz, zz = source.covariance_m2
             flaw = flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
@@ -189,9 +196,10 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
 
 
 class Recognised(Struct, frozen=True, array_like=True):
-    """The nuclide recognised in a camera's spectrum.
+    """The nuclide that a camera has recognised in its own gamma spectrum.
 
-    ``evidence``: natural logarithm of the likelihood ratio of this nuclide to none or to any other, the smaller of both.
+    ``evidence``: natural logarithm of a likelihood ratio, of this nuclide to no nuclide or to any other nuclide, whichever is
+    smaller.
     """
 
     nuclide: Nuclide
@@ -199,7 +207,7 @@ class Recognised(Struct, frozen=True, array_like=True):
 
 
 class Reaction(StrEnum):
-    """The reaction of a vehicle to the loss of its agent."""
+    """What a vehicle's autopilot does when its agent (the software on the onboard computer) no longer responds."""
 
     RETURN = "return"
     LAND = "land"
@@ -207,16 +215,20 @@ class Reaction(StrEnum):
 
 
 class Failsafe(Struct, frozen=True, array_like=True):
-    """The announced reaction of the vehicle's failsafe; ``height_m``: of a return, above the launch place."""
+    """The reaction that a vehicle has announced for the loss of its agent (the software on the onboard computer).
+
+    ``height_m``: flight height of a return, in metres above the launch place; None for the other reactions.
+    """
 
     reaction: Reaction
     height_m: Metres | None = None
 
 
 class Ticket(Struct, frozen=True, array_like=True):
-    """The freshness data of a command to a drone, from the drone's newest status at the time of the command.
+    """Proof that a command to a drone is recent and is executed only once: each drone issues tickets, and a command contains one.
 
-    ``nonce``: valid for ``MAX_ORDER_AGE_NS``; ``number``: above the number of the last executed command.
+    The station copies the ticket from the drone's newest status. ``nonce``: a random word of the drone, valid for
+    ``MAX_ORDER_AGE_NS``. ``number``: a counter above the number of the last command that the drone executed.
     """
 
     nonce: Nonce
@@ -224,9 +236,9 @@ class Ticket(Struct, frozen=True, array_like=True):
 
 
 class Answer(Struct, frozen=True, array_like=True):
-    """A drone's answer to the last uploaded mission.
+    """A drone's answer to the last mission that an operator has uploaded to the drone.
 
-    ``stamp_ns``: of the upload; ``refused``: reason of the refusal, empty while the drone adopts the mission.
+    ``stamp_ns``: time stamp of the upload. ``refused``: why the drone refuses the mission; empty if the drone adopts it.
     """
 
     stamp_ns: StampNs
@@ -235,10 +247,12 @@ class Answer(Struct, frozen=True, array_like=True):
 
 
 class Obeyed(Struct, frozen=True, array_like=True):
-    """A drone's last executed order since its agent's start, for stations without a link to the ordering station.
+    """The last order that a drone has executed since its agent started.
 
-    ``order``: name of the action, or ``upload``; ``station``: the signing station; ``stamp_ns``: of the order; ``number``: of its
-    ticket. ``signature``: by the drone, of the whole status with this order in it.
+    A drone publishes this record so that stations without a link to the ordering station learn of the order. ``order``: name of
+    the action, or ``upload`` for a new mission. ``station``: the station that signed the order. ``stamp_ns``: time stamp of the
+    order. ``number``: number of the order's ticket. ``signature``: the drone's signature of its whole status with this record in
+    it.
     """
 
     order: Identifier
@@ -249,16 +263,29 @@ class Obeyed(Struct, frozen=True, array_like=True):
 
 
 class Status(DroneMessage, frozen=True, kw_only=True):
-    """A drone's stage, counters, problems, and the result of its search, if it has ended.
+    """What a drone reports about itself at least once a second: stage of its mission, counters, problems and the result of its
+    search.
 
-    ``delays_ns``: for each drone received in the last 3 s, the minimum of the recent differences between the own clock at the
-    arrival of its status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that
-    they report of each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for
-    the next command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: facts for the operator
-    before a start that do not prevent it: unencrypted links, a certificate close to its end. ``disowns``: true if the drone has
-    recently received news under its own id that it did not send; else left out. ``upload``: the answer to an upload since the
-    agent's start; None: no upload. ``signature``: by the drone, as of a command, of all fields except ``obeyed``. An empty
-    ``obeyed`` is left out, so that readers without this field can verify the rest.
+    Attributes:
+        mission: identity of the mission that the drone flies.
+        boot: random identity of the current run of the agent, new at every start.
+        battery: charge, from 0 to 1; None: not known.
+        counters: numbers of events since the start, by name.
+        problems: conditions that need the operator, one line each.
+        finding: result of the search once the search has ended; else empty.
+        started_ns: in flight, the time stamp of the start command of the swarm's mission.
+        notices: facts that an operator should know before a start, but that do not prevent the start: unencrypted links, or a
+            certificate close to its end.
+        delays_ns: for each drone received in the last 3 s, the smallest recent difference between the own clock at the arrival of
+            a status and the time stamp in that status. The offset between two drones' clocks is half the difference of the two
+            delays that the drones report of each other.
+        ticket: must be in the next command to this drone.
+        failsafe: announced reaction to the loss of the agent; None: not known, because the vehicle's own setting stays.
+        upload: answer to an uploaded mission; None: no upload since the start of the agent.
+        disowns: true if the drone has recently received messages under its own id that it did not send; else left out.
+        obeyed: last executed order. An empty field is left out, so that readers of former versions can verify the other fields.
+        certificate: the drone's certificate (X.509, DER).
+        signature: the drone's signature of all fields except ``obeyed``.
     """
 
     mission: MissionId
@@ -282,10 +309,10 @@ class Status(DroneMessage, frozen=True, kw_only=True):
 
 
 class Order(StationMessage, frozen=True, kw_only=True):
-    """Base of an operator's orders to the drones in ``to``.
+    """Base of the messages with which an operator orders drones: commands and uploads.
 
-    ``signature``: of the message without its signature, by the key of ``certificate``, which is issued to the station. Both are
-    empty in a swarm without certificates.
+    ``to``: the addressed drones, each with its ticket. ``certificate``: the certificate issued to the station. ``signature``:
+    made with the certificate's key over the message without its signature. Both are empty in a swarm without certificates.
     """
 
     mission: MissionId
@@ -295,13 +322,16 @@ class Order(StationMessage, frozen=True, kw_only=True):
 
 
 class Command(Order, frozen=True, kw_only=True):
-    """An operator's command to drones that fly ``mission``."""
+    """An operator's command, such as start, hold or land, to drones that fly ``mission``."""
 
     action: Action
 
 
 class Upload(Order, frozen=True, kw_only=True):
-    """A new ``mission`` for drones on the ground, which fetch its content from the station in ``parts`` with these hashes."""
+    """Announces a new ``mission`` to drones on the ground, which then fetch its content from the station.
+
+    ``parts``: the BLAKE2b-256 hashes of the parts into which the station has split the content, in order.
+    """
 
     parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MOST_PARTS)]
 

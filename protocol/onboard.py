@@ -17,7 +17,10 @@ MOST_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other slot
 
 
 class Release(Struct, frozen=True, kw_only=True):
-    """A release of the onboard system. ``build``: date and commit of its source, ``20261123T021500Z-1a2b3c4d5e6f``."""
+    """A release of the software of the onboard computer.
+
+    ``version``: semantic version. ``build``: date and commit of the source, such as ``20261123T021500Z-1a2b3c4d5e6f``.
+    """
 
     version: str
     build: str = ""
@@ -28,12 +31,15 @@ class Release(Struct, frozen=True, kw_only=True):
         return f"{self.version} ({commit})" if commit else self.version
 
     def is_older_than(self, other: Release) -> bool:
-        """Compare by version (semantic versioning); by the date of the source if the versions are equal."""
+        """Return whether this release is older than the ``other`` one, by version (semantic versioning).
+
+        If the versions are equal, the date of the source decides.
+        """
         return self._order < other._order
 
     @property
     def made_ns(self) -> int | None:
-        """The date of its source, UTC in nanoseconds; None: unknown."""
+        """Date of the release's source, in nanoseconds UTC; None: not known."""
         try:
             made = datetime.strptime(self.build.partition("-")[0], "%Y%m%dT%H%M%SZ")
         except ValueError:
@@ -47,9 +53,12 @@ class Release(Struct, frozen=True, kw_only=True):
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """The agent's report to its computer, once a second. ``uptime_s``: time of the report by the computer's monotonic clock.
+    """What the agent (the flight software) reports once a second to the computer on which it runs.
 
-    ``mesh``: its session is open; ``alive``: drones present in the mesh; ``autopilot``, ``camera``: true if they answer.
+    The computer's updater reads from it whether the drone is in flight, and whether a new release works. ``uptime_s``: time of
+    the report by the computer's monotonic clock. ``mesh``: whether the network session with the other drones is open. ``alive``:
+    drones present in this network. ``autopilot`` and ``camera``: whether these devices answer. ``px4`` and ``parameters``:
+    version and parameters of the autopilot.
     """
 
     uptime_s: float
@@ -68,12 +77,15 @@ class Report(Struct, frozen=True, kw_only=True):
 
     @property
     def flies(self) -> bool:
-        """Whether its vehicle is armed or in flight."""
+        """Whether the vehicle is armed or in flight."""
         return self.armed or self.stage not in ON_GROUND
 
 
 class Needs(Struct, frozen=True, kw_only=True):
-    """Devices and drones that answered before an update and must answer after it. ``alive``: at least one of these drones."""
+    """Devices and drones that answered before an update of the software and must answer after it; else the update is undone.
+
+    ``alive``: at least one of these drones must be present in the network again.
+    """
 
     alive: tuple[str, ...] = ()
     autopilot: bool = False
@@ -81,12 +93,17 @@ class Needs(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, report: Report | None) -> Needs:
-        """Return the answering devices and drones of an agent's present report; none without a report."""
+        """Return the devices and drones that answer according to a report of the agent; none if there is no report."""
         return cls() if report is None else cls(alive=report.alive, autopilot=report.autopilot, camera=report.camera)
 
 
 class Trial(Struct, frozen=True, kw_only=True):
-    """A slot on trial: it must boot and show that it works. ``lacking``: unmet needs at its last attempt."""
+    """A newly installed release that must still prove itself: it must boot, and all devices and drones must answer.
+
+    ``slot``: the disk partition that holds the release; the former release stays in another slot. ``before``: the former release.
+    ``needs``: devices and drones that must answer. ``lacking``: the needs that were not met at the last attempt. ``begun_ns``:
+    start of the trial, nanoseconds UTC.
+    """
 
     slot: str
     release: Release
@@ -97,7 +114,11 @@ class Trial(Struct, frozen=True, kw_only=True):
 
 
 class Outcome(Struct, frozen=True, kw_only=True):
-    """Outcome of the last update. ``release``: the release to install; ``text``: for display; ``begun_ns``: of the trial."""
+    """How the last update of an onboard computer ended: installed, undone or interrupted.
+
+    ``slot``: the disk partition of the new release. ``release``: the release that was to be installed. ``text``: result for
+    display. ``begun_ns``: start of the trial of the new release, nanoseconds UTC.
+    """
 
     kind: Literal["good", "fell back", "interrupted"]
     slot: str
@@ -108,12 +129,23 @@ class Outcome(Struct, frozen=True, kw_only=True):
 
 
 class Computer(Struct, frozen=True, kw_only=True):
-    """Status of one onboard computer, from ``radron-update status``.
+    """State of one onboard computer as ``radron-update status`` reports it: release, disk, clock and the last update.
 
-    ``slot``: the running slot; empty: no slots, as the agent was installed on another system. ``slots``: releases in the slots,
-    as far as known; ``attempts``: boots of the present slot since its last confirmation; ``busy``: an update is being installed;
-    ``clock_ns``: UTC; ``clock_offset_s``: from its time servers, None: no time server reached; ``certificate_ns``: end of the
-    drone's certificate.
+    Attributes:
+        name: name of the computer.
+        release: the running release.
+        slot: the disk partition with the running release; empty: no such partitions, as the agent was installed on another
+            system.
+        slots: releases in the partitions, as far as known.
+        attempts: boots of the present partition since its release was last confirmed to work.
+        trial: a new release that must still prove itself.
+        busy: an update is being installed.
+        outcome: how the last update ended.
+        report: the agent's last report.
+        agent: state of the agent's service.
+        clock_ns: the computer's time, nanoseconds UTC.
+        clock_offset_s: offset from the time servers; None: no time server reached.
+        certificate_ns: end of the validity of the drone's certificate, nanoseconds UTC.
     """
 
     name: str

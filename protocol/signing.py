@@ -42,57 +42,64 @@ S = TypeVar("S", bound=Order)
 
 
 class Member(Protocol):
-    """A verified certificate."""
+    """A member of the swarm (drone or operator) whose certificate has been verified.
+
+    This protocol keeps ``identity.Peer`` out of this module, since programs that import this module must not handle dates.
+    """
 
     @property
     def name(self) -> str:
-        """Id of a drone, or name of a station."""
+        """Id of the drone, or name of the operator's station."""
         ...
 
     @property
     def role(self) -> str:
-        """One of ``identity.Role``."""
+        """The member's role, one of the values of ``identity.Role``."""
         ...
 
     @property
     def may_revoke(self) -> bool:
-        """Whether this member has the right to revoke others in flight."""
+        """Whether this operator may withdraw the rights of other members in flight."""
         ...
 
     @property
     def serial(self) -> int:
-        """Number of the certificate."""
+        """Serial number of the member's certificate."""
         ...
 
     @property
     def not_before_ns(self) -> int:
-        """Beginning of its validity, nanoseconds UTC."""
+        """Beginning of the certificate's validity, in nanoseconds UTC."""
         ...
 
     @property
     def not_after_ns(self) -> int:
-        """End of its validity, nanoseconds UTC."""
+        """End of the certificate's validity, in nanoseconds UTC."""
         ...
 
     def verified(self, signature: bytes, data: bytes) -> bool:
-        """Whether this member has signed these bytes."""
+        """Return whether ``signature`` is this member's signature of ``data``."""
         ...
 
 
 class Authority(Protocol):
-    """The issuer of a swarm's certificates."""
+    """The authority that issues the certificates of a swarm."""
 
     def verify(self, der: bytes) -> Member:
-        """Read a certificate. Raises ProtocolError: this authority has not issued it."""
+        """Read a certificate (DER) and return its member.
+
+        Raises ProtocolError if this authority has not issued the certificate.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """A member's means to sign and verify.
+    """The keys with which a member signs its own messages and verifies the messages of other members.
 
-    Its key, in ``sign``; its own ``certificate`` (DER); and the swarm's ``authority``, with the authority's certificate (PEM) for
-    later verification.
+    ``sign``: signs bytes with the member's private key. ``certificate``: the member's own certificate (DER). ``authority``:
+    verifies the certificates of the swarm; ``authority_pem`` is the authority's own certificate, kept so that records of a flight
+    can be verified later.
     """
 
     name: str
@@ -104,13 +111,16 @@ class Trust:
 
 
 def sign_command(command: S, trust: Trust) -> S:
-    """Return a command, or another order of a station, with the station's certificate and signature."""
+    """Sign an operator's order (command or upload), and return it with the signature and the station's certificate."""
     bare, _ = written(replace(command, certificate=trust.certificate, signature=b""))
     return replace(command, certificate=trust.certificate, signature=trust.sign(_ORDERS[type(command)] + bare))
 
 
 def sign_status(status: Status, trust: Trust) -> Status:
-    """Return a status with certificate and signature of its drone. It must be as its receivers read it (``codec.written``)."""
+    """Sign a drone's status, and return it with the signature and the drone's certificate.
+
+    The status must be as its receivers decode it (second result of ``codec.written``).
+    """
     bare = replace(status, certificate=trust.certificate, signature=b"")
     signature = trust.sign(_STATUS + _without_obeyed(bare))
     if bare.obeyed is UNSET:
@@ -120,18 +130,22 @@ def sign_status(status: Status, trust: Trust) -> Status:
 
 
 def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
-    """Return the revocation with certificate and signature of its station."""
+    """Sign an operator's revocation of a member, and return it with the signature and the station's certificate."""
     bare, _ = written(replace(revocation, certificate=trust.certificate, signature=b""))
     return replace(revocation, certificate=trust.certificate, signature=trust.sign(_REVOCATION + bare))
 
 
 def sign_obeying(revocation: Revocation, trust: Trust) -> Obeying:
-    """Return the revoked drone's confirmation that it obeys."""
+    """Return a signed statement of a revoked drone that it obeys this revocation and returns."""
     return Obeying(trust.name, trust.certificate, trust.sign(_OBEYING + revocation.signature))
 
 
 def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
-    """Yield entries published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
+    """Sign log entries that are published together, and yield each with its proof.
+
+    A proof lets a receiver verify the entry without the others of its batch. Each entry must be as its receivers decode it
+    (second result of ``codec.written``).
+    """
     for start in range(0, len(entries), MOST_IN_BATCH):
         batch = entries[start : start + MOST_IN_BATCH]
         rows = _tree([_leaf(as_bytes(replace(entry, proof=b""))) for entry in batch])
@@ -142,9 +156,9 @@ def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
 
 
 def signed_root(entry: Entry, payload: bytes) -> Signed | None:
-    """Return the signature in an entry's proof and the bytes that it must cover.
+    """Return the signature in the proof of a log entry, and the bytes that were signed (the root of the batch's hash tree).
 
-    None for a malformed proof, or if the encoded entry differs from its ``payload``.
+    Return None for a malformed proof, or if the encoded entry differs from the received ``payload``.
     """
     if as_bytes(entry) != payload:  # else a relay could add an unknown field
         return None
@@ -160,9 +174,10 @@ def signed_root(entry: Entry, payload: bytes) -> Signed | None:
 
 
 class Verifier:
-    """Verifies signatures of entries, statuses, commands and revocations.
+    """Verifies the signatures of log entries, statuses, commands and revocations.
 
-    By their bytes alone: all drones come to the same verdict.
+    The result depends on the messages' bytes, not on the time of verification, so that all drones come to the same result. The
+    one exception is the validity of an operator's certificate on the ground.
     """
 
     def __init__(
@@ -179,11 +194,18 @@ class Verifier:
         self._roots: OrderedDict[tuple[str, str, bytes, bytes], None] = OrderedDict()
 
     def knows(self, entry: Entry) -> bool:
-        """Whether the verifying certificate of the entry is known: its drone's in this boot, or the credential's own."""
+        """Return whether the certificate that verifies this log entry has been received.
+
+        It is the certificate that the drone has published in this boot (run of its agent); a credential contains its own
+        certificate.
+        """
         return isinstance(entry, Credential) or (entry.drone, entry.boot) in self._boots
 
     def accepts_entry(self, entry: Entry, payload: bytes) -> bool:
-        """Whether the entry's drone has signed exactly these bytes. An accepted credential counts from then on."""
+        """Return whether a log entry is signed by its drone, exactly with these bytes.
+
+        An accepted credential (a drone's certificate) is used to verify later entries of its boot.
+        """
         signed = self._signed_root(entry, payload)
         if signed is None:
             return False
@@ -205,38 +227,45 @@ class Verifier:
         return True
 
     def accepts_status(self, status: Status) -> bool:
-        """Whether its drone has signed a status. The certificate's times do not matter: a status is valid for seconds."""
+        """Return whether a status is signed by the drone that it names.
+
+        The certificate's period of validity is not checked, as a status is used for seconds only.
+        """
         member = self._member(status.certificate)
         if member is None or member.role != DRONE or member.name != status.drone:
             return False
         return member.verified(status.signature, _STATUS + _without_obeyed(status))
 
     def accepts_obeyed(self, status: Status) -> bool:
-        """Whether the drone of an accepted status has also signed its obeyed order."""
+        """Return whether the drone has signed the record of its last executed order, in a status that has been accepted."""
         member = self._member(status.certificate)
         if member is None or status.obeyed is UNSET:
             return False
         return member.verified(status.obeyed.signature, _OBEYED + _with_obeyed(status, status.obeyed))
 
     def accepts_obeying(self, word: Obeying, revocation: Revocation) -> bool:
-        """Whether the revoked drone has signed a confirmation of exactly this accepted revocation."""
+        """Return whether the revoked drone has signed that it obeys exactly this revocation."""
         member = self._member(word.certificate)
         if member is None or member.role != DRONE or not word.drone == member.name == revocation.member:
             return False
         return member.verified(word.signature, _OBEYING + revocation.signature)
 
     def signer(self, order: Order) -> Member | None:
-        """Return the member of an order's certificate, valid or not; None: no certificate of this swarm."""
+        """Return the member that has signed an order, according to its certificate, even if expired.
+
+        Return None if no authority of this swarm has issued the certificate.
+        """
         return self._member(order.certificate)
 
     def revoke(self, name: str) -> None:
-        """Withdraw the right to command from operators of this name."""
+        """Refuse all further commands of operators with this name."""
         self._revoked_names.add(name)
 
     def refusal(self, command: Order, now_ns: int) -> str | None:
-        """Return why a command is not validly signed by an operator of this swarm; None if it is.
+        """Return the reason why an operator's command must not be executed; None if its signature and certificate are good.
 
-        A certificate's times count on the ground only: a wrong clock must not prevent a landing of the swarm.
+        The certificate's period of validity counts on the ground only: a wrong clock must not prevent a landing of the swarm.
+        ``now_ns``: this drone's time, nanoseconds UTC.
         """
         station = self._operator(command, command.certificate)
         if isinstance(station, str):
@@ -251,11 +280,12 @@ class Verifier:
         return None
 
     def revocation_refusal(self, revocation: Revocation, heard_ns: int) -> str | None:
-        """Return why a revocation is not validly signed by an operator with the right to revoke; None if it is.
+        """Return the reason why a revocation (withdrawal of a member's rights) must not be obeyed; None if it is good.
 
-        The stamp of the revocation decides whether the certificate was valid, and revoking an operator does not undo that
-        operator's revocations: the order of arrival must not matter. An operator revoked by the authority itself cannot revoke.
-        ``heard_ns``: arrival from its station; the certificate must not have expired by then, either.
+        It must be signed by an operator with the right to revoke. The stamp of the revocation decides whether the certificate was
+        valid, and revoking an operator does not undo that operator's revocations: the order of arrival must not matter. An
+        operator revoked by the authority itself cannot revoke. ``heard_ns``: time of arrival from the operator's station,
+        nanoseconds UTC; the certificate must not have expired by then, either.
         """
         station = self._operator(revocation, revocation.certificate)
         if isinstance(station, str):

@@ -21,7 +21,11 @@ EDGES_KEV = (*((sqrt(LOWEST_KEV) + place * _STEP) ** 2 for place in range(BINS))
 
 
 class SpectrumBin(Struct, frozen=True, array_like=True):
-    """Events of one energy bin: single clusters, and coincidences of two by the sum of their energies."""
+    """Numbers of events in one energy bin of a spectrum, the bin with index ``place``.
+
+    ``singles``: single clusters (adjacent pixels hit by one particle), by their energy. ``coincidences``: pairs of simultaneous
+    clusters, by the sum of their energies.
+    """
 
     place: Annotated[int, Meta(ge=0, le=BINS - 1)]
     singles: Count
@@ -33,11 +37,11 @@ Spectrum = Annotated[tuple[SpectrumBin, ...], Meta(max_length=BINS)]  # bins wit
 
 
 def unknown_nuclide(lines_kev: Iterable[int]) -> str:
-    """Return the text for a nuclide outside the candidates, by the lines of its spectrum: "unknown, lines at 136, 265 keV"."""
+    """Return the display text for a source that no candidate nuclide explains, such as "unknown, lines at 136, 265 keV"."""
     lines = ", ".join(map(str, lines_kev))
     return f"unknown, lines at {lines} keV" if lines else "unknown, no clear lines"
 
 
 def is_in_order(spectrum: tuple[SpectrumBin, ...]) -> bool:
-    """Whether each bin occurs once, in the order of energy."""
+    """Return whether the bins of a spectrum ascend in energy, and none occurs twice."""
     return all(before.place < after.place for before, after in pairwise(spectrum))

@@ -1,4 +1,7 @@
-"""Sets of stages, by the drone's activity in them. Tuples, so that their order is the same in every process."""
+"""Groups of mission stages by what a drone does in them, such as all stages in flight.
+
+The groups are tuples, so that their order is the same in every process.
+"""
 
 from __future__ import annotations
 

@@ -29,10 +29,11 @@ MOST_RANGES = 2500  # of all publishers together: fits into a payload at 9 bytes
 
 
 class Held(NamedTuple):
-    """Entries of one publisher in a log.
+    """The log entries of one publisher (one run of a drone's agent) that a log contains.
 
-    ``ranges``: first and last of the held sequence numbers. ``cut``: the first number that does not count, because two signed
-    entries contradict each other there (``agent.fusion.log``). ``blocks``: some of its blocks with their hashes.
+    ``ranges``: first and last number of each gapless range of sequence numbers. ``cut``: the first sequence number that is
+    ignored, because two signed entries with this number contradict each other (``agent.fusion.log``). ``blocks``: for some blocks
+    of consecutive entries, number and hash, so that a peer notices different entries under equal numbers.
     """
 
     ranges: tuple[tuple[int, int], ...] = ()
@@ -58,10 +59,10 @@ class _Document(Struct, frozen=True, array_like=True):
 
 
 def encode_summary(mission: str, summary: Summary) -> bytes:
-    """Encode a summary for :func:`decode_summary`.
+    """Convert a summary of a log (which entries it contains) to bytes for :func:`decode_summary`.
 
-    For a log with more gaps than fit, the oldest ranges are sent, evenly over the publishers. Entries left out of the summary are
-    sent again unnecessarily, but the oldest gaps close first, so that repeated queries obtain all entries.
+    If the log has more gaps than fit, the oldest ranges are sent, evenly over the publishers. The peer then sends some entries
+    unnecessarily, but the oldest gaps close first, so that repeated queries obtain all entries.
     """
     publishers = list(summary.items())[:MOST_PUBLISHERS]
     share = MOST_RANGES // max(1, len(publishers))
@@ -70,7 +71,7 @@ def encode_summary(mission: str, summary: Summary) -> bytes:
 
 
 def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
-    """Return the mission id, and the held entries by (drone, boot).
+    """Read a summary of a peer's log: return the mission's id, and the contained entries by (drone, boot).
 
     Raises:
         ProtocolError: for any error in the bytes.

@@ -1,4 +1,4 @@
-"""From a member's identity on disk to its keys for signatures and verification."""
+"""Conversion of a member's identity on disk to its keys for signatures and verification."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from protocol.signing import Trust
 
 
 def trust_of(identity: Identity | None) -> Trust | None:
-    """Return the keys of a member with this identity for signatures and verification; None without an identity."""
+    """Return the keys with which a member with this identity signs and verifies messages; None without an identity."""
     if identity is None:
         return None
     pem = identity.authority.certificate.public_bytes(Encoding.PEM).decode()

@@ -41,7 +41,10 @@ class _Quota:
 
 
 class Answers:
-    """Answers within the limits; counts ``log_answered``, ``log_answer_failed``, ``log_answer_refused``."""
+    """Sends the log entries that peers ask for, with limits that keep a greedy peer from slowing down this drone.
+
+    Counters: ``log_answered``, ``log_answer_failed``, ``log_answer_refused``.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, answer: Answer, counters: Counter[str]) -> None:
         """``answer``: maps the payload of a query to (key, payload) of each reply."""
@@ -52,13 +55,16 @@ class Answers:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Askers that continue to query with their budget spent, one line each."""
+        """Peers that continue to query the log although their budget of bytes is spent, one line each."""
         now_s = self._loop.time()
         crowding = [asker for asker, quota in self._quotas.items() if quota.refused.left(now_s) < 0.0]
         return tuple(f"{'an operator' if asker == STATION else asker} asks for too much of the log" for asker in crowding)
 
     def reply(self, query: zenoh.Query, asker: str) -> None:
-        """Answer a query, in the loop's thread, and count failures. ``asker``: a drone's id, or ``STATION``."""
+        """Answer a peer's query for log entries, or refuse it if a limit is reached. Must be called in the event loop's thread.
+
+        ``asker``: id of the querying drone, or ``STATION`` for an operator. Failures are counted.
+        """
         replies: list[tuple[str, bytes]] = []
         begun_s = self._loop.time()
         if asker not in self._quotas:

@@ -28,10 +28,15 @@ _PLAIN = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 
 
 async def refusals(identity: Identity | None, endpoints: Iterable[str], now_ns: int) -> dict[str, str]:
-    """Return, by endpoint (``tls/HOST:PORT``), why certificates prevent a link and how to fix it, in one line.
+    """Find out why the network reaches no peer at these addresses, as far as certificates are the reason.
 
-    No line for an endpoint without a listener or with a working link; empty without an ``identity``, as plain links have no
-    certificates. ``now_ns``: this computer's clock, for the text.
+    Args:
+        identity: own certificate; without one the result is empty, as unencrypted links have no certificates.
+        endpoints: addresses of peers (``tls/HOST:PORT``).
+        now_ns: this computer's time for the text, nanoseconds UTC.
+
+    Returns:
+        By address, one line with the reason and the remedy. An address without a listener, or with a working link, has no line.
     """
     if identity is None:
         return {}

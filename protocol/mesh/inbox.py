@@ -60,10 +60,11 @@ class _Share:
 
 
 class Inbox:
-    """Takes messages in any thread, reads their keys once, and delivers both in the event loop's thread.
+    """Queue of received messages between the network's threads and the event loop.
 
-    Counts ``received`` (delivered) and ``superseded`` (replaced by a newer message before delivery); dropped messages as
-    ``overflow`` (beyond the bounds above), ``oversized``, ``other_swarm``, ``unknown_key``, ``unknown_drone``.
+    The inbox takes messages in any thread, reads their keys once, and delivers them in the event loop's thread. It counts
+    ``received`` (delivered) and ``superseded`` (replaced by a newer message before delivery), and dropped messages as
+    ``overflow`` (beyond the bounds of this module), ``oversized``, ``other_swarm``, ``unknown_key`` and ``unknown_drone``.
     """
 
     def __init__(
@@ -91,10 +92,11 @@ class Inbox:
         self._closed = False
 
     def put(self, key: str, payload: bytes | None, by: str | None = None, session: str = "") -> None:
-        """Take a message, in any thread; None stands for a payload beyond the size limit.
+        """Add a received message to the queue, in any thread.
 
-        ``by``: the drone that has answered with the message, whose share it uses, for any author of the entry. ``session``:
-        the publishing session's id, as the message states it.
+        ``payload``: None stands for bytes beyond the size limit. ``by``: the drone that has sent the message in an answer to a
+        query; the message counts against this drone's limit, also if another drone is the author. ``session``: id of the
+        publishing network session, as the message states it.
         """
         try:
             address = parse_key(key)
@@ -108,7 +110,10 @@ class Inbox:
                 self._loop.call_soon_threadsafe(self._deliver)
 
     async def delivered(self, replies: int) -> None:
-        """Wait, after this number of ``replies`` to a query, until all log entries are delivered; at most ``DELIVERED_S``."""
+        """Wait until all log entries received in answer to a query have been delivered, for at most ``DELIVERED_S`` seconds.
+
+        ``replies``: number of entries in the answer.
+        """
         end_s = self._loop.time() + DELIVERED_S
         while replies and self._holds_entries() and self._loop.time() < end_s and not self._closed:
             await asyncio.sleep(SLICE_S)
@@ -118,12 +123,12 @@ class Inbox:
             return any(share.entries for share in self._shares.values())
 
     def close(self) -> None:
-        """Stop delivering."""
+        """Stop delivering messages."""
         self._closed = True
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line for each publisher beyond its limits, and for each name with two publishing sessions."""
+        """Problems of reception, one line each: peers that flood the network, and names with two publishing sessions."""
         now_s = self._loop.time()
         with self._lock:
             copied = self._publishers.problems(now_s)
@@ -173,7 +178,7 @@ class Inbox:
         return share
 
     def drop(self, reason: str) -> None:
-        """Count a dropped message by its reason, in any thread."""
+        """Count a message that was dropped for this ``reason``, in any thread."""
         with self._lock:
             self._dropped[reason] += 1
 

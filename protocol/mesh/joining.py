@@ -11,7 +11,10 @@ from protocol.mesh.rights import access_control, limits
 
 
 async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh.Session:
-    """Open a session with every member's rights and without links to revoked members. Raises MeshError, IdentityError."""
+    """Open the network session (Zenoh) of a member of the swarm, with rules for what each peer may send.
+
+    Links to revoked members are closed. ``drone``: own id; None: an operator. Raises MeshError or IdentityError.
+    """
     identity, access, revoked = config.identity, None, config.revoked
     if identity is not None:
         _check_owner(identity, drone)

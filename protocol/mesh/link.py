@@ -50,10 +50,12 @@ _SETTINGS: dict[str, object] = {
 
 
 class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Endpoints of a session, to listen at and to dial, in Zenoh's notation: ``tls/10.7.1.11:7447``.
+    """Addresses and members with which a network session (Zenoh) is opened.
 
-    Of two drones only one may dial the other (by convention the drone with the higher index). ``drones``: drones of the swarm;
-    with an identity, each of them can publish under its own name only. ``others``: names of further members that may join.
+    Addresses are in Zenoh's notation, such as ``tls/10.7.1.11:7447``: ``listen`` for incoming links, ``connect`` for peers to be
+    dialled. Of two drones only one may dial the other (by convention the drone with the higher index). ``drones``: the drones of
+    the swarm; with an identity, each of them can publish under its own name only. ``others``: names of further members that may
+    join.
     """
 
     listen: str | None = None  # None: dial only (operators)
@@ -143,7 +145,7 @@ def _open(settings: zenoh.Config, refused: frozenset[str]) -> zenoh.Session:
 
 
 def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
-    """Make a blocking call in a separate daemon thread and return its future result."""
+    """Run a blocking call in a separate daemon thread, and return a future for its result."""
     outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
     outcome.set_running_or_notify_cancel()
 
@@ -158,7 +160,7 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def close_session(session: zenoh.Session) -> None:
-    """Close a Zenoh session within ``CLOSE_S``, independently of its peers.
+    """Close a Zenoh session in at most ``CLOSE_S`` seconds, whether or not its peers respond.
 
     A slower closing continues in its thread; a process that ends before this thread may abort.
     """

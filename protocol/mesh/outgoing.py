@@ -18,7 +18,10 @@ MOST_WAITING = 10_000  # entries, some megabytes; further entries are not publis
 
 
 class Outgoing:
-    """Publishes the entries of each calling thread in order."""
+    """Publishes log entries in a separate thread, so that a congested link does not block the event loop.
+
+    The entries that one thread adds are published in order.
+    """
 
     def __init__(self, failed: Callable[[], None]) -> None:
         """``failed``: called for each unpublished entry, in the caller's thread or the publishing thread."""
@@ -28,7 +31,7 @@ class Outgoing:
         self._closed = False
 
     def put(self, publisher: ext.AdvancedPublisher, payload: bytes) -> None:
-        """Queue an entry for publication; never blocks."""
+        """Add a log entry to the queue of entries to be published; never blocks."""
         if self._closed or self._waiting.qsize() >= MOST_WAITING:
             self._failed()
             return
@@ -38,7 +41,7 @@ class Outgoing:
         self._waiting.put((publisher, payload))
 
     def close(self) -> None:
-        """Publish the waiting entries, for ``CLOSE_S`` at most, and accept no others. Blocks."""
+        """Publish the entries that still wait, for at most ``CLOSE_S`` seconds, and accept no more. Blocks meanwhile."""
         self._closed = True
         self._waiting.put(None)
         if self._thread is not None:

@@ -1,4 +1,7 @@
-"""Presence of the drones by the mesh's liveliness tokens, and drones with another version of the protocol."""
+"""Which drones are connected, and with which version of the protocol, by their liveliness tokens.
+
+A liveliness token is Zenoh's sign that a program is connected.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,10 @@ MOST_ALIVE = 256  # kept names with a liveliness token
 
 
 class Presence:
-    """The drones' liveliness tokens. ``alive``: drones with a token of this version."""
+    """Keeps the set of connected drones up to date, from Zenoh's liveliness tokens (signs that a program is connected).
+
+    ``alive``: connected drones with this version of the protocol.
+    """
 
     def __init__(self, counters: Counter[str]) -> None:
         """``counters``: ``overflow`` counts the tokens beyond ``MOST_ALIVE``."""
@@ -19,7 +25,7 @@ class Presence:
         self._differing: dict[str, str] = {}  # by drone: a protocol version other than this one
 
     def take(self, key: str, appears: bool) -> None:
-        """Take the appearance or the end of a token."""
+        """Record that a drone's liveliness token has appeared or, with ``appears`` false, has vanished."""
         drone, version = read_token(key)
         if version != str(VERSION):
             self._differ(drone, version, appears)
@@ -32,14 +38,14 @@ class Presence:
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """Drones with another protocol version, one line each."""
+        """Connected drones with another version of the protocol, one line of text each."""
         return tuple(
             f"{drone} speaks version {version or 'unknown'} of the protocol, here {VERSION}: give all the same version of radron"
             for drone, version in sorted(self._differing.items())
         )
 
     def clear(self) -> None:
-        """Forget all drones: the session has ended."""
+        """Remove all drones, as the own network session has ended."""
         self.alive.clear()
         self._differing.clear()
 

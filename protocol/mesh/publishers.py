@@ -1,7 +1,8 @@
-"""The Zenoh sessions that publish under each name: two sessions that continue for longer than the lease hold the same key.
+"""Detection of two programs that publish under one name: a copied key, or an agent that was started twice.
 
-A restart is no copied key: the earlier session ends with its process, and its messages arrive within the lease. The session id
-in a message identifies its session; a holder of the key may forge another session's id, but cannot stop that session's messages.
+A restart also makes a new session under an old name, but the earlier session ends with its process, and its messages arrive
+within Zenoh's lease. Two sessions that both publish for longer than that hold the same key. The session id in a message
+identifies its session; a holder of the key may forge another session's id, but cannot stop that session's messages.
 """
 
 from __future__ import annotations
@@ -23,14 +24,17 @@ class _Span:
 
 
 class Publishers:
-    """Times of publication by name and session. No lock here: the owner's lock covers it."""
+    """Records when each network session has published under each name, to detect two programs under one name.
+
+    The class has no lock; its owner's lock protects it.
+    """
 
     def __init__(self) -> None:
         self._spans: dict[str, dict[str, _Span]] = {}  # by name and session
         self._shown_s: dict[str, float] = {}
 
     def note(self, name: str, session: str, now_s: float) -> None:
-        """Record a publication of a session under a name."""
+        """Record that a network ``session`` has published a message under a ``name`` at the time ``now_s``."""
         spans = self._spans.get(name)
         if spans is None:
             if len(self._spans) >= MAX_NAMES:
@@ -55,6 +59,6 @@ class Publishers:
             self._shown_s[name] = now_s
 
     def problems(self, now_s: float) -> tuple[str, ...]:
-        """Return one line for each name with two publishing sessions."""
+        """Return one line of text for each name under which two sessions publish."""
         shown = sorted(name for name, shown_s in self._shown_s.items() if now_s - shown_s < SHOWN_S)
         return tuple(f"{name}: two sessions publish under its name (a copied key, or an agent started twice)" for name in shown)

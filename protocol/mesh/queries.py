@@ -23,13 +23,13 @@ ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone's log: it 
 
 
 class Pace:
-    """Pace of the queries of each drone's log: one after the other, at a rate that the drone answers."""
+    """Limits how often each drone's log is queried, since a drone drops queries beyond a certain rate."""
 
     def __init__(self) -> None:
         self._next_s: dict[str, float] = {}
 
     async def turn(self, drone: str) -> None:
-        """Wait until a query to this drone is due."""
+        """Wait until the next query of this drone's log is allowed."""
         now_s = asyncio.get_running_loop().time()
         at_s = max(now_s, self._next_s.get(drone, now_s))
         self._next_s[drone] = at_s + ASKED_S
@@ -44,11 +44,11 @@ async def query(
     take: Callable[[zenoh.Sample], object],
     failed: Callable[[], object],
 ) -> None:
-    """Query all peers that answer for a key, and wait for the end of the answers.
+    """Send a query to all peers that answer for a key, and wait until all answers have arrived.
 
     Args:
         session: of the mesh.
-        key: the key of the peers' declared answers.
+        key: the key for which the peers have declared that they answer.
         payload: payload of the query.
         within_s: bound of Zenoh's wait, in seconds; ours is a fifth longer.
         take: called with each answer, in Zenoh's threads.
@@ -88,7 +88,7 @@ async def query(
 
 
 def split(content: bytes) -> tuple[bytes, ...]:
-    """Split the content of a mission into the parts of its upload.
+    """Split the content of a mission into parts that fit into one message each, for an upload to the drones.
 
     Raises:
         ProtocolError: the content has more than ``MOST_PARTS`` parts.
@@ -101,12 +101,15 @@ def split(content: bytes) -> tuple[bytes, ...]:
 
 
 def hash_of(part: bytes) -> bytes:
-    """Return the BLAKE2b-256 hash of a part."""
+    """Return the BLAKE2b-256 hash that identifies one part of an uploaded mission."""
     return blake2b(part, digest_size=32).digest()
 
 
 async def fetch(session: zenoh.Session, key: str, hashes: Sequence[bytes]) -> bytes | None:
-    """Fetch the content with these hashes of its parts, from any peer that answers for the key; None if a part is missing."""
+    """Fetch an uploaded mission part by part from the peers that answer for a key; None if a part cannot be obtained.
+
+    ``hashes``: the expected BLAKE2b-256 hash of each part, in order.
+    """
     parts = []
     for place, expected in enumerate(hashes):
         part = await _fetched(session, key, place, expected)
@@ -132,7 +135,10 @@ async def _fetched(session: zenoh.Session, key: str, place: int, expected: bytes
 
 
 class Serving:
-    """Answers the queries for the parts of one content, until closed. Made and called in the loop's thread."""
+    """Answers the drones' queries for the parts of one uploaded mission, until closed.
+
+    Create and call it in the event loop's thread.
+    """
 
     def __init__(self, session: zenoh.Session, key: str, parts: Sequence[bytes]) -> None:
         self._loop = asyncio.get_running_loop()
@@ -141,13 +147,13 @@ class Serving:
         self._queryable: zenoh.Queryable[None] | None = None
 
     async def open(self) -> None:
-        """Start answering. Raises zenoh.ZError."""
+        """Start answering queries. Raises zenoh.ZError."""
         self._queryable = await in_thread(
             lambda: self._session.declare_queryable(self._key, Callback(self._take, indirect=False))
         )
 
     async def close(self) -> None:
-        """Stop answering. Raises zenoh.ZError."""
+        """Stop answering queries. Raises zenoh.ZError."""
         if self._queryable is not None:
             await in_thread(self._queryable.undeclare)
 

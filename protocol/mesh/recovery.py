@@ -17,17 +17,18 @@ async def recover(
     phase: float,
     put_off: Callable[[], int] = lambda: 0,
 ) -> None:
-    """Query one peer after another, until cancelled; appeared peers first, in turn, until their answers are empty.
+    """Fetch the log entries that are missing here from the other drones, one drone after another, until cancelled.
 
-    A peer with endless answers of known entries must not exclude the other peers: while appeared peers are queried, every
-    second period goes to one of all peers.
+    Drones that have just appeared are queried first, in turn, until their answers are empty. A peer with endless answers of known
+    entries must not exclude the other peers: while appeared peers are queried, every second period goes to one of all peers.
 
     Args:
         alive: ids of the reachable peers.
         summary: summary of the own log.
         ask: sends the summary to a peer; returns the number of received entries.
-        phase: 0 .. 1 of the period and of the peers, so that agents query neither all at the same time nor the same peer first.
-        put_off: the number of postponed entries so far: with most of an answer postponed, the next query waits a period.
+        phase: position in the period and in the list of peers, from 0 to 1, different for each agent, so that agents query
+            neither all at the same time nor the same peer first.
+        put_off: number of postponed entries so far; if most of an answer is postponed, the next query waits a period.
     """
     now_s = asyncio.get_running_loop().time
     due_s, turn = now_s() + PERIOD_S * phase, 0

@@ -1,7 +1,7 @@
-"""Rights of publication: the rules of a session for messages of its peers, by the names in their certificates.
+"""Rules for what each peer may publish in the network, by the names in the peers' certificates.
 
 A message without a right is dropped by its receiver. Zenoh knows neither the roles of names nor the authors of relayed messages.
-Agents check by signatures that a command is an operator's, and that an entry in an answer is its author's.
+Agents check by signatures that a command comes from an operator, and that an entry in an answer comes from its author.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
 def access_control(
     swarm: str, drones: Collection[str] | None, revoked: Collection[str], others: Collection[str] | None = None
 ) -> dict[str, object]:
-    """Return Zenoh's ``access_control`` settings of one session.
+    """Return Zenoh's ``access_control`` settings of one session: what each peer may send to this member.
 
     - Every member may subscribe, query logs as an operator, send messages under the keys of commands and uploads, and query and
       answer the mission of a station (hashes identify its parts).
@@ -36,7 +36,7 @@ def access_control(
 
     Args:
         swarm: name of the swarm.
-        drones: names of its drones; None: unknown, and news of any member are accepted (an operator's session).
+        drones: names of its drones; None: unknown, and messages of any member are accepted (an operator's session).
         revoked: names without a drone's rights, and without any rights if ``others`` are named (``link`` closes their links).
         others: names of all further members; None: every holder of a certificate of the swarm.
     """
@@ -73,11 +73,11 @@ def access_control(
 
 
 def limits(swarm: str) -> list[dict[str, object]]:
-    """Return Zenoh's ``downsampling`` settings of one session: limits of each peer's rate of commands, log and cache queries.
+    """Return Zenoh's ``downsampling`` settings of one session: the maximum rates at which a peer may send commands and queries.
 
-    Zenoh's own threads drop messages beyond the limit. Later on, the messages would take time of the agent's event loop, commands
-    first: a flood would delay its steps and the news of the other peers. The inbox limits news and entries: after a stall
-    several messages arrive at once, and the newest counts.
+    Zenoh's own threads drop messages beyond these rates. If the agent dropped them, a flood of commands would take time of its
+    event loop and delay its control steps and the messages of other peers. Rates of measurements and of regular messages are
+    limited in the inbox instead: after a stall several messages arrive at once, and the newest counts.
     """
     commands = [{"key_expr": f"{_PREFIX}/{swarm}/{STATION}/*/{kind}", "freq": COMMANDS_PER_S} for kind in STATION_KINDS]
     queries = [{"key_expr": f"{_PREFIX}/{swarm}/*/log/*", "freq": LOG_QUERIES_PER_S}]

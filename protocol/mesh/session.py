@@ -39,10 +39,11 @@ MOST_HELD_BACK = 1_000  # entries, while the session is reopened
 
 
 class Mesh:
-    """An open session. All calls and callbacks are made in the thread of the event loop that opened it.
+    """The connection of a drone or an operator to the swarm's network, through which it publishes, receives and queries messages.
 
-    ``counters``: the counts of ``Inbox``; ``publish_failed``; ``entries_missed`` (beyond Zenoh's recovery: left to the log
-    query); of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
+    All calls and callbacks are made in the thread of the event loop that opened the connection. ``counters``: the counts of
+    ``Inbox``; ``publish_failed``; ``entries_missed`` (log entries that Zenoh could not recover, so that a log query must fetch
+    them); of log queries ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
     ``log_answer_refused``.
     """
 
@@ -85,15 +86,15 @@ class Mesh:
         answer: Answer | None = None,
         members: Collection[str] | None = None,
     ) -> Mesh:
-        """Join a swarm.
+        """Connect to the network of a swarm.
 
         Args:
             config: endpoints.
             swarm: name of the swarm.
             drone: own id; None: an operator, who gets no history, is not listed in ``alive`` and has no log to query.
-            receive: called with key and payload of every message of the swarm except the own messages; an operator's session
-                gets its own orders, too. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one
-                key, in order; of other kinds only the newest message.
+            receive: called with key and payload of every message of the swarm except the own messages; an operator's session gets
+                its own orders, too. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one key, in
+                order; of other kinds only the newest message.
             drained: called after each burst of ``receive``.
             answer: maps a peer's summary to the (key, payload) of the entries missing there.
             members: the drones of the swarm: messages under other names are counted and ignored; None: all names are accepted.
@@ -111,10 +112,10 @@ class Mesh:
         return mesh
 
     async def reopen(self, config: MeshConfig) -> None:
-        """Close the session and open a new session: Zenoh fixes the members' rights at the opening.
+        """Replace the network session by a new session with another configuration.
 
-        Log entries published meanwhile wait until the peers are linked again, for a second at most; other messages are dropped,
-        as their successors replace them.
+        The rights of members can only change in this way, since Zenoh fixes them at the opening. Log entries published meanwhile
+        wait until the peers are linked again, for a second at most; other messages are dropped, as their successors replace them.
 
         Raises:
             MeshError: the session cannot be opened as configured. Until another call succeeds, no message is received or
@@ -155,23 +156,31 @@ class Mesh:
 
     @property
     def alive(self) -> frozenset[str]:
-        """The other drones with a liveliness token. A killed process loses it at once; a stopped or cut-off process in 1 s."""
+        """Ids of the other drones that are connected to the network.
+
+        A killed process disappears from this set at once; a stopped process, or one without a network, after 1 s.
+        """
         return frozenset(self._presence.alive)
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """Drones with another version of the protocol, one line each: none of them can fly together with this drone."""
+        """Drones with another version of the protocol, one line of text each; they cannot fly together with this drone."""
         return self._presence.differing
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Problems, one line each: no session; flooding publishers; names with two sessions; askers beyond their budget."""
+        """Problems of the network for the operator, one line each.
+
+        Reported are a missing session, flooding publishers, names with two sessions, and peers that query too much.
+        """
         shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
         asked = () if self._answers is None else self._answers.problems
         return shut + self._inbox.problems + asked
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send a message, or drop it on congestion; neither blocks nor fails because of the network.
+        """Send a message to the swarm, or drop it if the link is congested.
+
+        The call neither blocks nor fails because of the network.
 
         Raises:
             ProtocolError: not a key of this swarm.
@@ -194,12 +203,13 @@ class Mesh:
             self.counters["publish_failed"] += 1
 
     async def ask(self, drone: str, summary: bytes) -> int:
-        """Query a drone for the log entries missing in this summary, and wait for their delivery through ``receive``.
+        """Fetch from a drone the log entries that a ``summary`` of the own log lacks.
 
-        An earlier repetition would fetch entries still in transit twice, and delay both answers.
+        The call waits until the entries have been delivered to ``receive``. An earlier repetition would fetch entries still in
+        transit twice, and delay both answers.
 
         Returns:
-            The number of replies; of many replies some may not be delivered yet. 0 also for an unreachable drone.
+            The number of received entries, of which some may not be delivered yet if they are many. 0 for an unreachable drone.
         """
         replies = await self._query(drone, summary, lambda sample: self._take(sample, by=drone))
         self.counters["log_replies"] += replies
@@ -207,7 +217,7 @@ class Mesh:
         return replies
 
     async def summary_of(self, drone: str) -> bytes | None:
-        """Return the summary of a drone's log; None without an answer."""
+        """Query a drone for the summary of its log (which entries it contains); None without an answer."""
         found: list[zenoh.Sample] = []
         await self._query(drone, b"", found.append)
         payloads = [sample.payload for sample in found]
@@ -237,7 +247,7 @@ class Mesh:
         return replies
 
     async def serve_mission(self, station: str, parts: Sequence[bytes]) -> None:
-        """Answer the drones that fetch a mission from this station, until the session ends or another mission replaces it.
+        """Offer the parts of an uploaded mission to the drones, until the session ends or another mission replaces this mission.
 
         Raises:
             MeshError: no session, or the session refuses.
@@ -255,13 +265,19 @@ class Mesh:
         self._declared.append(serving)
 
     async def fetch_mission(self, station: str, hashes: Sequence[bytes]) -> bytes | None:
-        """Fetch the content of a mission with these hashes of its parts from a station; None if a part is missing."""
+        """Fetch an uploaded mission from an operator's station; None if a part cannot be obtained.
+
+        ``hashes``: the BLAKE2b-256 hash of each part, in order.
+        """
         if self._session is None:
             return None
         return await fetch(self._session, station_key(self._swarm, station, "mission"), hashes)
 
     async def close(self) -> None:
-        """Leave the swarm, within the bound of ``close_session``. Afterwards no message is received, and publications fail."""
+        """Disconnect from the network, within the time of ``close_session``.
+
+        Afterwards publications fail, and no message is received.
+        """
         self._inbox.close()
         await in_thread(self._outgoing.close)
         if self._session is not None:
