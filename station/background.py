@@ -1,4 +1,7 @@
-"""The background of the page's map without any network: vector layers (GeoJSON), and raster tiles (MBTiles, or a folder)."""
+"""The background map of the operator's web page, without any network.
+
+It consists of vector layers (GeoJSON) and raster tiles (MBTiles, or a folder of images).
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,14 @@ _MARKUP = re.compile(r"<[^>]*>")
 
 
 class BackgroundError(RadronError):
-    """A layer or tiles that cannot be shown."""
+    """A layer or the tiles of the background map cannot be shown."""
 
 
 class Shape(Struct, frozen=True, array_like=True):
-    """A line, or an area or point (mission frame). ``kind``: ``line``, ``area``, ``point``."""
+    """A line, an area or a point that is drawn on the map of the operator's web page.
+
+    ``kind``: ``line``, ``area`` or ``point``. ``places``: its points in the mission frame (east, north), metres.
+    """
 
     kind: str
     name: str
@@ -42,31 +48,36 @@ class Shape(Struct, frozen=True, array_like=True):
 
 
 class Tiles(Protocol):
-    """Raster tiles in the Web Mercator scheme (x from the west, y from the north)."""
+    """Source of the map's background images: raster tiles in the Web Mercator scheme (x from the west, y from the north)."""
 
     @property
     def levels(self) -> TileLevels:
-        """Lowest and highest zoom level, and the attribution of the data."""
+        """Lowest and highest zoom level of the tiles, and the attribution of their data."""
         ...
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """Return an image and its media type; None for a missing tile."""
+        """Return the image of one tile and its media type, such as ``image/png``; None for a missing tile.
+
+        ``z``: zoom level; ``x``, ``y``: column and row.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """The background of one mission. ``layer``: the shapes as JSON, empty: no layer."""
+    """The map background of one mission: ``layer``, the shapes as JSON (empty: no shapes), and ``tiles``, the images."""
 
     layer: bytes = b""
     tiles: Tiles | None = None
 
 
 def background(mission: MissionConfig, layers: Sequence[Path], tiles: Path | None) -> Background:
-    """Read layers and tiles.
+    """Read the layers and tiles that are drawn below the map of a mission.
+
+    ``layers``: GeoJSON files. ``tiles``: an MBTiles file, or a folder of images; None: no images.
 
     Raises:
-        BackgroundError: the tiles cannot be read, the layers are too large, or the mission has no datum; one line.
+        BackgroundError: the tiles cannot be read, the layers are too large, or the mission has no datum (place on Earth).
         ConfigError: a layer cannot be read, or lies elsewhere.
     """
     if not layers and tiles is None:
@@ -106,7 +117,7 @@ def _places(coordinates: Any, datum: DatumConfig) -> list[Point]:
 
 
 class MbTiles:
-    """A file of tiles (MBTiles 1.3), opened for reading only."""
+    """Map tiles in one file of the format MBTiles 1.3, opened for reading only."""
 
     def __init__(self, path: Path) -> None:
         """Open the file. Raises BackgroundError without raster tiles in it."""
@@ -129,7 +140,7 @@ class MbTiles:
         self.levels = TileLevels(low, high, _MARKUP.sub("", unescape(str(told.get("attribution", ""))))[:200])
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """Return a tile as ``Tiles``; the file counts its rows from the south."""
+        """Return the image of one tile and its media type; None for a missing tile. The file counts its rows from the south."""
         rows = "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
         if not _exists(z, x, y):
             return None
@@ -138,7 +149,7 @@ class MbTiles:
 
 
 class FolderTiles:
-    """A folder of tiles: Z/X/Y.png (or jpg, webp), as in a browser's map."""
+    """Map tiles in a folder: one image for each tile, named Z/X/Y.png (or jpg, webp) by zoom level, column and row."""
 
     def __init__(self, folder: Path) -> None:
         """Find the tiles in a folder. Raises BackgroundError without any."""
@@ -150,7 +161,7 @@ class FolderTiles:
         self.levels = TileLevels(levels[0], levels[-1], "")
 
     def tile(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """Return a tile as ``Tiles``."""
+        """Return the image of one tile and its media type; None for a missing tile."""
         path = self._folder / str(z) / str(x) / f"{y}{self._suffix}"
         return (path.read_bytes(), IMAGES[self._suffix[1:]]) if _exists(z, x, y) and path.is_file() else None
 

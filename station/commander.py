@@ -1,4 +1,7 @@
-"""The page's commands and missions to the swarm: like ``radron-agent command`` and ``upload``, over the station's own link."""
+"""Commands and missions that the operator sends to the swarm from the web page.
+
+The commands ``radron-agent command`` and ``upload`` work alike; here the station sends over its own link.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,18 @@ Tell = Callable[[str, bool, str], None]  # a line, whether it is a refusal or fa
 
 
 def may_command(identity: Identity | None) -> bool:
-    """Return whether this station may command, by its certificate; without certificates every station may."""
+    """Return whether this station may command the swarm, by the role in its certificate.
+
+    Without certificates every station may.
+    """
     return identity is None or identity.own.role is Role.OPERATOR
 
 
 class Commander:
-    """Carries out commands, each with the tickets of its time; a newer command to a drone replaces earlier commands.
+    """Sends the operator's commands and uploaded missions to the drones, and repeats them until the drones have answered.
 
-    One upload at a time.
-
-    ``name``: of this station in its orders.
+    A newer command to a drone replaces earlier commands to this drone. Only one mission is uploaded at a time. ``name``: name of
+    this station in its orders.
     """
 
     def __init__(self, mesh: Mesh, swarm: str, identity: Identity | None, tell: Tell) -> None:
@@ -43,17 +48,22 @@ class Commander:
         self._upload: asyncio.Task[None] | None = None
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Take a message from the mesh."""
+        """Take a message from the network; the drones' statuses contain the answers to commands."""
         self._statuses.receive(key, payload)
 
     def give(self, action: Action, drones: tuple[str, ...], age_s: float) -> str:
-        """Begin to carry out a command; ``drones`` empty: all drones in contact. ``age_s``: upper limit of the command's age.
+        """Begin to carry out an operator's command.
 
-        A start goes to all these drones or to none; any other command goes at once to the drones in contact. Earlier commands to
-        the same drones are given up: their repetitions would come after this command.
+        A start goes to all the named drones or to none; any other command goes at once to the drones in contact. Earlier commands
+        to these drones are given up, as their repetitions would come after the new command.
+
+        Args:
+            action: the command.
+            drones: the addressed drones; empty: all drones in contact.
+            age_s: upper limit of the time since the operator gave the command, in seconds.
 
         Returns:
-            Why the command is refused; empty: it is carried out.
+            Why the command is refused; empty if it is carried out.
         """
         heard = self._statuses.heard()
         lost = ", ".join(name for name in drones if name not in heard)
@@ -70,10 +80,13 @@ class Commander:
         return ""
 
     def upload(self, mission: MissionConfig, taken: Callable[[MissionConfig], None], age_s: float) -> str:
-        """Begin to upload a mission to all its drones; ``taken`` is called with the mission at the end, if any drone has it then.
+        """Begin to upload a mission to all its drones.
+
+        ``taken``: called with the mission at the end, if any drone has adopted the mission by then. ``age_s``: upper limit of the
+        time since the operator gave the order, in seconds.
 
         Returns:
-            Why the upload is refused; empty: it has begun.
+            Why the upload is refused; empty if it has begun.
         """
         if self._upload is not None and not self._upload.done():
             return "refused: another mission is being uploaded"
@@ -85,7 +98,7 @@ class Commander:
         return ""
 
     async def close(self) -> None:
-        """Give up all commands and uploads under way."""
+        """Stop all commands and uploads that are not finished."""
         for task in self._under_way:
             task.cancel()
         await asyncio.gather(*self._under_way, return_exceptions=True)

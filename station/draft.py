@@ -1,4 +1,7 @@
-"""The mission editor of the page before the start: keys open to changes, checks by the agents' own loading code."""
+"""Mission editor of the operator's web page: which settings can be changed before the start, and how the changes are checked.
+
+The agents' own loading code checks the changes.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,11 @@ _WHERE = "mission"
 
 
 class Draft(Struct, frozen=True, forbid_unknown_fields=True):
-    """A page's changes: corners of the area, launch places by drone, values by key."""
+    """Changes of a mission that an operator has entered on the web page, to be checked before they are uploaded to the drones.
+
+    ``area``: corners of the search area. ``launches``: launch place of each drone. ``values``: new values by key of the mission
+    file. ``number``: number of this set of changes, repeated in the answer to the page.
+    """
 
     area: Annotated[tuple[Point, ...], Meta(max_length=256)]
     launches: Annotated[dict[DroneId, Launch], Meta(max_length=64)]
@@ -59,13 +66,16 @@ class Draft(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def editor(mission: MissionConfig) -> Editor:
-    """Return the present mission for the page's editor."""
+    """Return the content of the web page's mission editor for a mission: area, launch places and settings that can be changed."""
     launches = {drone.id: (drone.origin_m[0], drone.origin_m[1], drone.yaw_deg) for drone in mission.drones}
     return Editor(area=mission.area.polygon_m, fields=tuple(_field(mission, key) for key in KEYS), launches=launches)
 
 
 def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw, ...]:
-    """Return the mission with the changes of a draft, checked by the agents' checks; or its flaws, at most one a field."""
+    """Return a mission with an operator's changes if the agents' checks accept it; else the flaws.
+
+    There is at most one flaw for each field.
+    """
     grid_data = mission.ground.grid_data  # megabytes, not to be converted for each key
     content: dict[str, Any] = msgspec.to_builtins(replace(mission, ground=replace(mission.ground, grid_data=None)))
     changes: dict[str, object] = {AREA: draft.area, LAUNCHES: _launched(content[LAUNCHES], draft.launches), **draft.values}
@@ -87,7 +97,10 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
 
 
 def told(result: MissionConfig | tuple[Flaw, ...], number: int) -> Checked:
-    """Return the answer to a draft. An elevation grid stays out of the mission file, in its own file beside it."""
+    """Return the answer to an operator's changes of a mission: the flaws, or the new mission with its id, fence and file.
+
+    A grid of ground elevations stays in its own file beside the mission file. ``number``: number of the changes.
+    """
     if isinstance(result, tuple):
         return Checked(number=number, flaws=result)
     fence = corners(Polygon(result.area.polygon_m).buffer(result.area.fence_margin_m))

@@ -1,4 +1,4 @@
-"""Distribution of the picture to the pages: new data goes to every open page, and is kept for pages that look back."""
+"""Distribution of the swarm's state to all open web pages, and storage for pages that look back in time."""
 
 from __future__ import annotations
 
@@ -24,19 +24,21 @@ encode = msgspec.json.Encoder().encode
 
 
 class Outlet(Protocol):
-    """Another program that gets the same as the pages."""
+    """Another program, such as Foxglove or TAK, that gets the same data as the operators' web pages."""
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
-        """Show a frame, with the new layers and cones."""
+        """Show one state of the swarm (``frame``), with the map layers and Compton cones that are new in it."""
 
     def note(self, event: Event) -> None:
-        """Show an event of the timeline."""
+        """Show an event of the timeline, such as a command or a found source."""
 
 
 class Hub:
-    """The pages of one picture. ``progress``: share of a record read so far; None in a live flight. ``command``, ``upload``: to
-    the drones, with the age of the order (s); return the reason of a refusal; None: this station may not. ``findings``: the
-    report on demand, as a ZIP archive; None: no report. ``outlets``: other programs that get the same.
+    """Sends the state of the swarm to all open web pages, keeps its history, and passes the pages' requests on.
+
+    ``progress``: share of a record read so far; None in a live flight. ``command``, ``upload``: send an order to the drones,
+    given also its age in seconds, and return the reason of a refusal; None: this station may not. ``findings``: makes the report
+    on the mission as a ZIP archive; None: no report. ``outlets``: other programs that get the pages' data.
     """
 
     def __init__(self, picture: Picture, replay: bool, progress: Callable[[float], None] = lambda share: None) -> None:
@@ -55,12 +57,15 @@ class Hub:
 
     @property
     def pages(self) -> int:
-        """Number of open pages."""
+        """Number of open web pages."""
         return len(self._pages)
 
     @contextmanager
     def joined(self, most: int) -> Iterator[Page]:
-        """Yield a new page: first its initial content, then all news. With ``most`` pages open, the idlest gives way."""
+        """Yield a newly opened web page: it first gets the present content, then all changes.
+
+        If ``most`` pages are open already, the page with the longest unused time is closed.
+        """
         if len(self._pages) >= most:
             idlest = min(self._pages, key=lambda page: page.used_s)
             self._pages.remove(idlest)
@@ -80,7 +85,10 @@ class Hub:
                 self._pages.remove(page)
 
     def adopt(self, mission: MissionConfig) -> None:
-        """Show an uploaded mission after its adoption by drones; everything except the timeline begins anew."""
+        """Show another mission, which an operator has uploaded and drones have adopted.
+
+        All content but the timeline begins anew.
+        """
         events = self.history.events
         self.picture = self.picture.of(mission)
         self.history = History(len(self.picture.members))
@@ -88,13 +96,16 @@ class Hub:
         self._send(self._about())
 
     def follow(self, page: Page) -> None:
-        """Let a page follow the present again."""
+        """Let a web page show the present again, after it has looked back in time."""
         if not page.live:
             page.live, page.at_ms = True, None
             self._show_history(page, self.history.last_ms)
 
     def look_back(self, page: Page, at_ms: int) -> None:
-        """Show a page the state at a time, and nothing else until the page follows the present again."""
+        """Show a web page the state of the swarm at a past time, until the page follows the present again.
+
+        ``at_ms``: milliseconds UTC.
+        """
         before_ms = None if page.live else page.at_ms
         page.live, page.at_ms = False, at_ms
         self._show_history(page, at_ms, before_ms)
@@ -115,7 +126,10 @@ class Hub:
                 page.show(kind, data)
 
     def show(self, now_ns: int) -> None:
-        """Keep the present state of the swarm, and send it to all pages that follow the present; everything is encoded once."""
+        """Store the present state of the swarm, and send it to all web pages that follow the present.
+
+        ``now_ns``: nanoseconds UTC. Each message is encoded only once for all pages.
+        """
         frame = self.picture.frame(now_ns)
         self._now_ms = frame.at_ms
         following = [page for page in self._pages if page.live]
@@ -143,20 +157,20 @@ class Hub:
             self.note(event)
 
     def report(self, progress: float) -> None:
-        """Send all pages the share of a record read so far."""
+        """Send all web pages the share of a flight record that has been read so far, from 0 to 1."""
         self.progress = progress
         self._on_progress(progress)
         self._send(self._progress())
 
     def note(self, event: Event) -> None:
-        """Put an event into the timeline."""
+        """Add an event to the timeline, and send it to all web pages."""
         self.history.add_event(event)
         self._send(encode(event))
         for outlet in self.outlets:
             outlet.note(event)
 
     def tell(self, line: str, warning: bool, what: str = "command") -> None:
-        """Put the result of a command, or of an ``upload``, into the timeline."""
+        """Add the result of a command (or, with ``what``, of an upload) to the timeline, as one line of text."""
         level = "warning" if warning else "info"
         self.note(Event(at_ms=self._now_ms, text=what, values={"line": line}, level=level))
 

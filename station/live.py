@@ -1,4 +1,4 @@
-"""The live flight: messages of the mesh to the pages, as long as the station runs."""
+"""Live flight: passes messages of the swarm's network on to the web pages, as long as the station runs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ SHOW_S = 0.1  # interval of the frames
 
 
 async def follow(hub: Hub, config: MeshConfig) -> None:
-    """Join the mesh and show its messages, until cancelled.
+    """Join the swarm's network and show its messages on the web pages, until cancelled.
 
     Raises:
-        MeshError: the mesh cannot be joined as configured.
+        MeshError: the network cannot be joined as configured.
     """
     listeners: list[Callable[[str, bytes], None]] = []
 
@@ -68,7 +68,7 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
 
 
 class SlowEstimates:
-    """A slow estimator's process, as on board, so that the page does not wait for its steps."""
+    """Runs a slow estimator in a process of its own, as the drones do, so that the web pages do not wait for its steps."""
 
     def __init__(self) -> None:
         self._picture: Picture | None = None
@@ -77,12 +77,12 @@ class SlowEstimates:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Why the estimate is not current; empty if it is."""
+        """Why the displayed estimate is not current; empty if it is."""
         problem = self._folding.problem if self._folding is not None else None
         return () if problem is None else (problem,)
 
     async def follow(self, picture: Picture) -> None:
-        """Compute for this picture alone, from now on."""
+        """Run the estimator for the log of this picture (the station's state of the swarm), and no longer for an earlier one."""
         if picture is self._picture:
             if self._task is not None and self._task.done():
                 self._task.result()  # ends only by a bug, raised here
@@ -93,7 +93,7 @@ class SlowEstimates:
         self._task = asyncio.create_task(self._folding.run())
 
     async def end(self) -> None:
-        """End the process."""
+        """Stop the estimator's process."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

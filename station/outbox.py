@@ -13,11 +13,12 @@ LET_GO, GAVE_WAY = 1008, 4001  # close codes of a page's socket; only after the 
 
 
 class Page:
-    """An open page. ``live``: follows the present; else looks back, and shows ``at_ms``. ``used_s``: time of its operator's last
-    request (monotonic clock). ``left``: to be disconnected, with ``code``.
+    """Queue of messages to one open web page, which never grows without limit.
 
-    A page reports each drawn frame. A page that draws or reads more slowly than frames come gets fewer frames, each as new as
-    possible: the queue does not grow, neither here nor in the buffers on the way.
+    A page reports each state that it has drawn. A page that draws or reads more slowly than states come gets fewer of them, each
+    as new as possible, so that the queue does not grow, neither here nor in the buffers on the way. ``live``: the page follows
+    the present; else it shows the past time ``at_ms``. ``used_s``: time of the operator's last request (monotonic clock).
+    ``left``: set when the page must be disconnected, with the WebSocket close code ``code``.
     """
 
     def __init__(self) -> None:
@@ -32,7 +33,7 @@ class Page:
         self._something = asyncio.Event()
 
     def send(self, data: bytes) -> None:
-        """Send an indispensable message; a page far behind is disconnected instead."""
+        """Queue a message that the page must get; a page too far behind is disconnected instead."""
         if len(self._said) < MAX_WAITING:
             self._said.append(data)
         else:
@@ -40,39 +41,39 @@ class Page:
         self._something.set()
 
     def use(self) -> None:
-        """Note a request of the page's operator."""
+        """Record that the page's operator has just asked for something."""
         self.used_s = time.monotonic()
 
     def leave(self, code: int) -> None:
-        """Disconnect the page with a close code."""
+        """Disconnect the page with a WebSocket close code."""
         self.code = code
         self.left.set()
 
     def show(self, kind: str, data: bytes) -> None:
-        """Send a message that replaces all waiting messages of its kind."""
+        """Queue a message that replaces all waiting messages of its ``kind``, such as a newer state of the swarm."""
         self._newest.pop(kind, None)
         self._newest[kind] = data
         self._something.set()
 
     def pass_by(self, data: bytes) -> None:
-        """Send a dispensable message: the oldest are dropped above ``MAX_PASSING``."""
+        """Queue a message that the page can do without; if more than ``MAX_PASSING`` wait, the oldest is dropped."""
         self._passing.append(data)
         self._something.set()
 
     def drawn(self) -> None:
-        """Note that the page has drawn its newest frame."""
+        """Record that the page has drawn the newest state of the swarm that it has got."""
         self._ahead = 0
         self._something.set()
 
     async def next(self) -> bytes:
-        """Wait for the next message and return it."""
+        """Wait for the next message to the page, and return it."""
         while (data := self.take()) is None:
             self._something.clear()
             await self._something.wait()
         return data
 
     def take(self) -> bytes | None:
-        """Return the next message; None if no waiting message may be sent now."""
+        """Return the next message to the page; None if no waiting message may be sent now."""
         if self._said:
             return self._said.popleft()
         if self._ahead >= MAX_AHEAD:

@@ -1,4 +1,4 @@
-"""Replay of flight records to the pages: the same picture, by the times in the records."""
+"""Replay of flight records on the web pages, as a live flight would be shown, by the times in the records."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TELL_S = 0.5
 
 
 class Heard(NamedTuple):
-    """A message in a record, by its drone's clock."""
+    """A message in a flight record. ``at_ns``: its time by the clock of the recording drone."""
 
     at_ns: int
     key: str
@@ -34,10 +34,10 @@ class Heard(NamedTuple):
 
 
 class Records:
-    """The records of one mission by one or more of its drones.
+    """Flight records of one mission, by one or more of its drones.
 
-    ``mission``: of all records; ``verifier``: of the log's signatures, None in a swarm without certificates.
-    ``judges_exposures``: see ``FlightHeader``.
+    ``mission``: the mission of all records. ``verifier``: checks the signatures of the log; None in a swarm without certificates.
+    ``judges_exposures``: whether overlapping exposures are ignored (see ``FlightHeader``).
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -60,7 +60,7 @@ class Records:
 
     @property
     def share(self) -> float:
-        """Share of the records read so far, 0 to 1."""
+        """Share of the records that has been read so far, from 0 to 1."""
         size = sum(flight.size_bytes for flight in self._flights)
         return sum(flight.read_bytes for flight in self._flights) / size if size else 1.0
 
@@ -75,7 +75,7 @@ class Records:
         return tuple(flaw for flight in self._flights for flaw in flight.incomplete)
 
     def messages(self) -> Iterator[Heard]:
-        """Yield all messages received and sent by the drones, in the order of their times; repeated messages come once."""
+        """Yield all messages that the drones received or sent, in the order of their times; a repeated message comes once."""
         once = _Once()
         return merge(*(_messages(flight, once) for flight in self._flights), key=lambda heard: heard.at_ns)
 
@@ -99,7 +99,10 @@ class _Once:
 
 
 async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
-    """Read the records into the hub's history, while pages are served; ``every_ms``: interval of the frames shown."""
+    """Read flight records into the history of the web pages, which are served meanwhile.
+
+    ``every_ms``: interval of the shown states of the swarm.
+    """
     began_s = told_s = monotonic()
     picture, shown_ns, now_ns = hub.picture, 0, 0
     last_ns: dict[str, int] = {}

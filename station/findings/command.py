@@ -1,4 +1,4 @@
-"""``radron-station report``: all files of the findings, in a folder or zipped."""
+"""The report on a mission with all its files, as ``radron-station report`` writes it: in a folder or zipped."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ MAX_FLAW = 300  # characters of a flaw
 
 
 def write_report(findings: Findings, folder: Path, identity: Identity | None = None) -> tuple[list[Path], tuple[str, ...]]:
-    """Write all files into a folder; files on Earth only for a mission with a datum. ``identity``: signs the files.
+    """Write all files of the report on a mission into a folder.
+
+    Files with geographic coordinates are only written for a mission with a datum (place on Earth). ``identity``: certificate and
+    key with which the files are signed; None: unsigned.
 
     Returns:
         The files, and the flaws: records with a missing part, and files that could not be made.
@@ -40,7 +43,11 @@ def write_report(findings: Findings, folder: Path, identity: Identity | None = N
 
 
 def zipped(findings: Findings, identity: Identity | None) -> bytes:
-    """Return the same files as a ZIP archive, the flaws in its report.html. Raises FindingsError as ``write_report``."""
+    """Return all files of the report on a mission as a ZIP archive; flaws are named in its report.html.
+
+    Raises:
+        FindingsError: the records hold no message of any drone.
+    """
     files, _ = _sealed(findings, identity)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as written:

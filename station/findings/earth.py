@@ -1,4 +1,4 @@
-"""The findings on Earth (WGS84): GeoJSON, KML, and the dose rate as GeoTIFF."""
+"""Results of a mission in geographic coordinates (WGS84): GeoJSON, KML, and the dose rate as GeoTIFF."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ _STYLES = {"source": "ff0000ff", "region": "ff0000ff", "cordon": "ff003ba3", "ar
 
 
 def geojson(findings: Findings) -> str:
-    """Area, source, region, cordon and tracks as GeoJSON (RFC 7946: longitude, latitude)."""
+    """Return search area, sources, their 90 % regions and cordons, and the drones' tracks as GeoJSON.
+
+    Format: RFC 7946, longitude before latitude.
+    """
     features = [
         {
             "type": "Feature",
@@ -45,7 +48,7 @@ def geojson(findings: Findings) -> str:
 
 
 def kml(findings: Findings) -> str:
-    """The same as KML 2.2."""
+    """Return search area, sources, their 90 % regions and cordons, and the drones' tracks as KML 2.2."""
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
     document = _child(root, "Document")
@@ -73,9 +76,11 @@ def kml(findings: Findings) -> str:
 
 
 def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> bytes | None:
-    """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of all sources of the estimate; EPSG:4326.
+    """Return a map of the dose rate at 1 m above the ground from all estimated sources, as GeoTIFF (EPSG:4326).
 
-    Across the antimeridian the longitudes continue beyond 180 degrees. None without a known activity and constant.
+    Values are ambient dose equivalent rates in uSv/h (float32) over the search area and its fence, in ``cells`` by ``cells``
+    cells. Across the antimeridian the longitudes continue beyond 180 degrees. Return None if no source has both a known activity
+    and a known dose rate constant.
     """
     margin_m = findings.mission.area.fence_margin_m
     corners = np.array(findings.mission.area.polygon_m)

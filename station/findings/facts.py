@@ -1,4 +1,4 @@
-"""The facts of all files of a report: the findings, the searched area, the commands and their signers."""
+"""All facts that a report on a mission needs: the estimates, the searched area, and the commands with their signers."""
 
 from __future__ import annotations
 
@@ -31,12 +31,15 @@ _SLICE_S = 0.02  # of work, before pages are served
 
 
 class FindingsError(RadronError):
-    """A report that cannot be made."""
+    """A report on a mission cannot be made."""
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """An estimate and its time. ``source``: the first source; ``others``: the further sources."""
+    """An estimate of the radioactive sources at one time.
+
+    ``at_ms``: milliseconds UTC. ``source``: the first source of the estimate; ``others``: further sources.
+    """
 
     at_ms: int
     source: SourceFrame
@@ -44,14 +47,16 @@ class Located:
 
     @property
     def sources(self) -> tuple[SourceFrame, ...]:
-        """All sources, in the estimate's order."""
+        """All sources of the estimate, in its order."""
         return (self.source, *self.others)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The source of the facts. ``versions``: of the software. ``commands``: each with an addressed drone, from its record; with
-    ``heard``: as received by a station. ``flaws``: missing parts of the records.
+    """Where the facts of a report come from: flight records, or a station that has received a live flight.
+
+    ``versions``: versions of the software. ``commands``: each command with the drone to which it was addressed. ``heard``: the
+    commands were received by a station, and not read from the drones' records. ``flaws``: missing parts of the records.
     """
 
     versions: dict[str, str]
@@ -62,13 +67,26 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """The facts of one mission.
+    """All facts about one mission that go into its report.
 
-    ``last``: the estimate at the end of the records; ``best``: among estimates with as many sources, the estimate with the
-    smallest RMS of the first source; None without a finding.
-    ``surveyed``: share of the area covered in lanes, by the swarm's log; None without lanes.
-    ``search``: for further sources, at the end; None for an estimator of one source. ``frames``: a second apart.
-    ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
+    Attributes:
+        mission: the mission.
+        drones: ids of the drones.
+        frames: states of the swarm, one for each second.
+        best: of the estimates with as many sources as the last one, the estimate with the smallest RMS error of its first source;
+            None if no source was found.
+        last: the estimate at the end of the records; None if no source was found.
+        excluded_bq: activity in becquerels above which a source in the area is excluded.
+        finding: conclusion of the drones' search.
+        recognised: the nuclide according to the drones' spectra, and its evidence (log likelihood ratio).
+        cones: all Compton cones.
+        exposures: all photon counts.
+        places: position of the camera at the middle of each exposure, in the mission frame, metres.
+        digest: hash of the log.
+        entries: number of log entries.
+        source: where the facts come from.
+        surveyed: covered share of the area that was to be flown in parallel lanes, by the swarm's log; None without lanes.
+        search: the search for further sources at the end; None for an estimator of a single source.
     """
 
     mission: MissionConfig
@@ -89,23 +107,25 @@ class Findings:
     search: SearchFrame | None = None
 
     def on_earth(self, place: Sequence[float]) -> tuple[float, float, float]:
-        """Return latitude and longitude (degrees) and height above the ellipsoid (m) of a place in the mission frame.
+        """Convert a point of the mission frame to latitude and longitude (degrees) and height above the ellipsoid (metres).
 
         Raises:
-            FindingsError: the mission has no datum.
+            FindingsError: the mission has no datum (place on Earth).
         """
         return geodetic_from_mission(self.datum, (place[0], place[1], place[2] if len(place) > 2 else 0.0))
 
     @property
     def datum(self) -> DatumConfig:
-        """Origin of the mission frame on Earth; raises FindingsError for a mission without a datum."""
+        """Place on Earth of the mission frame's origin; raises FindingsError for a mission without a datum."""
         if self.mission.datum is None:
             raise FindingsError("the mission has no [datum], so its places are not known on Earth")
         return self.mission.datum
 
 
 def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings:
-    """Read the records of one mission.
+    """Read the flight records of one mission, and return all facts for its report.
+
+    ``progress``: called with the share read so far, from 0 to 1.
 
     Raises:
         FlightRecordError: records are unreadable, or of several missions.
@@ -122,7 +142,7 @@ def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings
 
 
 def of_records(paths: Sequence[Path], records: Records) -> Source:
-    """Return versions, commands and flaws from the records themselves."""
+    """Return the versions of the software, the commands and the flaws from flight records."""
     flights = [RecordedFlight(path, whole=False) for path in paths]
     commands = ((flight.header.drone.id, each) for flight in flights for each in audit(flight))
     return Source(
@@ -133,7 +153,7 @@ def of_records(paths: Sequence[Path], records: Records) -> Source:
 
 
 def of_station(versions: dict[str, str], orders: Orders) -> Source:
-    """Return versions and commands as received by a station during a live flight."""
+    """Return the versions of the software and the commands that a station has received during a live flight."""
     commands = ((drone, _audited(order, drone)) for order in orders.heard for drone in sorted(order.numbers))
     return Source(versions, tuple(sorted(commands, key=lambda each: each[1].first_ns)), heard=True)
 
@@ -148,7 +168,7 @@ def _audited(order: Heard, drone: str) -> Audited:
 
 
 async def facts_of(hub: Hub, source: Source) -> Findings:
-    """Return the present findings of a hub; pages are served meanwhile."""
+    """Return all facts for a report from the present state of a station, which continues to serve its web pages meanwhile."""
     frames, picture = tuple(hub.history.frames()), hub.picture
     fusion = picture.log.fusion
     located = [Located(frame.at_ms, frame.source, frame.others) for frame in frames if frame.source is not None]

@@ -18,7 +18,7 @@ Line = tuple[str, list[tuple[float, float]]]  # colour and points
 
 
 def flight_map(findings: Findings) -> str:
-    """Area, tracks, each source with its region and cordon."""
+    """Return an SVG map of the search area with the drones' tracks, and each source with its 90 % region and its cordon."""
     area = findings.mission.area.polygon_m
     tracks = [
         [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
@@ -47,7 +47,10 @@ def flight_map(findings: Findings) -> str:
 
 
 def charts(findings: Findings) -> Iterator[str]:
-    """Yield charts of uncertainty and hit rates over the flight, and of all cameras' spectrum; empty charts are left out."""
+    """Yield SVG charts of a flight: uncertainty of the source, hit rates, and the summed spectrum of all cameras.
+
+    Charts without data are left out.
+    """
     began_ms = findings.frames[0].at_ms
     times_s = [(frame.at_ms - began_ms) * 1e-3 for frame in findings.frames]
     sources = [(at_s, frame.source) for at_s, frame in zip(times_s, findings.frames, strict=True)]

@@ -1,4 +1,4 @@
-"""The report to read: one HTML file without scripts, which prints well."""
+"""The report on a mission for people to read: one HTML file without scripts, which prints well."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Row = tuple[str, str]
 
 
 def report_html(findings: Findings) -> str:
-    """Return the HTML document."""
+    """Return the report on a mission as an HTML document."""
     mission, frames = findings.mission, findings.frames
     title = f"Findings: {mission.name}"
     began, ended = (utc(frames[place].at_ms * 1_000_000) for place in (0, -1))

@@ -25,7 +25,7 @@ _NAMESPACE = "http://physics.nist.gov/N42/2011/N42"
 
 
 def n42(findings: Findings) -> str:
-    """Return the N42 document."""
+    """Return the spectra measured in a mission as an N42 document (ANSI N42.42-2012, the format of radiation instruments)."""
     ElementTree.register_namespace("", _NAMESPACE)
     root = ElementTree.Element(f"{{{_NAMESPACE}}}RadInstrumentData")
     root.set("n42DocUUID", str(uuid.uuid5(uuid.NAMESPACE_OID, findings.digest)))
@@ -44,7 +44,10 @@ def n42(findings: Findings) -> str:
 
 
 def spectrum_of(exposures: Sequence[Exposure]) -> NDArray[np.int64]:
-    """Counts (32,) by bin: single clusters and coincidences."""
+    """Return the summed spectrum of several exposures: 32 counts by energy bin, single clusters and coincidences together.
+
+    A cluster is a group of adjacent pixels hit by one particle; a coincidence is a pair of simultaneous clusters.
+    """
     counts = np.zeros(BINS, dtype=np.int64)
     for exposure in exposures:
         for each in exposure.spectrum:

@@ -1,4 +1,4 @@
-"""The report on demand, beside a live flight or from open records."""
+"""The report on a mission at an operator's request, during a live flight or from open flight records."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 def reports(
     hub: Hub, identity: Identity | None, paths: Sequence[Path] = (), records: Records | None = None
 ) -> Callable[[], Awaitable[bytes]]:
-    """Return a function that makes a report as a ZIP archive; ``records``: the hub's source, None: a live flight.
+    """Return a function that makes the report on the present state of a mission, as a ZIP archive.
 
-    ``identity``: signs the report.
+    ``identity``: certificate and key with which the report is signed; None: unsigned. ``paths`` and ``records``: the flight
+    records that the station shows; None: a live flight.
     """
 
     async def report() -> bytes:

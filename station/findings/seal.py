@@ -26,7 +26,10 @@ _WRITTEN = "%Y-%m-%dT%H:%M:%SZ"
 
 @dataclass(frozen=True, slots=True)
 class Sealed:
-    """An unchanged report. ``digest``: the lines about the log."""
+    """A signed report on a mission whose files are unchanged since the signature.
+
+    ``signer``: the member of the swarm that has signed. ``digest``: the signed lines about the mission and its log.
+    """
 
     signer: Peer
     files: tuple[str, ...]
@@ -34,7 +37,10 @@ class Sealed:
 
 
 def digest_of(findings: Findings, now_ns: int) -> bytes:
-    """Return the signed lines about the mission and its log."""
+    """Return the lines about a mission and its log that a report's signature covers.
+
+    They name the mission, the hash and the size of the log, and the time of writing.
+    """
     mission = findings.mission
     lines = {
         "mission": mission.mission_id,
@@ -47,7 +53,7 @@ def digest_of(findings: Findings, now_ns: int) -> bytes:
 
 
 def sealed(files: Mapping[str, bytes], identity: Identity | None) -> Iterator[tuple[str, bytes]]:
-    """Yield the checksums of files, and with an identity their signature and its certificate."""
+    """Yield the file with the checksums of a report's files and, with an ``identity``, its signature and certificate."""
     sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())).encode()
     yield SUMS, sums
     if identity is not None:
@@ -56,7 +62,9 @@ def sealed(files: Mapping[str, bytes], identity: Identity | None) -> Iterator[tu
 
 
 def verify(folder: Path, authority_file: Path) -> Sealed:
-    """Check that a report is unchanged since a member of the swarm signed it.
+    """Check that the files of a report are unchanged since a member of the swarm signed them.
+
+    ``authority_file``: certificate of the swarm's authority.
 
     Raises:
         FindingsError: changed or not signed; one line names the difference.
@@ -87,7 +95,7 @@ def verify(folder: Path, authority_file: Path) -> Sealed:
 
 
 def others(folder: Path, seal: Sealed) -> list[str]:
-    """Return the files in the folder that are not part of the signed report."""
+    """Return the names of files in a report's folder that the signature does not cover."""
     known = {*seal.files, SUMS, SIGNATURE, SIGNER}
     return sorted(path.name for path in folder.iterdir() if path.name not in known)
 

@@ -1,4 +1,4 @@
-"""Trajectories and cones as CSV."""
+"""The drones' tracks and the Compton cones of a mission as CSV tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from station.findings.facts import Findings
 
 
 def tracks_csv(findings: Findings) -> str:
-    """A line for each drone and second: time (UTC), place (mission frame, m; on Earth if known), hits per second."""
+    """Return the drones' tracks as a CSV table, with a line for each drone and second.
+
+    Columns: time (UTC), position (mission frame, metres; geographic if the mission has a datum), hits per second.
+    """
     earth = findings.mission.datum is not None
     rows = []
     for frame in findings.frames:
@@ -25,7 +28,11 @@ def tracks_csv(findings: Findings) -> str:
 
 
 def cones_csv(findings: Findings) -> str:
-    """A line for each reading of each cone: apex and axis (mission frame), opening angle and its 1 sigma, probability."""
+    """Return the Compton cones as a CSV table, with a line for each of the two possible readings of a cone.
+
+    A reading takes one of the two clusters of pixels for the recoil electron. Columns: apex and axis (mission frame), opening
+    angle and its 1-sigma error (degrees), probability of the reading.
+    """
     rows = [
         (
             utc(cone.stamp_ns),
@@ -45,7 +52,7 @@ def cones_csv(findings: Findings) -> str:
 
 
 def utc(at_ns: int) -> str:
-    """A time as ISO 8601 with milliseconds."""
+    """Return a time (nanoseconds UTC) as ISO 8601 text with milliseconds."""
     return datetime.fromtimestamp(at_ns // 1_000_000 / 1000.0, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 

@@ -21,9 +21,11 @@ _TURN = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 
 
 def ground_curves(cone: ConeObservation, ground: Ground, reach_m: float = REACH_M) -> tuple[tuple[Point, ...], ...]:
-    """Return the intersection of the more probable reading's surface with the ground within a horizontal distance.
+    """Return the curves on the ground from which the photon of a Compton cone may have come, for the map.
 
-    Pieces of at least two points. The ground is taken as level at its height below the camera: sufficient for a line on a map.
+    Of the cone's two possible readings, the more probable one is intersected with the ground, up to the horizontal distance
+    ``reach_m``. Each curve has at least two points. The ground is taken as level at its height below the camera, which is
+    sufficient for a line on a map.
     """
     reading = cone.probable
     x, y, z = reading.apex

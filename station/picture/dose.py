@@ -29,7 +29,10 @@ CONSTANTS = {
 
 
 def rate_usvph(nuclide: str, activity_bq: float, distance_m: float = 1.0) -> float | None:
-    """Return the ambient dose equivalent rate (uSv/h) at a distance; None for a nuclide without a known constant."""
+    """Return the ambient dose equivalent rate (uSv/h) of a point source at a distance.
+
+    Return None for a nuclide without a known dose rate constant.
+    """
     constant = CONSTANTS.get(nuclide)
     return None if constant is None else constant * activity_bq * 1e-6 / distance_m**2
 
@@ -37,8 +40,16 @@ def rate_usvph(nuclide: str, activity_bq: float, distance_m: float = 1.0) -> flo
 def expected_usvph(
     nuclide: str, sources: NDArray[np.float64], activity_bq: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Expected rates (N,) at 1 m above the places (N, 2), for possible sources (C, 2) on the ground below, with activities (C,)
-    already multiplied by their probabilities; None for a nuclide without a known constant.
+    """Return the expected dose rate at several places, averaged over all places where the source may be (uSv/h).
+
+    Args:
+        nuclide: the nuclide; without a known dose rate constant the result is None.
+        sources: (C, 2) possible source positions on the ground, metres.
+        activity_bq: (C,) activity at each of these positions, already multiplied by the position's probability.
+        places: (N, 2) ground positions; the dose rate is computed 1 m above them.
+
+    Returns:
+        (N,) dose rates.
     """
     constant = CONSTANTS.get(nuclide)
     if constant is None:

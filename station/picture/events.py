@@ -1,4 +1,4 @@
-"""The timeline: changes from one frame to the next."""
+"""Timeline of a flight: the changes from one state of the swarm to the next, as events for the operator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from station.picture.orders import Heard
 
 
 def told(order: Heard, at_ms: int) -> Event:
-    """Return the event of a station's order; an order reported by drones has its own time, possibly long ago."""
+    """Return the timeline's event for an operator's order.
+
+    An order that is only known from the drones' reports gets the time of the order, possibly long ago.
+    """
     at_ms = order.first_ns // 1_000_000 if order.told else at_ms
     values = {"station": order.station, "action": order.action, "drones": ", ".join(order.numbers)}
     if not order.refused:
@@ -19,7 +22,7 @@ def told(order: Heard, at_ms: int) -> Event:
 
 
 class Events:
-    """Compares each frame with the one before."""
+    """Finds events for the timeline, such as a found source, by comparing each state of the swarm with the state before."""
 
     def __init__(self, drones: list[str]) -> None:
         self._before: dict[str, DroneFrame] = {drone: DroneFrame(id=drone) for drone in drones}
@@ -27,7 +30,7 @@ class Events:
         self._finding = ""
 
     def since(self, frame: Frame) -> list[Event]:
-        """Return the events between the last frame given and this frame."""
+        """Return the events between the last state of the swarm that was passed here and this ``frame``."""
         found = [event for drone in frame.drones for event in self._of_drone(drone, frame.at_ms)]
         if (frame.source is not None) != self._had_source:
             self._had_source = frame.source is not None

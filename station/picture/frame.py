@@ -1,4 +1,4 @@
-"""The page's messages: one frame of the swarm at a time, and the layers of the map that change less often.
+"""Messages from the station to the operator's web page: the state of the swarm, and map layers that change less often.
 
 Mission frame, metres, radians counter-clockwise from east, seconds; times in milliseconds UTC, which JavaScript counts exactly.
 """
@@ -15,12 +15,14 @@ Value = float | Annotated[str, Meta(max_length=200)] | None
 
 
 class DroneFrame(Struct, frozen=True, kw_only=True):
-    """One drone. ``place``: (x, y, z), None if unknown; ``sigma_m``: horizontal, 1 sigma, by the drone itself.
+    """State of one drone for the operator's web page.
 
-    ``age_s``: since its last message, None: never heard. ``rates_ps``: hits, full-energy events and coincidences per second.
-    ``other_mission``: id of the drone's mission, if that is not the mission shown. ``same_log``: whether the drone's log digest
-    is among the station's of the last seconds; ``apart_m``: distance between the drone's and the station's source estimates,
-    None: no recent estimate from the drone.
+    ``place``: (x, y, z) in the mission frame, metres; None if unknown. ``sigma_m``: horizontal 1-sigma error by the drone's own
+    estimate. ``age_s``: time since its last message; None: never heard. ``alive``: the drone is connected. ``rates_ps``: hits,
+    full-energy events and coincidences per second. ``clock_s``: error of its clock. ``other_mission``: id of the drone's mission,
+    if different from the mission shown. ``same_log``: whether the drone's log digest equals one of the station's digests of the
+    last seconds. ``apart_m``: distance between the drone's and the station's source estimates; None: no recent estimate from the
+    drone.
     """
 
     id: str
@@ -46,10 +48,12 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
 
 
 class SourceFrame(Struct, frozen=True, kw_only=True):
-    """A source of the hypothesis. ``covariance_m2``: xx, xy, xz, yy, yz, zz. ``region``: semi-axes (m) and direction of the long
-    axis (rad) of the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at
-    1 m, None for an unknown activity or nuclide; ``number``: the source's name, the same from frame to frame; ``bearing_deg``:
-    from the area's centre to a source beyond the fence, None for a source within.
+    """One estimated radioactive source for the operator's web page.
+
+    ``covariance_m2``: error covariance of the position (xx, xy, xz, yy, yz, zz). ``region``: ellipse that contains the source
+    with a probability of 90 %: semi-axes (m) and direction of the long axis (rad). ``dose_usvph``: ambient dose equivalent rate
+    at 1 m; None for an unknown activity or nuclide. ``number``: number in the source's name, which stays constant over time.
+    ``bearing_deg``: direction from the centre of the area to a source beyond the fence; None for a source within.
     """
 
     place: tuple[float, float, float]
@@ -68,11 +72,12 @@ class SourceFrame(Struct, frozen=True, kw_only=True):
 
 
 class SearchFrame(Struct, frozen=True, kw_only=True):
-    """The search before a hypothesis. ``none``: probability of no source; ``excluded_bq``: stronger sources are excluded.
+    """State of the search for a source that has not been found yet, for the operator's web page.
 
-    A search for several sources goes on beside the sources found; these fields are then of a further source. ``nuclides_bq``:
-    exclusion limit by nuclide; ``left``, ``glare``: shares of the area where a further source may still be, and where the sources
-    found outshine it.
+    ``none``: probability that there is no source. ``excluded_bq``: activity above which a source in the area is excluded. An
+    estimator of several sources continues the search beside the sources found; the fields then refer to a further source.
+    ``nuclides_bq``: exclusion limit for each nuclide. ``left``: share of the area where a further source may still be. ``glare``:
+    share of the area where the sources found outshine a further source.
     """
 
     none: float
@@ -83,7 +88,10 @@ class SearchFrame(Struct, frozen=True, kw_only=True):
 
 
 class Frame(Struct, frozen=True, kw_only=True):
-    """The swarm at one time. ``warnings``: of the station's link and log; ``revoked``: names of the revoked members."""
+    """State of the whole swarm at one time, for the operator's web page.
+
+    ``warnings``: problems of the station's link and log. ``revoked``: names of members whose rights have been withdrawn.
+    """
 
     kind: str = "frame"
     at_ms: int
@@ -99,10 +107,12 @@ class Frame(Struct, frozen=True, kw_only=True):
 
 
 class Raster(Struct, frozen=True, kw_only=True):
-    """A layer of the map: ``values`` of its cells row by row from the south-west, as bytes from 0 to 255 in base64.
+    """A raster layer of the map on the operator's web page: probability density of the source, or dose rate.
 
-    ``origin``: of the south-west corner; ``cell_m``: edge of a cell; ``scale``: value of 255 (``belief``: probability density
-    per m2), or the scale of the page's levels (``dose``: uSv/h = 1e-3 * 10^(value / 32), 0: less).
+    ``values``: values of the cells row by row from the south-west corner, as bytes from 0 to 255 in base64. ``origin``:
+    south-west corner. ``cell_m``: edge of a cell. ``scale``: for the layer ``belief``, the probability density (per m2) of the
+    value 255; for the layer ``dose``, the largest dose rate (uSv/h). The values of ``dose`` are logarithmic: uSv/h = 1e-3 *
+    10^(value / 32), 0: less.
     """
 
     kind: str
@@ -116,9 +126,10 @@ class Raster(Struct, frozen=True, kw_only=True):
 
 
 class DroneSpectrum(Struct, frozen=True):
-    """Events of one camera in the last seconds, by bin: single clusters, and coincidences by the sum of their energies.
+    """Gamma spectrum of one drone's camera over the last seconds, for the operator's web page.
 
-    ``live_s``: live time of the counts.
+    ``live_s``: live time of the counts. ``singles``: number of single clusters (adjacent pixels hit by one particle) in each
+    energy bin. ``coincidences``: number of pairs of simultaneous clusters, by the sum of their energies.
     """
 
     id: str
@@ -128,7 +139,7 @@ class DroneSpectrum(Struct, frozen=True):
 
 
 class Spectra(Struct, frozen=True, kw_only=True):
-    """The cameras' spectra."""
+    """The gamma spectra of all drones' cameras over the last seconds."""
 
     kind: str = "spectra"
     at_ms: int
@@ -136,7 +147,7 @@ class Spectra(Struct, frozen=True, kw_only=True):
 
 
 class ConeCurve(Struct, frozen=True, kw_only=True):
-    """The curves of a Compton cone on the ground, by its more probable reading, in pieces."""
+    """A Compton cone on the map: the curves where its more probable reading meets the ground."""
 
     at_ms: int
     drone: str
@@ -144,7 +155,10 @@ class ConeCurve(Struct, frozen=True, kw_only=True):
 
 
 class Event(Struct, frozen=True, kw_only=True):
-    """An event of the timeline. ``level``: ``info``, ``warning``. ``text``: a key of the page's texts, with ``values`` for it."""
+    """An event of the timeline on the operator's web page, such as a found source or a command.
+
+    ``level``: ``info`` or ``warning``. ``text``: key of a text in the page's language files, into which ``values`` are inserted.
+    """
 
     kind: str = "event"
     at_ms: int
@@ -154,7 +168,10 @@ class Event(Struct, frozen=True, kw_only=True):
 
 
 class Field(Struct, frozen=True):
-    """A key of the mission file open to changes. ``choices``: of a text, empty: any; ``optional``: may be empty."""
+    """A setting of the mission file that can be changed on the operator's web page.
+
+    ``number``: the value is a number. ``choices``: allowed texts; empty: any text. ``optional``: the value may be empty.
+    """
 
     key: str
     value: Value
@@ -164,7 +181,7 @@ class Field(Struct, frozen=True):
 
 
 class Editor(Struct, frozen=True, kw_only=True):
-    """The content of a page's mission editor: corners of the area, values, and launch places by drone."""
+    """Content of the mission editor on the operator's web page: corners of the area, settings, and launch place of each drone."""
 
     area: tuple[Point, ...]
     fields: tuple[Field, ...]
@@ -172,7 +189,10 @@ class Editor(Struct, frozen=True, kw_only=True):
 
 
 class Flaw(Struct, frozen=True):
-    """A flaw of a draft, in one line. ``field``: its key in the mission file; empty: no single key."""
+    """Why an operator's changes of a mission are not acceptable, in one line.
+
+    ``field``: key in the mission file; empty: no single key.
+    """
 
     field: str
     text: str
@@ -187,7 +207,7 @@ class TileLevels(Struct, frozen=True, array_like=True):
 
 
 class Checked(Struct, frozen=True, kw_only=True):
-    """The answer to a draft: flaws, or the mission's id, fence and file."""
+    """Answer to an operator's changes of a mission: their flaws, or the new mission's id, fence and file."""
 
     kind: str = "checked"
     number: int
@@ -198,8 +218,11 @@ class Checked(Struct, frozen=True, kw_only=True):
 
 
 class MissionFrame(Struct, frozen=True, kw_only=True):
-    """The page's data that does not change in a flight. ``energies_kev``: edges of the spectra's bins. ``commands``: allowed
-    commands; ``editor``: None: no upload allowed; ``report``, ``layer``: whether available; ``tiles``: None: no tiles.
+    """Everything about a mission that the operator's web page shows and that does not change in flight.
+
+    ``area``, ``fence``: corners. ``datum_deg``: latitude and longitude of the origin. ``energies_kev``: edges of the spectra's
+    bins. ``commands``: allowed commands. ``editor``: content of the mission editor; None: no upload allowed. ``report``,
+    ``layer``: whether available. ``tiles``: zoom levels of the background images; None: no images.
     """
 
     kind: str = "mission"

@@ -1,4 +1,4 @@
-"""One drone's newest messages at a station."""
+"""Newest messages of one drone, as a station has received them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ Course = tuple[Point, ...]  # course of a plan, mission frame
 
 
 class Member:
-    """The newest messages of a drone. ``seen_ns``: time of the last message, by the station's clock; 0: never heard."""
+    """Keeps the newest messages of one drone, and derives from them what the operator's web page shows of this drone.
+
+    ``seen_ns``: time of the last message by the station's clock, nanoseconds UTC; 0: never heard.
+    """
 
     def __init__(self, drone: str, localization: str) -> None:
         self.drone = drone
@@ -42,7 +45,7 @@ class Member:
         self._spectra: deque[Exposure] = deque()
 
     def hear(self, message: object, now_ns: int) -> None:
-        """Take a message of this drone, unless a newer message of its kind is known."""
+        """Store a message of this drone, unless a newer message of its kind is known."""
         self.seen_ns = max(self.seen_ns, now_ns)
         if isinstance(message, Pose) and _newer(message, self.pose):
             self.pose = message
@@ -56,7 +59,7 @@ class Member:
             self.estimate = message
 
     def expose(self, exposure: Exposure) -> None:
-        """Take the counts of an exposure from the log."""
+        """Add the photon counts of an exposure (one counting interval of the camera) from the log."""
         self._exposures.append(exposure)
         newest_ns = max(each.end_ns for each in self._exposures)
         while self._exposures and self._exposures[0].end_ns < newest_ns - RATES_S * 1e9:
@@ -67,23 +70,30 @@ class Member:
             self._spectra.popleft()
 
     def is_stale(self, now_ns: int) -> bool:
-        """Return whether the drone's messages have stopped for ``STALE_S``, or its process has ended."""
+        """Return whether no message has come for ``STALE_S`` seconds, or the drone's program has ended."""
         return not self.alive or now_ns - self.seen_ns > STALE_S * 1e9
 
     def transform(self, epoch: int, known: Transform | None) -> Transform | None:
-        """Return the drone's local frame in the mission frame: from the log (``known``), else as published by the drone."""
+        """Return the transform from the drone's local frame of this ``epoch`` to the mission frame; None if unknown.
+
+        ``known``: the transform according to the log, which is preferred; otherwise the drone's own published transform is
+        returned.
+        """
         if known is not None or self.frame is None or self.frame.epoch != epoch:
             return known
         return Transform(self.frame.yaw_rad, self.frame.translation_m)
 
     def rates_ps(self, now_ns: int) -> tuple[float, float, float] | None:
-        """Return hits, full-energy events and coincidences per second of live time; None without recent exposures."""
+        """Return hits, full-energy events and coincidences per second of live time; None without recent exposures.
+
+        A coincidence is a pair of simultaneous clusters of pixels.
+        """
         if self._rates is None or now_ns - self._exposures[-1].end_ns > 2.0 * RATES_S * 1e9:
             return None
         return self._rates
 
     def spectrum(self, now_ns: int) -> DroneSpectrum | None:
-        """Return the camera's spectrum; None without recent exposures."""
+        """Return the gamma spectrum of the camera over the last seconds; None without recent exposures."""
         if not self._spectra or now_ns - max(each.end_ns for each in self._spectra) > SPECTRUM_S * 1e9:
             return None
         singles, coincidences = [0] * BINS, [0] * BINS
@@ -95,12 +105,15 @@ class Member:
         return DroneSpectrum(self.drone, live_s, tuple(singles), tuple(coincidences))
 
     def recent_estimate(self, now_ns: int) -> Estimate | None:
-        """Return the drone's own estimate; None without a recent estimate."""
+        """Return the drone's own source estimate; None if there is no recent one."""
         estimate = self.estimate
         return estimate if estimate is not None and now_ns - estimate.stamp_ns < ESTIMATE_S * 1e9 else None
 
     def shown(self, now_ns: int, mission_from_local: Transform | None) -> DroneFrame:
-        """Return this drone for a frame of the page. ``mission_from_local``: of its newest pose's epoch."""
+        """Return the state of this drone as the operator's web page shows it.
+
+        ``mission_from_local``: transform from the drone's local frame to the mission frame, for its newest pose; None if unknown.
+        """
         status, pose = self.status, self.pose
         frame = DroneFrame(
             id=self.drone,

@@ -1,4 +1,4 @@
-"""Numbers of the sources, used in their names: a source keeps its number at any place in the estimate's list."""
+"""Numbers of the estimated sources, used in their names: a source keeps its number at any position in the estimate's list."""
 
 from __future__ import annotations
 
@@ -21,18 +21,21 @@ class _Known:
 
 
 def numbered(source: SourceFrame, between: str = " ") -> str:
-    """Return the suffix of a source's name with its number; empty for the first source."""
+    """Return the number of a source as a suffix for its name, such as " 2"; empty for the first source."""
     return f"{between}{source.number}" if source.number > 1 else ""
 
 
 class Numbering:
-    """The numbers of one mission's sources, from 1. A single source keeps its number at any distance."""
+    """Gives each estimated source a number that stays constant while estimates move it or change the order of the list.
+
+    Numbers begin at 1. A single source keeps its number at any distance.
+    """
 
     def __init__(self) -> None:
         self._known: dict[int, _Known] = {}
 
     def numbered(self, sources: Sequence[SourceFrame], at_ms: int) -> tuple[SourceFrame, ...]:
-        """Return the sources of an estimate with their numbers, in the same order."""
+        """Return the sources of an estimate with their numbers, in unchanged order. ``at_ms``: time of the estimate."""
         self._known = {number: one for number, one in self._known.items() if 0 <= at_ms - one.at_ms < KNOWN_MS}
         numbers = dict(self._recognised(sources))
         for place in range(len(sources)):

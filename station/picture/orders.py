@@ -1,8 +1,8 @@
-"""The operators' orders at a station: signer, action, and the drones that have obeyed.
+"""Orders of all operators, as a station knows them: signer, action, and the drones that have obeyed.
 
-Stations have no links to each other, so another operator's order is known from the drones' reports: a status names the last
-order obeyed by its drone. Older drones report only a number above the last order's. Uploads are answered. A drone's refusal of
-an order is only in the drone's record.
+Stations have no links to each other, so another operator's order is known from the drones' reports: a status names the last order
+that its drone has obeyed. Older drones report only a number above the number of the last order. Uploads are answered. A drone's
+refusal of an order is only in the drone's record.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ Key = tuple[object, ...]
 
 @dataclass(slots=True)
 class Heard:
-    """An order and its copies.
+    """An operator's order, such as a command to land, as a station knows it.
 
-    ``first_ns``, ``last_ns``: times of the first and the last copy. ``signer``: the member that signed; None: no member of this
-    swarm, or unknown. ``told``: known from reports of drones that have obeyed. ``refused``: why no drone obeys, by the name of
-    the drones' counter. By drone: ``numbers``, of the last copy; ``results``, if known.
+    ``first_ns``, ``last_ns``: arrival of the first and the last copy, as an order is repeated. ``signer``: the member that has
+    signed; None: no member of this swarm, or unknown. ``told``: known only from reports of drones that have obeyed. ``refused``:
+    why no drone obeys, by the name of the drones' counter. ``numbers``: by drone, the number in the last copy; ``results``: by
+    drone, what it did, if known.
     """
 
     first_ns: int
@@ -51,7 +52,10 @@ class Heard:
 
 
 class Orders:
-    """The orders of all stations, in the order of their arrival here. ``own``: name of this station, whose orders are no news."""
+    """Collects the orders of all stations, in the order of their arrival at this station.
+
+    ``own``: name of this station; its own orders are not reported as new.
+    """
 
     def __init__(self, verifier: Verifier | None) -> None:
         """``verifier``: of the orders' signatures; None: in a swarm without certificates, with commands open to every station."""
@@ -68,11 +72,14 @@ class Orders:
 
     @property
     def heard(self) -> tuple[Heard, ...]:
-        """All orders kept."""
+        """All orders collected so far."""
         return tuple(self._heard.values())
 
     def news(self, now_ns: int) -> list[Heard]:
-        """Return the new orders since the last call; orders reported by drones only after ``GATHER_NS``."""
+        """Return the orders that are new since the last call.
+
+        An order that only drones have reported comes after ``GATHER_NS``, when all drones that have obeyed have reported it.
+        """
         news, self._news = self._news, []
         ready: list[Heard] = []
         for one in news:
@@ -80,7 +87,10 @@ class Orders:
         return ready
 
     def take(self, order: Order, now_ns: int) -> None:
-        """Note an order. Refused orders are noted once for each station and reason, and in bounded number."""
+        """Record an order that has arrived.
+
+        Refused orders are recorded once for each station and reason, and in limited number.
+        """
         refused = self._verifier.refusal(order, now_ns) if self._verifier is not None else None
         key = (order.station, refused) if refused else (order.station, order.stamp_ns, _name(order))
         known = self._heard.get(key)
@@ -105,7 +115,7 @@ class Orders:
             self._uploads[order.stamp_ns] = known
 
     def hear(self, status: Status, now_ns: int) -> None:
-        """Note a drone's report of the orders addressed to it."""
+        """Record what a drone's status says about the orders addressed to this drone."""
         if status.ticket is not None:
             self._hear(status, status.ticket.number - 1, now_ns)
         drone, answer = status.drone, status.upload

@@ -1,4 +1,4 @@
-"""The whole flight in rows, for the charts and the trails of the page: a row for each second, fewer for a long flight."""
+"""Course of a whole flight in coarse steps, for charts and tracks on the web page: a row each second, fewer for long flights."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ Row = list[int | list[float | None] | None]
 
 
 class Overview:
-    """A row for each frame kept: time, place of the source with its RMS, then place and hit rate of each drone; mission frame, m.
+    """Stores the course of a flight: for each second the source's position and RMS error, and each drone's position and hit rate.
 
-    In memory a row is a time and three numbers for the source and for each drone, NaN if unknown.
+    Positions are in the mission frame, metres. In memory a row is a time and three numbers for the source and for each drone, NaN
+    if unknown.
     """
 
     def __init__(self, drones: int) -> None:
@@ -30,7 +31,7 @@ class Overview:
         return len(self._at_ms)
 
     def add(self, frame: Frame) -> None:
-        """Append the row of a frame."""
+        """Append the row for a state of the swarm."""
         self._at_ms.append(frame.at_ms)
         source = frame.source
         self._values.extend((*source.place[:2], round(source.rms_m, 3)) if source is not None else _UNKNOWN)
@@ -39,20 +40,20 @@ class Overview:
             self._values.extend((*drone.place[:2], hits) if drone.place is not None else _UNKNOWN)
 
     def row(self, place: int) -> Row:
-        """Return a row for the page: null for unknown values."""
+        """Return the row with the index ``place`` for the web page; unknown values are None."""
         values = self._values[place * self._width : (place + 1) * self._width].tolist()
         row: Row = [self._at_ms[place]]
         row += [None if math.isnan(x) else [x, y, _known(last)] for x, y, last in zip(*3 * [iter(values)], strict=True)]
         return row
 
     def rows(self) -> list[Row]:
-        """About ``MOST_ROWS`` rows of the whole flight, the newest included."""
+        """Return the whole flight in about ``MOST_ROWS`` rows, with the newest row last."""
         last = len(self) - 1
         step = max(1, -(-last // MOST_ROWS))
         return [self.row(place) for place in (*range(0, last, step), last) if place >= 0]
 
     def trails(self, at_ms: int) -> list[list[Point]]:
-        """Return each drone's places in the minute before a time."""
+        """Return the positions of each drone in the minute before a time (ms)."""
         first, behind = bisect_right(self._at_ms, at_ms - TRAIL_MS), bisect_right(self._at_ms, at_ms)
         trails: list[list[Point]] = []
         for column in range(3, self._width, 3):

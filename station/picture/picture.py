@@ -1,4 +1,4 @@
-"""The station's picture of the swarm: messages in, frames for the page out."""
+"""The station's knowledge of the swarm: messages of the network go in, states for the web page come out."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ _CLOCKS_NS = 1_000_000_000
 
 
 class Picture:
-    """The station's picture of the swarm.
+    """The station's knowledge of the swarm, from all messages that it has received.
 
-    ``log``: the log with the estimate. ``orders``: the operators'. ``counters``: dropped messages, by reason. The hypothesis is
-    computed here, from the same log and by the same code as on board; the drones' own estimates only show whether they agree.
-    ``link_problems``: of the station's own link.
+    The station computes the source estimate itself, from the same log and with the same code as the drones; the drones' own
+    estimates only show whether they agree. ``log``: the log with the estimate. ``orders``: orders of all operators. ``counters``:
+    numbers of dropped messages, by reason. ``link_problems``: problems of the station's own link.
     """
 
     def __init__(
@@ -90,7 +90,10 @@ class Picture:
         self._clocks_ns = 0  # time of the offsets
 
     def about(self, replay: bool) -> MissionFrame:
-        """Return the page's data that does not change in a flight."""
+        """Return everything about the mission that the web page shows and that does not change in flight.
+
+        ``replay``: a flight record is shown, and not a live flight.
+        """
         mission, datum = self.mission, self.mission.datum
         area = Polygon(mission.area.polygon_m)
         fence = area.buffer(mission.area.fence_margin_m)
@@ -109,13 +112,16 @@ class Picture:
         )
 
     def of(self, mission: MissionConfig) -> Picture:
-        """Return a picture of the same swarm with another mission, empty except for the orders."""
+        """Return an empty picture of this swarm for another mission; only the orders are kept."""
         picture = Picture(mission, self._verifier, self._estimators)
         picture.orders = self.orders
         return picture
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
-        """Take a message from the mesh. An invalid message is counted and dropped."""
+        """Process a message from the network. An invalid message is counted and dropped.
+
+        ``now_ns``: time of arrival, nanoseconds UTC.
+        """
         try:
             message = decode_from(key, payload)
         except ProtocolError:
@@ -151,18 +157,18 @@ class Picture:
             self.log.start(message.started_ns)
 
     def appear(self, alive: Collection[str]) -> None:
-        """Set the drones with a liveliness token."""
+        """Set which drones are connected to the network."""
         for name, member in self.members.items():
             member.alive = name in alive
 
     def advance(self, now_ns: int) -> None:
-        """Process received log entries."""
+        """Process log entries that have been received, and update the source estimate."""
         self.log.advance(now_ns)
         if not self._digests or self._digests[-1] != self.log.fusion.digest:
             self._digests.append(self.log.fusion.digest)
 
     def frame(self, now_ns: int) -> Frame:
-        """Return the present frame of the swarm."""
+        """Return the state of the swarm at this time (nanoseconds UTC), for the web page."""
         if abs(now_ns - self._clocks_ns) >= _CLOCKS_NS:  # statuses come once a second
             self._clocks_s, self._clocks_ns = {name: self._clock_s(member) for name, member in self.members.items()}, now_ns
         drones = tuple(self._drone(member, now_ns) for member in self.members.values())
@@ -184,11 +190,14 @@ class Picture:
         )
 
     def events(self, frame: Frame) -> list[Event]:
-        """Return orders and other events since the last frame."""
+        """Return the events for the timeline since the last call: orders and changes of the swarm's state."""
         return [*(told(order, frame.at_ms) for order in self.orders.news(frame.at_ms * 1_000_000)), *self._events.since(frame)]
 
     def cones(self) -> list[ConeCurve]:
-        """Return the log's new cones since the last call, as curves on the ground; cones of unknown frames are left out."""
+        """Return the Compton cones that are new since the last call, as curves on the ground.
+
+        A cone of a drone whose local frame is not known in the mission frame is left out.
+        """
         found, waiting = [], list(self._cones)
         self._cones.clear()
         for cone in waiting:
@@ -200,7 +209,7 @@ class Picture:
         return found
 
     def rasters(self, now_ns: int) -> list[Raster]:
-        """Return the layers of the map: the probability density of the source, and the expected dose rate."""
+        """Return the raster layers of the map: probability density of the source, and expected dose rate."""
         posterior = self.log.posterior(now_ns)
         if posterior is None:
             return []
@@ -209,7 +218,7 @@ class Picture:
         return [self._rasters.belief(posterior, at_ms), *([dose] if dose is not None else [])]
 
     def spectra(self, now_ns: int) -> Spectra:
-        """Return the cameras' spectra of the last seconds."""
+        """Return the gamma spectra of all cameras over the last seconds."""
         found = (member.spectrum(now_ns) for member in self.members.values())
         return Spectra(at_ms=now_ns // 1_000_000, drones=tuple(one for one in found if one is not None))
 
@@ -289,5 +298,5 @@ def _search(outlook: Outlook) -> SearchFrame:
 
 
 def corners(polygon: Polygon) -> tuple[Point, ...]:
-    """Return the corners of a polygon's outline, to the centimetre, closed by the first corner."""
+    """Return the corners of a polygon's outline, rounded to the centimetre; the first corner is repeated at the end."""
     return tuple((round(x, 2), round(y, 2)) for x, y in polygon.exterior.coords)

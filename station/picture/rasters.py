@@ -1,4 +1,4 @@
-"""The posterior as layers of the map: probability density of the source, and the dose rate from it."""
+"""Raster layers of the map from the estimator's posterior: probability density of the source, and dose rate."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ LEAST_USVPH = 1e-3
 
 
 class Rasters:
-    """Layers over the mission's area up to its fence; while the source is tracked, the belief is drawn closely around it."""
+    """Makes the raster layers of the map, which cover the mission's area up to its fence.
+
+    While the source is tracked, the layer of its probability density covers only its surroundings.
+    """
 
     def __init__(self, mission: MissionConfig) -> None:
         corners, margin_m = np.array(mission.area.polygon_m), mission.area.fence_margin_m
@@ -33,7 +36,7 @@ class Rasters:
         self._nuclide = mission.nuclide_text
 
     def belief(self, posterior: Posterior, at_ms: int) -> Raster:
-        """Probability density, per m2."""
+        """Return the probability density of the source's position (per m2) as a layer of the map."""
         low, high = self._low, self._high
         if posterior.kind != "grid":
             low, high = _around(posterior)
@@ -46,7 +49,11 @@ class Rasters:
         return _raster("belief", at_ms, low, cell_m, columns, values, most)
 
     def dose(self, posterior: Posterior, hypothesis: Hypothesis | None, outlook: Outlook | None, at_ms: int) -> Raster | None:
-        """Return the expected dose rate at 1 m above the ground; None without an activity or a constant for the nuclide."""
+        """Return the expected dose rate at 1 m above the ground as a layer of the map.
+
+        ``hypothesis``: the found source; ``outlook``: state of the search while no source has been found. Return None if the
+        activity or the nuclide's dose rate constant is unknown.
+        """
         if hypothesis is not None and hypothesis.activity_bq is not None:
             strength = posterior.weight * hypothesis.activity_bq
         elif hypothesis is None and outlook is not None:

@@ -1,4 +1,4 @@
-"""Outlines on the map: the region that holds the source, circles, the cordon."""
+"""Outlines on the map: circles, cordons, and the ellipse that contains a source with a probability of 90 %."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CORDON_USVPH = 10.0
 
 
 def region(source: SourceFrame, points: int = 48) -> list[Point]:
-    """The ellipse that holds the source with a probability of 90 %, closed; mission frame."""
+    """Return the outline of the ellipse that contains the source with a probability of 90 %; closed, mission frame."""
     long_m, short_m, turn = source.region
     angles = np.linspace(0.0, 2.0 * np.pi, points + 1)
     u, v = long_m * np.cos(angles), short_m * np.sin(angles)
@@ -24,13 +24,16 @@ def region(source: SourceFrame, points: int = 48) -> list[Point]:
 
 
 def circle(middle: Sequence[float], radius_m: float, points: int = 72) -> list[Point]:
-    """A closed circle; mission frame."""
+    """Return the points of a closed circle; mission frame, metres."""
     angles: NDArray[np.float64] = np.linspace(0.0, 2.0 * np.pi, points + 1)
     return [(middle[0] + radius_m * float(np.cos(a)), middle[1] + radius_m * float(np.sin(a))) for a in angles]
 
 
 def cordon_radius_m(nuclide: str, activity_bq: float | None, level_usvph: float = CORDON_USVPH) -> float | None:
-    """Return the ground distance (m) within which the dose rate at 1 m exceeds a level; None if nowhere, or unknown."""
+    """Return the ground distance (m) from a source within which the dose rate at 1 m height exceeds a level.
+
+    ``level_usvph``: the level in uSv/h. Return None if it is exceeded nowhere, or if the activity is unknown.
+    """
     at_one = rate_usvph(nuclide, activity_bq) if activity_bq is not None else None
     if at_one is None or at_one / HEIGHT_M**2 <= level_usvph:
         return None

@@ -1,4 +1,4 @@
-"""The swarm's log at a station, with the frames and the source estimate from it, by the code that flies on board."""
+"""The swarm's log at a station, with the local frames and the source estimate that the drones' own code computes from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from protocol.signing import Verifier
 
 
 class SwarmLog:
-    """The log, its frames and its estimate. ``counters``: of unanswerable log queries and refused revocations."""
+    """The station's copy of the swarm's log, with the drones' local frames and the source estimate that follow from it.
+
+    ``counters``: numbers of unanswerable log queries and refused revocations.
+    """
 
     def __init__(
         self,
@@ -44,56 +47,74 @@ class SwarmLog:
 
     @property
     def fusion(self) -> Fusion:
-        """The fusion: log, hypothesis and outlook."""
+        """The log together with the source estimate computed from it."""
         return self._world.fusion
 
     def start(self, started_ns: int) -> None:
-        """Begin a mission with the start command of that stamp; a stamp not later than the known start changes nothing."""
+        """Begin a mission whose start command has this time stamp (ns).
+
+        A stamp not later than the known start changes nothing.
+        """
         if started_ns > self._started_ns:
             self._started_ns = started_ns
             self._world.start(started_ns)
 
     def take(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Entry]:
-        """Take an entry and yield the entries new in the log with it; without its drone's certificate an entry waits."""
+        """Add a received entry to the log, and yield the entries that are new in the log by this.
+
+        An entry waits until the certificate of its drone is known. ``payload``: the entry's bytes as received.
+        """
         for proven, content in self._proofs.proven(entry, payload, now_ns):
             if self._world.take(proven, content, now_ns):
                 yield proven
 
     def is_signed(self, status: Status, now_ns: int) -> bool:
-        """Return whether a status is signed by its drone; in a swarm without certificates every status counts."""
+        """Return whether a status is signed by its drone; in a swarm without certificates every status is accepted."""
         return self._proofs.is_signed(status, now_ns)
 
     def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
-        """Take a revocation and drop the member's revoked entries, like the drones do; ``passed_on_by``: a drone, if known."""
+        """Obey a revocation (withdrawal of a member's rights): remove the member's later log entries, as the drones do.
+
+        ``passed_on_by``: the drone that has relayed the revocation, if known.
+        """
         if self._revocations.take(revocation, now_ns, passed_on_by) is None:
             self._world.forget(self.fusion.log.beyond(revocation.member, revocation.counts))
 
     @property
     def revoked(self) -> frozenset[str]:
-        """Names of the revoked members: their messages do not count any more."""
+        """Names of members whose rights have been withdrawn; their messages are ignored."""
         return self._revocations.names
 
     def advance(self, now_ns: int) -> None:
-        """Bring frames and hypothesis up to now: about 10 ms of work at most, the rest is left for the next calls."""
+        """Update local frames and source estimate with the new log entries.
+
+        The call does about 10 ms of work at most; the rest is left for the next calls.
+        """
         self._world.advance(now_ns)
 
     @property
     def pending(self) -> bool:
-        """Whether work is left for ``advance``."""
+        """Whether :meth:`advance` has work left."""
         return self._world.is_behind
 
     def mission_from_local(self, drone: str, epoch: int, at_ns: int | None = None) -> Transform | None:
-        """Return a drone's local frame in the mission frame, as estimated from the log; None if unknown."""
+        """Return the transform from a drone's local frame to the mission frame, as estimated from the log; None if unknown.
+
+        ``at_ns``: time for which the transform holds, nanoseconds UTC.
+        """
         return self._world.frames.graph.mission_from_local(drone, epoch, at_ns)
 
     def posterior(self, now_ns: int) -> Posterior | None:
-        """Return the estimator's posterior."""
+        """Return the estimator's posterior distribution of the source's position; None if it has none."""
         return posterior_of(self.fusion, now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """Return the log's problems: dropped messages without a valid signature, and drones with entries put off."""
+        """Return problems of the log, one line each.
+
+        Reported are messages without a valid signature, and drones whose entries are postponed.
+        """
         return *self._proofs.problems(now_ns), *self._world.problems(now_ns)
 
     def summary(self) -> bytes:
-        """Return a request for the entries missing here."""
+        """Return a summary of the log, with which the drones find the entries that are missing here."""
         return self._exchange.summary()

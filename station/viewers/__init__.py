@@ -1,1 +1,1 @@
-"""Views of the station's picture in other programs: Foxglove and TAK."""
+"""The station's data in other programs: Foxglove and TAK."""

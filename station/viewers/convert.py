@@ -1,4 +1,4 @@
-"""Single things of the picture as Foxglove's messages and as tables."""
+"""Conversion of positions, drones, sources and counts to Foxglove's messages and to tables."""
 
 from __future__ import annotations
 
@@ -37,19 +37,22 @@ _MIDDLES_KEV = tuple(round(0.5 * (low + high), 2) for low, high in pairwise(EDGE
 
 
 def posed(place: geometry.Vector3, attitude: geometry.Quaternion = LEVEL) -> Pose:
-    """A pose for Foxglove."""
+    """Return a position and an attitude (w, x, y, z) as Foxglove's pose."""
     return Pose(position=_vector(place), orientation=_quaternion(attitude))
 
 
 def turned(yaw_rad: float, attitude: geometry.Quaternion) -> geometry.Quaternion:
-    """Return an attitude in a frame turned by a yaw."""
+    """Return an attitude (w, x, y, z) after a further rotation by ``yaw_rad`` about the vertical axis."""
     c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
     w, x, y, z = attitude
     return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
 
 
 def transforms(drone: str, mission_from_local: Transform, pose: messages.Pose) -> FrameTransforms:
-    """A drone's local frame in the mission frame, as estimated, and its body in its local frame, exactly as published."""
+    """Return Foxglove's transforms of a drone: its local frame in the mission frame, and its body in the local frame.
+
+    ``mission_from_local``: as estimated from the log. The pose of the body is exactly as published.
+    """
     stamp, local = moment(pose.stamp_ns), LOCAL.format(drone=drone)
     place, heading = mission_from_local.translation, turned(mission_from_local.yaw_rad, LEVEL)
     return FrameTransforms(
@@ -70,19 +73,22 @@ def transforms(drone: str, mission_from_local: Transform, pose: messages.Pose) -
 
 
 def posed_in(mission_from_local: Transform, pose: messages.Pose) -> PoseInFrame:
-    """A drone's pose in the mission frame."""
+    """Return a drone's pose in the mission frame as Foxglove's message."""
     place, attitude = mission_from_local.apply_point(pose.position_m), turned(mission_from_local.yaw_rad, pose.quaternion)
     return PoseInFrame(timestamp=moment(pose.stamp_ns), frame_id=MISSION, pose=posed(place, attitude))
 
 
 def planned(mission_from_local: Transform, plan: messages.Plan) -> PosesInFrame:
-    """A drone's plan in the mission frame."""
+    """Return a drone's planned trajectory in the mission frame as Foxglove's message."""
     course = [posed(place) for place in mission_from_local.apply_points(plan.positions_m)]
     return PosesInFrame(timestamp=moment(plan.stamp_ns), frame_id=MISSION, poses=course)
 
 
 def grid(layer: Raster, height_m: float) -> Grid:
-    """A layer of the map in its unit, probability density per m2 or uSv/h, in the page's 255 steps."""
+    """Return a raster layer of the map as Foxglove's grid, with values in probability per m2 or in uSv/h.
+
+    The values keep the 255 steps of the web page. ``height_m``: height at which the layer is drawn.
+    """
     steps = np.frombuffer(base64.b64decode(layer.values), np.uint8).astype(np.float64)
     if layer.kind == "belief":
         name, values = "density_pm2", steps * layer.scale / 255.0
@@ -102,7 +108,7 @@ def grid(layer: Raster, height_m: float) -> Grid:
 
 
 def drone_table(drone: DroneFrame) -> DroneTable:
-    """A drone's state."""
+    """Return the state of a drone as a table of numbers for Foxglove's plots."""
     hits, photopeak, coincidences = drone.rates_ps if drone.rates_ps is not None else (None, None, None)
     return DroneTable(
         stage=drone.stage,
@@ -123,7 +129,7 @@ def drone_table(drone: DroneFrame) -> DroneTable:
 
 
 def counts_table(exposure: Exposure) -> CountsTable:
-    """An exposure."""
+    """Return the photon counts of one exposure (counting interval of a camera) as a table for Foxglove's plots."""
     singles, coincident = [0] * BINS, [0] * BINS
     for each in exposure.spectrum:
         singles[each.place], coincident[each.place] = each.singles, each.coincidences
@@ -139,7 +145,7 @@ def counts_table(exposure: Exposure) -> CountsTable:
 
 
 def spectrum_table(exposures: Iterable[Exposure]) -> SpectrumTable:
-    """The sum of exposures."""
+    """Return the summed spectrum of several exposures as a table for Foxglove's plots."""
     counts, live_s = [0] * BINS, 0.0
     for exposure in exposures:
         live_s += exposure.live_time_s
@@ -149,7 +155,7 @@ def spectrum_table(exposures: Iterable[Exposure]) -> SpectrumTable:
 
 
 def source_table(source: SourceFrame) -> SourceTable:
-    """A source of the estimate."""
+    """Return an estimated source as a table of numbers for Foxglove's plots."""
     (x, y, z), (vx, vy), (long_m, short_m, direction) = source.place, source.velocity_mps, source.region
     latitude_deg, longitude_deg = source.position_deg if source.position_deg is not None else (None, None)
     return SourceTable(

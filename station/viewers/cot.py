@@ -27,7 +27,10 @@ Place = tuple[float, float, float]
 
 
 class CursorOnTarget:
-    """Makes the events of one mission with a datum."""
+    """Converts the state of the swarm to Cursor on Target events, which TAK shows on its map.
+
+    The mission must have a datum (place on Earth).
+    """
 
     def __init__(self, datum: DatumConfig, about: MissionFrame) -> None:
         self._datum = datum
@@ -40,7 +43,7 @@ class CursorOnTarget:
                 yield self._drone(drone, drone.place, frame.at_ms)
 
     def sources(self, frame: Frame) -> Iterator[bytes]:
-        """Yield each source, its region and its cordon; nothing without an estimate."""
+        """Yield events for each estimated source, its 90 % region and its cordon; nothing without an estimate."""
         for source in (frame.source, *frame.others):
             if source is not None:
                 yield from self._source(source, frame.at_ms)

@@ -1,4 +1,4 @@
-"""The picture as Foxglove's messages, for an MCAP file and a live view alike."""
+"""Conversion of the station's data to Foxglove's messages, for an MCAP file and a live view alike."""
 
 from __future__ import annotations
 
@@ -35,27 +35,30 @@ _encode_table = msgspec.json.Encoder().encode
 
 
 class Encodable(Protocol):
-    """A message of Foxglove's library."""
+    """A message object of Foxglove's library, which can encode itself."""
 
     def encode(self) -> bytes:
-        """Encode as Protocol Buffers."""
+        """Return the message as Protocol Buffers bytes."""
 
 
 class Message(NamedTuple):
-    """A message of a topic. ``log_ns``: the station's time (UTC); ``content``: made only for a subscriber, and at once."""
+    """A message for Foxglove on one topic (named stream).
+
+    ``log_ns``: the station's time, nanoseconds UTC. ``content``: makes the content; called only for a subscriber, and at once.
+    """
 
     topic: str
     log_ns: int
     content: Callable[[], Encodable | topics.Table]
 
     def encode(self) -> bytes:
-        """Encode by the topic's encoding: JSON for tables, else Protocol Buffers."""
+        """Return the content as bytes: JSON for tables, else Protocol Buffers."""
         content = self.content()
         return _encode_table(content) if isinstance(content, topics.Table) else content.encode()
 
 
 class Foxglove:
-    """Converts a station's picture to messages of Foxglove's schemas; ``topics``: all possible topics."""
+    """Converts the station's state of the swarm to messages that Foxglove can show. ``topics``: all possible topics."""
 
     def __init__(self, picture: Picture) -> None:
         self._picture = picture
@@ -75,7 +78,10 @@ class Foxglove:
         picture.on_entry.append(self._hear)
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> Iterator[Message]:
-        """Yield all messages about a frame; to be called with each frame, and read to the end."""
+        """Yield all messages about a state of the swarm; must be called with each state, and read to the end.
+
+        ``layers`` and ``cones``: new raster layers of the map and new Compton cones.
+        """
         now_ns = frame.at_ms * 1_000_000
         self._cones.extend(cones)
         while self._cones and self._cones[0].at_ms < frame.at_ms - CONES_MS:
@@ -98,7 +104,7 @@ class Foxglove:
             yield from self._seconds(frame, now_ns)
 
     def event(self, event: Event) -> Message:
-        """Return an event in the page's words."""
+        """Return an event of the timeline as a log message, in the words of the web page."""
         at_ns = event.at_ms * 1_000_000
         level = LogLevel.Warning if event.level == "warning" else LogLevel.Info
         text = _TEXTS.get(f"event {event.text}", event.text).format(**event.values)

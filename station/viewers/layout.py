@@ -16,7 +16,7 @@ Split = dict[str, object] | str
 
 
 def layout(about: MissionFrame) -> str:
-    """Return the layout for a mission's drones, as JSON."""
+    """Return the arrangement of Foxglove's panels for a mission's drones, as JSON to be imported into Foxglove."""
     panels: Panels = {
         "3D!scene": _scene(about),
         "Plot!source": _plot("Uncertainty of the source (1 sigma), m", [("rms", f"{topics.SOURCE}.rms_m", _hex(RED))]),

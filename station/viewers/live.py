@@ -29,19 +29,25 @@ _encode = msgspec.json.Encoder().encode
 
 
 def is_foxglove(origin: str) -> bool:
-    """Return whether a request may be Foxglove's: from its site, or from an installed program (file:// and the like)."""
+    """Return whether a request may come from Foxglove, by its origin.
+
+    Allowed are Foxglove's website and installed programs (``file://`` and the like).
+    """
     return origin == SITE or urlsplit(origin).scheme not in ("", "http", "https")
 
 
 class Subscription(Struct, frozen=True):
-    """A client's subscription. ``id``: chosen by the client; ``channel``: an advertised channel."""
+    """A Foxglove client's subscription to a channel (stream of messages).
+
+    ``id``: number chosen by the client. ``channel``: number of an offered channel.
+    """
 
     id: int
     channel: int = msgspec.field(name="channelId")
 
 
 class Request(Struct, frozen=True):
-    """A client's request; requests for a capability that is not offered are without effect."""
+    """A request of a Foxglove client, such as a subscription; requests for functions that are not offered have no effect."""
 
     op: str
     subscriptions: tuple[Subscription, ...] = ()
@@ -49,7 +55,10 @@ class Request(Struct, frozen=True):
 
 
 class Client:
-    """A connected Foxglove. ``subscribed``: its subscriptions' ids by channel; ``gone``: to be disconnected."""
+    """A connected Foxglove program.
+
+    ``subscribed``: from channel to subscription id. ``gone``: the client must be disconnected.
+    """
 
     def __init__(self) -> None:
         self.subscribed: dict[int, int] = {}
@@ -57,7 +66,7 @@ class Client:
         self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
 
     def send(self, data: bytes) -> None:
-        """Send a message; a client far behind is disconnected instead."""
+        """Queue a message to the client; a client too far behind is disconnected instead."""
         try:
             self._waiting.put_nowait(data)
         except asyncio.QueueFull:
@@ -70,12 +79,12 @@ class Client:
             self._waiting.put_nowait(_encode({"op": "status", "level": 0, "message": "another mission"}))
 
     async def next(self) -> bytes:
-        """Return the next message."""
+        """Wait for the next message to the client, and return it."""
         return await self._waiting.get()
 
 
 class LiveFoxglove:
-    """An outlet of a hub for the connected Foxgloves (``clients``)."""
+    """Sends the state of the swarm to all connected Foxglove programs (``clients``)."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -89,7 +98,7 @@ class LiveFoxglove:
 
     @contextmanager
     def joined(self) -> Iterator[Client]:
-        """Yield a new client, after sending it the channels; text messages begin with a brace."""
+        """Yield a newly connected Foxglove client, after it has been sent the list of channels."""
         client = Client()
         client.send(_encode({"op": "serverInfo", "name": self._picture.mission.name, "capabilities": [], "metadata": {}}))
         client.send(_encode({"op": "advertise", "channels": [self._about(name) for name in self._channels]}))
@@ -103,7 +112,7 @@ class LiveFoxglove:
         """Carry out a client's request.
 
         Raises:
-            MsgspecError: no message of the protocol.
+            MsgspecError: the text is no message of Foxglove's protocol.
         """
         request = msgspec.json.decode(text, type=Request)
         if request.op == "subscribe":
@@ -113,7 +122,10 @@ class LiveFoxglove:
             client.subscribed = {channel: one for channel, one in client.subscribed.items() if one not in request.ended}
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
-        """Send the news of a frame. After a change of the hub's mission all clients are disconnected, to connect again."""
+        """Send a state of the swarm to the subscribed clients.
+
+        After a change of the mission all clients are disconnected; they connect again, and get the new mission's channels.
+        """
         if self._hub.picture is not self._picture:
             self._begin()
             for client in self.clients:
@@ -121,7 +133,7 @@ class LiveFoxglove:
         self._send(self._foxglove.show(frame, layers, cones))
 
     def note(self, event: Event) -> None:
-        """Send an event."""
+        """Send an event of the timeline to the subscribed clients."""
         self._send((self._foxglove.event(event),))
 
     def _send(self, messages: Iterable[Message]) -> None:

@@ -1,4 +1,4 @@
-"""Places on Earth (WGS84) for Foxglove's map, where the mission has a datum."""
+"""Geographic positions (WGS84) for Foxglove's map, in missions with a datum (place on Earth)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _BLACK, _RED = "#111111", "#a33b00"
 
 
 class OnEarth:
-    """Converter for the places of one mission."""
+    """Converts positions of one mission to geographic messages for Foxglove's map."""
 
     def __init__(self, datum: DatumConfig, about: MissionFrame) -> None:
         self._datum, self._about = datum, about
 
     def fix(self, drone: DroneFrame, mission_from_local: Transform, pose: Pose) -> LocationFix:
-        """Return a drone's place on Earth."""
+        """Return a drone's geographic position as Foxglove's message."""
         variance = pose.position_sigma_m**2
         place = mission_from_local.apply_point(pose.position_m)
         latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, place)
@@ -43,7 +43,7 @@ class OnEarth:
         )
 
     def source_fix(self, source: SourceFrame, at_ns: int) -> LocationFix:
-        """Return the source's place on Earth."""
+        """Return an estimated source's geographic position, with its error covariance, as Foxglove's message."""
         xx, xy, xz, yy, yz, zz = source.covariance_m2
         latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, source.place)
         if source.position_deg is not None:  # not rounded
@@ -59,7 +59,7 @@ class OnEarth:
         )
 
     def outlines(self, sources: Iterable[SourceFrame]) -> GeoJson:
-        """Return outlines of the area, and each source with its region and its cordon."""
+        """Return the search area, and each source with its 90 % region and its cordon, as outlines for Foxglove's map."""
         outlines: list[tuple[str, str, Sequence[Point]]] = [("area", _BLACK, self._about.area)]
         for source in sources:
             outlines.append((f"source{numbered(source)}", _BLACK, [source.place[:2]]))

@@ -1,4 +1,4 @@
-"""Flight records as an MCAP file that Foxglove opens."""
+"""Conversion of flight records to an MCAP file that Foxglove opens."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ STEP_MS = 100  # interval of the frames, equal to the drones' poses
 
 
 def export(paths: Sequence[Path], out: Path, progress: Callable[[float], None]) -> tuple[list[Path], tuple[str, ...]]:
-    """Write one MCAP file from the records of one mission, and the layout for it beside it.
+    """Convert the flight records of one mission to one MCAP file for Foxglove, and write a layout of panels beside it.
 
-    Returns both paths, and the reasons why records could not be read to their ends.
+    Returns:
+        Both paths, and the reasons why records could not be read to their ends.
 
     Raises:
         FlightRecordError: records are unreadable, or of several missions; or the new file would replace a record.

@@ -40,34 +40,34 @@ Colour = tuple[float, float, float]
 
 
 def colour_of(index: int, drone: DroneFrame | None = None) -> Colour:
-    """Return a drone's colour; grey for a drone out of contact."""
+    """Return the display colour of the drone with this index; grey for a drone out of contact."""
     return GREY if drone is not None and drone.stale else COLOURS[index % len(COLOURS)]
 
 
 def shade(colour: Colour, opacity: float = 1.0) -> Color:
-    """Return a colour for Foxglove."""
+    """Return a colour (red, green, blue from 0 to 1) with an opacity as Foxglove's colour."""
     red, green, blue = colour
     return Color(r=red, g=green, b=blue, a=opacity)
 
 
 def moment(at_ns: int) -> Timestamp:
-    """Return a time for Foxglove."""
+    """Return a time (nanoseconds UTC) as Foxglove's time stamp."""
     return Timestamp(*divmod(at_ns, 1_000_000_000))
 
 
 class Scene:
-    """Shapes of one mission."""
+    """Makes the shapes of one mission for Foxglove's 3D view: area, drones, sources and Compton cones."""
 
     def __init__(self, ground: Ground) -> None:
         self._ground = ground
 
     def area(self, about: MissionFrame, at_ns: int) -> SceneUpdate:
-        """Area and fence."""
+        """Return the outlines of the search area and its fence."""
         outlines = (("area", about.area, BLACK, 4.0), ("fence", about.fence, GREY, 1.0))
         return _update(at_ns, [self._outline(*each, at_ns) for each in outlines])
 
     def drones(self, drones: Sequence[DroneFrame], trails: Mapping[str, Sequence[Vector]], at_ns: int) -> SceneUpdate:
-        """Each drone's body with its name, in the body's own frame, and its trail."""
+        """Return each drone's body with its name, in the body's own frame, and its track of the last minute."""
         entities = []
         for index, drone in enumerate(drones):
             if drone.place is None:
@@ -78,7 +78,7 @@ class Scene:
         return _update(at_ns, entities)
 
     def sources(self, sources: Iterable[SourceFrame], at_ns: int) -> SceneUpdate:
-        """Each source, its region of 90 % probability, and its cordon."""
+        """Return each estimated source, its 90 % region and its cordon."""
         return _update(at_ns, [entity for source in sources for entity in self._source(source, at_ns)])
 
     def _source(self, source: SourceFrame, at_ns: int) -> Iterator[SceneEntity]:
@@ -97,7 +97,7 @@ class Scene:
             yield self._outline(name, circle(source.place, radius_m), RED, 4.0, at_ns)
 
     def cones(self, cones: Iterable[ConeCurve], drones: Sequence[str], at_ns: int) -> SceneUpdate:
-        """Curves of the last seconds' cones on the ground."""
+        """Return the curves on the ground of the Compton cones of the last seconds, in the colours of their drones."""
         curves: dict[str, list[list[Vector]]] = {drone: [] for drone in drones}
         for cone in cones:
             curves[cone.drone] += [self._on_ground(curve) for curve in cone.curves]

@@ -1,4 +1,7 @@
-"""The swarm for TAK: Cursor on Target over UDP, TCP or TLS, by pytak, connected again whenever the link is lost."""
+"""The state of the swarm for TAK: Cursor on Target events over UDP, TCP or TLS, by the library pytak.
+
+A lost link is connected again.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ NEEDED = ("PYTAK_TLS_CLIENT_CERT", "PYTAK_TLS_CLIENT_KEY")  # for TLS
 
 
 class TakError(RadronError):
-    """TAK cannot be served as asked."""
+    """The state of the swarm cannot be sent to TAK as requested."""
 
 
 class Tak:
-    """An outlet of a hub."""
+    """Sends drones and sources to TAK at regular intervals, as Cursor on Target events."""
 
     def __init__(self, picture: Picture, url: str, tell: Callable[[str, bool], None]) -> None:
         """``tell``: called with each change of the link, and whether it is a warning.
@@ -52,7 +55,7 @@ class Tak:
         self._drones_ms = self._source_ms = 0
 
     def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
-        """Send a frame, if one is due."""
+        """Queue the events for a state of the swarm, if the interval since the last events has passed."""
         for line, warning in self._news:
             self._tell(line, warning)
         self._news.clear()
@@ -67,10 +70,10 @@ class Tak:
         return self._queue.qsize()
 
     def note(self, event: Event) -> None:
-        """Ignore an event of the timeline."""
+        """Ignore an event of the timeline, as TAK shows positions only."""
 
     async def run(self) -> None:
-        """Keep the link up, until cancelled."""
+        """Keep the link to TAK connected, until cancelled."""
         while True:
             try:
                 await self._keep()

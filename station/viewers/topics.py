@@ -23,11 +23,14 @@ POSE, PLAN, FIX, STATE, COUNTS, SPECTRUM = "/{}/pose", "/{}/plan", "/{}/fix", "/
 
 
 class Table(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A message of plain fields: numbers, texts and lists. Unknown values are left out: Foxglove reads no null."""
+    """Base of the messages of plain fields (numbers, texts and lists) for Foxglove's plots.
+
+    Unknown values are left out, as Foxglove reads no null.
+    """
 
 
 class DroneTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """A drone's state, with the fields of ``DroneFrame``. ``heard``: whether the drone is in contact."""
+    """State of a drone for Foxglove's plots, with the meanings of ``DroneFrame``. ``heard``: whether the drone is in contact."""
 
     stage: str
     heard: bool
@@ -46,7 +49,11 @@ class DroneTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class CountsTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """An exposure of the log. ``end_s``: its end (UTC). ``singles``, ``coincident``: events by bins of energy."""
+    """Photon counts of one exposure (counting interval of a camera) for Foxglove's plots.
+
+    ``end_s``: end of the interval, seconds UTC. ``singles``, ``coincident``: events in each energy bin, as single clusters of
+    pixels and as pairs of simultaneous clusters.
+    """
 
     end_s: float
     live_time_s: float
@@ -58,7 +65,10 @@ class CountsTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SpectrumTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The events of the last seconds, single clusters and coincidences together, by energy (middles of the bins)."""
+    """Gamma spectrum of the last seconds for Foxglove's plots: number of events by energy.
+
+    Single clusters of pixels and pairs of simultaneous clusters are counted together. ``energy_kev``: middles of the bins.
+    """
 
     live_time_s: float
     energy_kev: tuple[float, ...]
@@ -66,7 +76,7 @@ class SpectrumTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SourceTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """A source of the estimate, mission frame, with the fields of ``SourceFrame``."""
+    """An estimated source for Foxglove's plots, in the mission frame, with the meanings of ``SourceFrame``."""
 
     number: int
     x_m: float
@@ -89,14 +99,17 @@ class SourceTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SearchTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The search before an estimate. ``none``: probability of no source; ``excluded_bq``: stronger sources are excluded."""
+    """State of the search for a source that has not been found yet, for Foxglove's plots.
+
+    ``none``: probability that there is no source. ``excluded_bq``: activity above which a source is excluded.
+    """
 
     none: float
     excluded_bq: float | None = None
 
 
 class LogTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The log's size and digest, and the drones' conclusion."""
+    """Size and digest (hash) of the log, and the drones' conclusion of the search, for Foxglove."""
 
     entries: int
     digest: str
@@ -104,7 +117,10 @@ class LogTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Topic(typing.NamedTuple):
-    """A topic. ``encoding``: of its messages, by the names of MCAP and Foxglove's WebSocket protocol."""
+    """A topic (named stream of messages) with the schema of its messages.
+
+    ``encoding``: ``json`` or ``protobuf``, as MCAP and Foxglove's WebSocket protocol name it.
+    """
 
     name: str
     encoding: str
@@ -112,7 +128,7 @@ class Topic(typing.NamedTuple):
 
 
 def topics(drones: Sequence[str], on_earth: bool) -> list[Topic]:
-    """Return all topics of a swarm; places on Earth only for a mission with a datum."""
+    """Return all topics of a swarm for Foxglove. ``on_earth``: with geographic positions, for a mission with a datum."""
     own: dict[str, Schema] = {
         TRANSFORMS: FrameTransforms.get_schema(),
         **{name: SceneUpdate.get_schema() for name in (AREA, SWARM_SCENE, SOURCE_SCENE, CONES)},

@@ -1,4 +1,4 @@
-"""The page and its WebSocket, as an ASGI application."""
+"""The web server's application: the operator's web page and its WebSocket (ASGI)."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ _DRAFT_COST = 10.0  # of a mission's check, in messages: tens of milliseconds
 
 
 class Wish(Struct, frozen=True, forbid_unknown_fields=True):
-    """A page's request: to follow the present (``live``), to see a time, to command the drones (none: all), to check a mission,
-    or to ``upload`` it.
+    """A request of a web page to the station.
 
-    ``drawn``: the newest received frame has been drawn. ``beat``: the page's heartbeat, with the page's time, repeated in the
-    answer. An order (command or upload) has a ``number``, repeated in the answer, and the newest ``stamp`` of the station
-    received by the page (``station.web.beat``).
+    Depending on the fields, the page asks to follow the present (``live``), to show the past time ``at_ms``, to send a
+    ``command`` to ``drones`` (none: all), to check a changed mission (``draft``), or to ``upload`` it. ``drawn``: the page has
+    drawn the newest state of the swarm. ``beat``: the page's time, sent regularly and repeated in the answer. ``number``: number
+    of an order (command or upload), repeated in the answer. ``stamp``: the newest time stamp of the station that the page has
+    received, which limits the order's age (``station.web.beat``).
     """
 
     live: bool = False
@@ -56,12 +57,15 @@ class Wish(Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_operators(self) -> bool:
-        """Whether the operator asks, and not the page by itself."""
+        """Whether the operator has caused the request, and not the page by itself."""
         return self.live or self.at_ms is not None or self.command is not None or self.draft is not None
 
 
 def application(hub: Hub, guard: Guard, doors: Sequence[WebSocketRoute] = ()) -> Starlette:
-    """Return the application of one hub; ``doors``: sockets of other programs."""
+    """Return the web server's application (ASGI) for the pages of one hub.
+
+    ``guard``: checks the requests' token and origin. ``doors``: WebSocket routes of other programs.
+    """
     files = {f"/{path.relative_to(PAGE).as_posix()}": path for path in sorted(PAGE.rglob("*")) if path.suffix in TYPES}
     files["/"] = PAGE / "index.html"
 

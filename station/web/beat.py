@@ -13,11 +13,11 @@ MAX_COMMAND_AGE_S = 2.0  # of a command at the station; the page shows it as fai
 
 
 def stamp() -> int:
-    """Return the station's time now, in ms since the computer's start."""
+    """Return the station's present time, in milliseconds since the computer's start."""
     return int(1000.0 * elapsed_s())
 
 
 def age_s(given: int) -> float | None:
-    """Return the greatest possible age (s) of a command with this stamp; None: too old, or not a stamp of this station."""
+    """Return the greatest possible age (s) of a command that carries this time stamp; None: too old, or not of this station."""
     age = (stamp() - given) * 1e-3
     return age if 0.0 <= age <= MAX_COMMAND_AGE_S else None

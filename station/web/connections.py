@@ -15,12 +15,15 @@ MAX_CONNECTIONS = 64  # a browser opens six at once
 
 
 class BoundedHttp(H11Protocol):
-    """HTTP of uvicorn; above the bound, a new connection ends the connection with the longest silence."""
+    """HTTP connection of the web server (uvicorn) with a limit on the number of open connections.
+
+    Above the limit, a new connection ends the connection that has been silent for the longest time.
+    """
 
     heard_s = 0.0  # time of the last data (monotonic clock)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn narrows it
-        """Take a connection; above ``MAX_CONNECTIONS``, abort the longest silent connection."""
+        """Accept a new connection; above ``MAX_CONNECTIONS``, abort the connection that has been silent for the longest time."""
         self.heard_s = time.monotonic()
         super().connection_made(transport)
         others = [one for one in self.connections if isinstance(one, BoundedHttp) and one is not self]
@@ -30,6 +33,6 @@ class BoundedHttp(H11Protocol):
             silent.transport.abort()
 
     def data_received(self, data: bytes) -> Any:
-        """Take received data."""
+        """Process received data, and record the time."""
         self.heard_s = time.monotonic()
         return super().data_received(data)

@@ -1,4 +1,4 @@
-"""Further content of the page besides its own files: the report on demand, and the layers under the map."""
+"""Content of the web page besides its own files: the report on the mission, and the layers below the map."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Answer = Callable[[Request], Awaitable[Response]]
 
 
 def content(hub: Hub, guard: Guard) -> list[Route]:
-    """Return the routes of report, layers and tiles."""
+    """Return the web server's routes for the report, the map's vector layer and its background tiles."""
     reporting = False
 
     async def report(_: Request) -> Response:
@@ -52,7 +52,7 @@ def content(hub: Hub, guard: Guard) -> list[Route]:
 
 
 def guarded(guard: Guard, answer: Answer) -> Answer:
-    """Return the answer to requests with the token."""
+    """Return a request handler that refuses requests without the station's token, and passes others on to ``answer``."""
 
     async def checked(request: Request) -> Response:
         refusal = guard.refusal(request.headers, request.query_params)

@@ -1,4 +1,4 @@
-"""Foxglove's socket on the page's server, with the page's guard."""
+"""WebSocket for Foxglove on the web page's server, with the page's access checks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_CLIENTS = 8
 
 
 def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
-    """Return the route /foxglove."""
+    """Return the WebSocket route ``/foxglove``, through which Foxglove programs receive the state of the swarm."""
 
     async def serve(socket: WebSocket) -> None:
         refusal = guard.refusal(socket.headers, socket.query_params, is_foxglove)

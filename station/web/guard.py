@@ -1,4 +1,4 @@
-"""Access to the page: only with the page's token, host name and scripts."""
+"""Access checks of the web page: token, host name, and origin of scripts."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ _DEFAULT_PORTS = {"http": 80, "https": 443}
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """``hosts``: the page's own host names; any other name may be a foreign site's that was made to point here (DNS rebinding).
-    With ``scheme`` and ``port`` the hosts make the origins of the page's own scripts. ``token``: of every request for the
-    station's data, and of every socket: other processes and users of this computer do not have it.
+    """Checks that a request comes from the station's own web page, opened with the secret token.
+
+    ``hosts``: the page's own host names; any other name may belong to a foreign site that was made to point here (DNS rebinding).
+    ``scheme``, ``port`` and ``hosts`` form the origins of the page's own scripts. ``token``: secret word of every request for the
+    station's data and of every socket, which other programs and users of this computer do not know.
     """
 
     token: str
@@ -32,7 +34,10 @@ class Guard:
     hosts: tuple[str, ...] = LOCAL
 
     def misled(self, headers: Headers, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
-        """Return why a request of any kind is refused; None if it is allowed. ``welcome``: accepts further origins."""
+        """Return why a request must be refused, by its host name and origin; None if it is allowed.
+
+        ``welcome``: accepts further origins.
+        """
         if _name(headers.get("host", "")) not in self.hosts:
             return f"this page is served as {' or '.join(self.hosts)} only"
         origin = headers.get("origin")
@@ -41,7 +46,10 @@ class Guard:
         return None
 
     def refusal(self, headers: Headers, query: QueryParams, welcome: Callable[[str], bool] = lambda origin: False) -> str | None:
-        """Return the same for a request that needs the token."""
+        """Return why a request for the station's data must be refused, by its host name, origin and token; None if it is allowed.
+
+        ``welcome``: accepts further origins.
+        """
         if misled := self.misled(headers, welcome):
             return misled
         if not hmac.compare_digest(query.get("token", "").encode(), self.token.encode()):

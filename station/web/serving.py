@@ -1,4 +1,4 @@
-"""The web server in the station's event loop."""
+"""Web server of the station, which runs in the station's event loop."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ Doors = Callable[[Guard], Sequence[WebSocketRoute]]
 
 
 class StationError(RadronError):
-    """The station cannot be served, or its mission, mesh or records cannot be shown."""
+    """The station cannot serve its web page, or cannot show its mission, network or records."""
 
 
 class Place(Struct, frozen=True, kw_only=True):
-    """Address of the page's server. Beyond this computer only with TLS (``certificate`` and ``key``, PEM). ``token_file``: with
-    the token of all requests, made if it is missing; None: a new token, only in the printed address.
+    """Address at which the station serves its web page.
+
+    Other computers can only connect with TLS (``certificate`` and ``key``, PEM files). ``token_file``: file with the secret token
+    of all requests, made if it is missing; None: a new token, only in the printed address.
     """
 
     host: str = "127.0.0.1"
@@ -39,12 +41,15 @@ class Place(Struct, frozen=True, kw_only=True):
 
     @property
     def is_local(self) -> bool:
-        """Whether the host is local: only this computer can connect."""
+        """Whether only programs of this computer can connect."""
         return self.host in LOCAL
 
 
 class Serving:
-    """The page's server. ``address``: to open in a browser, with the token; ``port``: the port taken."""
+    """The web server of the operator's page.
+
+    ``address``: address to open in a browser, with the token. ``port``: the port in use.
+    """
 
     def __init__(self, hub: Hub, place: Place, doors: Doors | None = None) -> None:
         """Take the port. ``doors``: sockets of other programs, protected by the same guard.
@@ -81,13 +86,16 @@ class Serving:
         )
 
     def shown(self, socket: str = "") -> str:
-        """Return the address to print, of the page or a ``socket``; without a file's token, because the output may be logged."""
+        """Return the address of the page, or of a ``socket`` path, for printing.
+
+        A token from a file is left out, because the output may be logged.
+        """
         page, _, token = self.address.partition("?")
         address = f"{page.replace('http', 'ws', 1)}{socket}" if socket else page
         return f"{address}?{token}" if self._token_file is None else f"{address} (with ?token= from {self._token_file})"
 
     async def run(self, work: Awaitable[None]) -> None:
-        """Serve until interrupted, and run the work that fills the pages meanwhile; errors of both are raised."""
+        """Serve the web page until interrupted, and meanwhile run ``work``, which fills the page. Errors of both are raised."""
         serving = asyncio.create_task(self._server.serve([self._socket]))
         working = asyncio.ensure_future(work)
         try:

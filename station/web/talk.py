@@ -1,4 +1,4 @@
-"""The two directions of a socket, with a common end."""
+"""Sending and receiving on one WebSocket at the same time, with a common end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from station.outbox import LET_GO
 
 
 async def talk(socket: WebSocket, *directions: Coroutine[Any, Any, object], code: Callable[[], int] = lambda: LET_GO) -> None:
-    """Run all directions until a direction or the server ends; then end the others and close the socket with a code."""
+    """Run several coroutines on one WebSocket (such as sending and receiving) until one of them or the server ends.
+
+    The rest is then cancelled, and the socket is closed with a close ``code``.
+    """
     tasks = [asyncio.create_task(one) for one in directions]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -15,14 +15,16 @@ _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{MIN_TOKEN_CHARACTERS},256}}")
 
 
 class TokenError(RadronError):
-    """A token file that cannot be used."""
+    """The file with the web page's secret token cannot be used."""
 
 
 def token_from(file: Path | None) -> str:
-    """Return the token in a file; a missing file is made, readable by its owner only. Without a file, return a new token.
+    """Return the secret token of the web page: from a file, or a new token without a file.
+
+    A missing file is made, readable by its owner only.
 
     Raises:
-        TokenError: the file cannot be read or made, others can read it, or it holds no token.
+        TokenError: the file cannot be read or made, other users can read it, or it holds no token.
     """
     if file is None:
         return secrets.token_urlsafe(24)
