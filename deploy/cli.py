@@ -40,7 +40,7 @@ def options(
 
 
 def main() -> None:
-    """Run the command; errors that the user can fix end in one line and exit code 2."""
+    """Run the ``radron-deploy`` command; an error that the user can fix ends in one line of text and the exit code 2."""
     run_command("radron-deploy", app)
 
 

@@ -1,4 +1,4 @@
-"""Digests of files, for comparisons of copies and builds."""
+"""Hashes of files, to compare copies and builds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from pathlib import Path
 
 
 def digest(file: Path) -> str:
-    """Return the SHA-256 of a file, hexadecimal."""
+    """Return the SHA-256 hash of a file as a hexadecimal text."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

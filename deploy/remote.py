@@ -1,6 +1,6 @@
-"""Other computers over SSH: commands, and copies that continue at their interruption.
+"""Other computers over SSH: commands, and copies that continue where they were interrupted.
 
-By OpenSSH's own client: keys, agents, jump hosts and known hosts come from the user's SSH configuration.
+OpenSSH's own client is used: keys, agents, jump hosts and known hosts come from the user's SSH configuration.
 """
 
 from __future__ import annotations
@@ -48,12 +48,15 @@ T = TypeVar("T")
 
 
 class RemoteError(ProtocolError):
-    """An error at another computer, in one line that names the computer."""
+    """A command at another computer has failed; the text is one line that names the computer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """A computer with an SSH login. ``name``: the user's name for it; ``options``: of ssh, such as ``IdentityFile=key``."""
+    """A computer with an SSH login.
+
+    ``name``: the user's name for it; ``options``: options of ssh, such as ``IdentityFile=key``.
+    """
 
     name: str
     address: str
@@ -63,10 +66,10 @@ class Host:
 
     @classmethod
     def parse(cls, text: str, options: Sequence[str] = (), user: str = "root") -> Host:
-        """Read ``[USER@]ADDRESS[:PORT]``.
+        """Read a computer's address from a text of the form ``[USER@]ADDRESS[:PORT]``.
 
         Raises:
-            RemoteError: another form.
+            RemoteError: the text has another form.
         """
         before, _, place = text.rpartition("@")
         address, colon, number = place.partition(":")
@@ -75,18 +78,21 @@ class Host:
         return cls(text, address, before or user, int(number) if colon else None, tuple(options))
 
     def command(self, command: str) -> list[str]:
-        """Return the ssh command for a shell ``command`` there. The user's options come first: ssh takes the first value."""
+        """Return the ssh command line that runs a shell ``command`` at this computer.
+
+        The user's options come first, since ssh takes the first value of an option.
+        """
         options = [*self.options, *(f"{name}={value}" for name, value in _OPTIONS.items())]
         port = [] if self.port is None else ["-p", str(self.port)]
         return ["ssh", *(part for option in options for part in ("-o", option)), *port, f"{self.user}@{self.address}", command]
 
     def error(self, text: str) -> RemoteError:
-        """Return an error that names this computer."""
+        """Return an error with this text that names this computer."""
         where = self.name if self.address in self.name else f"{self.name} ({self.address})"
         return RemoteError(f"{where}: {text}")
 
     def ssh_error(self, said: str) -> RemoteError:
-        """Return the error for ssh's output after a failed or lost connection."""
+        """Return the error for a failed or lost connection, with the cause according to ssh's output."""
         known = self.address if self.port is None else f"'[{self.address}]:{self.port}'"
         for sign, meaning in _CAUSES:
             if sign in said:
@@ -95,12 +101,12 @@ class Host:
 
 
 async def run(host: Host, command: str, given: bytes = b"", tell: Callable[[str], None] | None = None) -> str:
-    """Run a shell command there to its end, and return its output.
+    """Run a shell command at another computer to its end, and return its output.
 
     Args:
         host: the computer.
         command: for the shell there; quote external input (``shlex.quote``).
-        given: its standard input.
+        given: standard input of the command.
         tell: called with each line of the output at once.
 
     Raises:
@@ -121,9 +127,10 @@ async def run(host: Host, command: str, given: bytes = b"", tell: Callable[[str]
 
 
 async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
-    """Copy a file there, unless it is there already.
+    """Copy a file to another computer, unless the computer has an equal file already.
 
-    An interrupted copy is kept (``TARGET.part``) and completed; ``target`` appears after a check of the complete copy's SHA-256.
+    An interrupted copy is kept (``TARGET.part``) and completed by the next call; ``target`` appears after a check of the complete
+    copy's SHA-256.
 
     Raises:
         RemoteError: no connection, a full disk, or a copy that differs.
@@ -163,9 +170,9 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
 
 
 async def fetch(host: Host, source: str, file: Path, size: int, sha256: str, progress: Progress) -> None:
-    """Copy the first ``size`` bytes of a file there to ``file``, which appears when complete.
+    """Copy the first ``size`` bytes of a file at another computer to ``file``, which appears when complete.
 
-    An earlier interrupted copy (``FILE.part``) is completed.
+    An earlier interrupted copy (``FILE.part``) is completed. ``sha256``: expected hash.
 
     Raises:
         RemoteError: no connection, or a copy that differs.
@@ -195,7 +202,7 @@ async def fetch(host: Host, source: str, file: Path, size: int, sha256: str, pro
 
 
 async def at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) -> list[T | RemoteError]:
-    """Do the same work at all hosts at once; the result of a failure is its error."""
+    """Run ``work`` for all computers at once, and return its results in order; a failure gives its error as the result."""
 
     async def one(host: Host) -> T | RemoteError:
         try:

@@ -1,1 +1,4 @@
-"""One onboard computer over SSH: the agent installed on an existing system, removed from it, and examined (docs/bench.md)."""
+"""One onboard computer, reached over SSH: installation of the agent on an existing system, removal and examination.
+
+See docs/bench.md.
+"""

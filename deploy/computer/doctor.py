@@ -1,4 +1,4 @@
-"""``radron-deploy doctor``: the self-examination of a drone's computer, fetched and shown."""
+"""Examination of a drone's computer by its own software, for ``radron-deploy doctor``: the result is fetched and shown."""
 
 from __future__ import annotations
 
@@ -17,12 +17,17 @@ _MISSING = f"test -x {BENCH} || {{ echo 'radron is not installed there: run `rad
 
 
 def options_of(write: bool, wait_s: float) -> list[str]:
-    """Return the options for ``radron-agent doctor``."""
+    """Return the command-line options for ``radron-agent doctor``.
+
+    ``write``: correct wrong parameters of the autopilot. ``wait_s``: how long to wait until everything is ready, seconds.
+    """
     return ["--json", "--wait", f"{wait_s:g}", *(["--write"] if write else [])]
 
 
 async def examine(host: Host, options: Sequence[str], tell: Callable[[str], None]) -> Report:
-    """Have a drone examine itself.
+    """Let a drone examine itself (computer, clock, camera, autopilot, swarm), and return its report.
+
+    ``options``: options of ``radron-agent doctor``. ``tell``: called with each line of progress.
 
     Raises:
         RemoteError: the drone is not reached, in flight, or has no agent.
@@ -34,12 +39,12 @@ async def examine(host: Host, options: Sequence[str], tell: Callable[[str], None
 
 
 async def examine_here(config: Path | None, options: Sequence[str], tell: Callable[[str], None]) -> Report:
-    """Examine this computer.
+    """Examine the computer on which this program runs, as a drone, and return the report.
 
     Args:
-        config: the drone file; None: the installed agent's file; this agent is stopped meanwhile.
-        options: of ``radron-agent doctor``.
-        tell: called with the progress of the examination, line by line.
+        config: the drone file; None: the file of the installed agent, which is stopped meanwhile.
+        options: options of ``radron-agent doctor``.
+        tell: called with each line of progress.
 
     Raises:
         RemoteError: the computer cannot be examined.
@@ -66,12 +71,14 @@ async def examine_here(config: Path | None, options: Sequence[str], tell: Callab
 
 
 def is_progress(line: str) -> bool:
-    """Whether a line is progress: neither the report nor an error, which follow at the end."""
+    """Return whether an output line of the examination reports progress; the report or an error follows at the end."""
     return not line.startswith(("{", "radron"))
 
 
 def report_in(said: str, error: Callable[[str], RemoteError]) -> Report:
-    """Read the report from the doctor's output.
+    """Read the report from the output of an examination.
+
+    ``error``: makes an error that names the examined computer.
 
     Raises:
         RemoteError: no report, or a report of another version.

@@ -20,10 +20,11 @@ _ON_GROUND = ("", "starting", "preflight", "landed")  # stages of an agent that 
 
 @dataclass(frozen=True, slots=True)
 class Computer:
-    """A computer that can become a drone.
+    """An existing computer on which a drone's agent can be installed.
 
-    ``python``: path of its interpreter; ``release``: the installed release; ``authority``, ``certificate``: PEM, of an already
-    installed drone.
+    ``system``: name of the operating system. ``python``: path of its interpreter. ``release``: installed release of the agent;
+    None: not installed. ``authority``, ``certificate``: certificates (PEM) of the swarm's authority and of the drone, if
+    installed.
     """
 
     system: str
@@ -35,7 +36,7 @@ class Computer:
 
 
 async def probe(host: Host) -> Computer:
-    """Probe a computer without any change to it.
+    """Examine over SSH whether the agent can be installed on a computer, without any change to the computer.
 
     Raises:
         RemoteError: no connection, or the computer cannot become a drone.
@@ -44,7 +45,7 @@ async def probe(host: Host) -> Computer:
 
 
 async def asked(host: Host) -> dict[str, list[str]]:
-    """Return the output of ``probe.sh``, by key.
+    """Run the script ``probe.sh`` on a computer, and return its findings: lists of texts by key.
 
     Raises:
         RemoteError: no connection, or a drone that must not be changed: it flies, or runs the image.
@@ -59,10 +60,10 @@ async def asked(host: Host) -> dict[str, list[str]]:
 
 
 def check_alone(host: Host, values: dict[str, list[str]]) -> None:
-    """Check that the agent there may be replaced or removed.
+    """Check, from the output of ``probe.sh``, that the agent on a computer may be replaced or removed.
 
     Raises:
-        RemoteError: the drone flies, or runs the image.
+        RemoteError: the drone flies, or its disk was written from an image.
     """
     stage = next(iter(values.get("stage", ())), "")
     if "image" in values:
@@ -72,7 +73,7 @@ def check_alone(host: Host, values: dict[str, list[str]]) -> None:
 
 
 def judged(host: Host, values: dict[str, list[str]]) -> Computer:
-    """Return the computer from the output of ``probe.sh``.
+    """Check, from the output of ``probe.sh``, that a computer is suitable for the agent, and return its description.
 
     Raises:
         RemoteError: the computer cannot become a drone.
@@ -105,7 +106,7 @@ def judged(host: Host, values: dict[str, list[str]]) -> Computer:
 
 
 def script(name: str) -> bytes:
-    """Read a script of ``contents``, to run on the other computer."""
+    """Return the content of a shell script in the folder ``contents``, to be run on the other computer."""
     return files("deploy.computer").joinpath("contents", name).read_bytes()
 
 

@@ -1,4 +1,7 @@
-"""``radron-deploy install``: the agent on an existing Debian or Ubuntu computer, with the image's own units and scripts."""
+"""Installation of the agent on an existing Debian or Ubuntu computer, for ``radron-deploy install``.
+
+The services and scripts are the ones of the disk image.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,11 @@ _NOT_ITS_OWN = ("network", "firewall.nft", "authorized_keys")  # of the drone's 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An installation. ``source``: the checkout; ``cache``: for wheels; ``online``: the computer fetches the wheels itself."""
+    """An installation to be made: the agent of a source checkout, as one drone of a fleet.
+
+    ``pki``: folder of the certificate authority. ``source``: the checkout. ``cache``: folder for Python packages. ``online``: the
+    computer fetches the packages itself.
+    """
 
     fleet: Fleet
     drone: FleetDrone
@@ -67,15 +74,15 @@ async def install(
     Args:
         host: the computer.
         order: the installation.
-        issue: writes a new identity of the drone into the given folder.
-        now_ns: UTC.
+        issue: writes a new certificate and key of the drone into the given folder.
+        now_ns: present time, nanoseconds UTC.
         say: called with each step.
         progress: called with the progress of the copy.
 
     Raises:
         RemoteError: the computer cannot become a drone, or is not reached.
         ImageError: a package cannot be fetched or built, such as a package without a wheel for this processor.
-        IdentityError: from the authority.
+        IdentityError: the authority cannot issue the certificate.
     """
     computer = await probe(host)
     kind = MACHINES[computer.platform.machine]
@@ -94,7 +101,10 @@ async def install(
 
 
 def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
-    """Make all wheels for a computer, pip's included; with ``online`` only this project's, pip's, and the pinned versions.
+    """Make all Python packages (wheels) that a computer needs, including pip.
+
+    If the computer fetches packages itself (``order.online``), only this project's wheel, pip and the list of pinned versions are
+    made. ``work``: empty folder for the result.
 
     Raises:
         ImageError: a wheel cannot be fetched or built.
@@ -111,7 +121,7 @@ def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
 
 
 def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
-    """Collect all wheels for a kind of computer, pip's included, fetched or from the cache.
+    """Collect all Python packages (wheels) for a kind of computer, including pip, fetched or from the cache.
 
     Raises:
         ImageError: a wheel cannot be fetched or built; the text names the package.
@@ -126,15 +136,18 @@ def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
 
 
 def release_name(wheels: Iterable[Path], computer: Computer) -> str:
-    """Return a name for the agent's environment: any difference in the wheels or the interpreter changes it."""
+    """Return a name for the agent's Python environment: a hash over all wheels and the interpreter.
+
+    Any difference changes the name.
+    """
     content = "".join(f"{wheel.name} {digest(wheel)}\n" for wheel in sorted(wheels, key=lambda each: each.name))
     return hashlib.sha256(f"{content}{computer.platform.python} {computer.python}".encode()).hexdigest()[:16]
 
 
 def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None], work: Path, now_ns: int) -> bytes:
-    """Return the drone's files as a tar archive, with a new identity unless the present certificate is kept.
+    """Return a drone's configuration files as a tar archive, with a new certificate unless the present one is kept.
 
-    The files have the present date, by which the computer detects that its own clock is dead.
+    The files have the present date, by which the computer detects that its own clock is wrong.
     """
     made = {name: data for name, data in files_of(order.fleet, order.drone).items() if name.parts[0] not in _NOT_ITS_OWN}
     if not keeps_certificate(order, computer, now_ns):
@@ -146,7 +159,10 @@ def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None],
 
 
 def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
-    """Whether the computer has a certificate of this drone, by this authority, not revoked, and valid beyond ``KEPT_NS``."""
+    """Return whether the drone's present certificate can be kept.
+
+    It must be a certificate of this drone by this authority, not revoked, and valid for longer than ``KEPT_NS``.
+    """
     if computer.certificate is None or computer.authority is None:
         return False
     authority = order.pki.authority()
@@ -161,9 +177,9 @@ def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
 
 
 def scripts() -> bytes:
-    """Return the installer as a tar archive: ``install.sh``, and units, scripts and rules below ``system``.
+    """Return the installer as a tar archive: ``install.sh``, and below ``system`` the services, scripts and rules.
 
-    These are the image's files, but with the drone's files in a folder instead of on a partition.
+    They are the files of the disk image, except that the drone's own files are in a folder instead of on a partition.
     """
     rootfs = files("deploy.image").joinpath("contents", "rootfs")
     made = {name: (rootfs.joinpath(name).read_bytes(), 0o755 if "/lib/" in name else 0o644) for name in SYSTEM_FILES}
@@ -172,7 +188,9 @@ def scripts() -> bytes:
 
 
 async def uninstall(host: Host, purge: bool) -> str:
-    """Remove the agent from a computer; return the last line of the script's output.
+    """Remove the agent from a computer, and return the last line of the script's output.
+
+    ``purge``: also remove flight records and state.
 
     Raises:
         RemoteError: the computer is not reached, in flight, or runs the image.

@@ -1,4 +1,4 @@
-"""The fleet file: the drones, their network, mission, sensors, and login keys."""
+"""Content of the fleet file: the drones, their network, mission, sensors, and login keys."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Port = Annotated[int, Meta(ge=1024, le=65535)]
 
 
 class NetworkConfig(Section, frozen=True, kw_only=True):
-    """The network of the mesh: IPv4, fixed addresses.
+    """The network in which the drones talk to each other: IPv4 with fixed addresses.
 
-    ``interface``: name of the drone's network interface, with wildcards; it must fit one interface only. ``subnet``: such as
-    10.7.1.0/24. ``port``: the drones' listening port for each other. ``ntp``: time servers besides the drones themselves, such
-    as the operator's station.
+    ``subnet``: such as 10.7.1.0/24. ``interface``: name of the drone's network interface, with wildcards; it must fit one
+    interface only. ``port``: port at which each drone listens to the other drones. ``ntp``: time servers besides the drones
+    themselves, such as the operator's station.
     """
 
     subnet: str
@@ -29,7 +29,7 @@ class NetworkConfig(Section, frozen=True, kw_only=True):
 
 
 class Px4Config(Section, frozen=True, kw_only=True):
-    """Expected version and parameters of the autopilots, for the check in ``radron-deploy status``.
+    """Expected version and parameters of the autopilots (PX4), for the check in ``radron-deploy status``.
 
     ``version``: such as "1.15.4" (none: any). ``parameters``: such as ``{COM_OF_LOSS_T = 0.5}``; a drone reports the parameters
     that this table had when the drone's files were made.
@@ -40,10 +40,12 @@ class Px4Config(Section, frozen=True, kw_only=True):
 
 
 class FleetDrone(Section, frozen=True, kw_only=True):
-    """One drone. Keys in its own tables, such as ``[drones.vehicle]``, replace single keys of the top-level tables.
+    """One drone of the fleet file.
 
-    ``address``: its IPv4 address in the mesh. ``calibration``: folder with its camera's a.txt, b.txt, c.txt and t.txt, or
-    Pixet's XML file.
+    Keys in its own tables, such as ``[drones.vehicle]``, replace single keys of the top-level tables.
+
+    ``address``: IPv4 address of the drone in the swarm's network. ``calibration``: folder with its camera's a.txt, b.txt, c.txt
+    and t.txt, or Pixet's XML file. ``camera_rpy_deg``: roll, pitch and yaw of the camera in the body frame.
     """
 
     id: DroneId
@@ -57,13 +59,13 @@ class FleetDrone(Section, frozen=True, kw_only=True):
 
 
 class FleetConfig(Section, frozen=True, kw_only=True):
-    """The fleet file. Relative paths in it start from its own folder.
+    """Content of a fleet file, which describes all drones of a swarm. Relative paths start from the folder of the file.
 
-    ``version``: of radron; an image of another version is refused (none: any). ``mission``: the mission file. ``ssh_keys``:
-    public keys with root login on the drones. ``certificate_days``: validity of a drone's certificate. ``others``: names of
-    further members that may join the mesh (none: every holder of a certificate of the swarm). ``records_mb``: limit of a drone's
-    flight records. ``px4``: expected version and parameters of the autopilots, on all drones. ``camera_rpy_deg``, ``vehicle``,
-    ``detector`` and ``sightings``: as in the drone file, for all drones.
+    ``version``: version of radron; an image of another version is refused (none: any). ``mission``: the mission file.
+    ``ssh_keys``: public keys with root login on the drones. ``certificate_days``: validity of a drone's certificate. ``others``:
+    names of further members that may join the network (none: every holder of a certificate of the swarm). ``records_mb``: limit
+    of a drone's flight records. ``px4``: expected version and parameters of the autopilots, on all drones. ``camera_rpy_deg``,
+    ``vehicle``, ``detector`` and ``sightings``: as in the drone file, for all drones.
     """
 
     mission: str

@@ -32,7 +32,7 @@ _CALIBRATION = PurePosixPath("calibration")
 
 
 def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
-    """Return all files except the identity, by path on the partition.
+    """Return all configuration files of a drone, except its certificate and key, by their paths on the configuration partition.
 
     Raises:
         ConfigError: the elevation grid or the map of buildings cannot be found on board.
@@ -59,7 +59,7 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
 
 
 def write_files(folder: Path, files: Mapping[PurePosixPath, bytes]) -> None:
-    """Write files below a folder."""
+    """Write files, given by their relative paths, into a folder."""
     for name, data in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,7 +67,7 @@ def write_files(folder: Path, files: Mapping[PurePosixPath, bytes]) -> None:
 
 
 def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
-    """Return the drone file's content."""
+    """Return the content of a drone's own configuration file, ``drone.toml``, made from the fleet file."""
     port = fleet.config.network.port
     endpoints = {one.id: f"tls/{one.address}:{port}" for one in fleet.config.drones}
     return DroneConfig(

@@ -25,7 +25,7 @@ _KEY_TYPES = ("ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256", "sk-ssh-ed25519@o
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A checked fleet file and its mission."""
+    """A fleet file (description of all drones of a swarm) that has been read and checked, with its mission."""
 
     path: Path
     config: FleetConfig
@@ -33,16 +33,16 @@ class Fleet:
 
     @property
     def subnet(self) -> IPv4Network:
-        """The mesh's network."""
+        """IPv4 network in which the drones talk to each other."""
         return IPv4Network(self.config.network.subnet)
 
     @property
     def mission_file(self) -> Path:
-        """The mission file."""
+        """Path of the mission file."""
         return self.path.parent / self.config.mission
 
     def drone(self, name: str) -> FleetDrone:
-        """Return the drone with this id.
+        """Return the configuration of the drone with this id.
 
         Raises:
             ConfigError: no drone with this id.
@@ -55,7 +55,7 @@ class Fleet:
         )
 
     def calibration(self, drone: FleetDrone) -> Path | None:
-        """Return the path of a drone's camera calibration; None without one."""
+        """Return the path of the calibration of a drone's camera; None if the drone has none."""
         return None if drone.calibration is None else self.path.parent / drone.calibration
 
 
@@ -138,7 +138,9 @@ def _check_sensors(fleet: Fleet, drone: FleetDrone) -> None:
 
 
 def autopilot_of(drone: FleetDrone, where: str) -> tuple[IPv4Address, int] | None:
-    """Return an autopilot's network address and its port at the drone; None for a serial line or loopback.
+    """Return the network address of a drone's autopilot, and the drone's port for it; None for a serial line or loopback.
+
+    ``where``: place in the fleet file, for the error.
 
     Raises:
         ConfigError: the autopilot's own address is missing: any computer could then send to this port.

@@ -1,4 +1,7 @@
-"""The EFI system partition: GRUB, its configuration, and its variables for the choice of a slot."""
+"""The partition from which the computer starts (EFI system partition), with the boot loader GRUB.
+
+GRUB's variables tell which of two slots starts. A slot is a disk partition that holds one release of the onboard system.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,9 @@ FIRST_BOOT = {"ORDER": "A B", "A_OK": "1", "A_TRY": "0", "B_OK": "0", "B_TRY": "
 
 
 def make_esp(file: Path, work: Path, epoch: int) -> None:
-    """Make the EFI system partition.
+    """Make the file system of the partition from which the computer starts (EFI system partition).
+
+    ``work``: folder for intermediate files. ``epoch``: date of the files, seconds since 1970.
 
     Raises:
         ImageError: a program failed.
@@ -55,12 +60,15 @@ def make_esp(file: Path, work: Path, epoch: int) -> None:
 
 
 def grub_configuration() -> str:
-    """Return ``grub.cfg`` with the slots' identifiers."""
+    """Return the boot loader's configuration file ``grub.cfg``, with the identifiers of the two system partitions."""
     text = (files("deploy.image") / "contents/grub/grub.cfg").read_text(encoding="utf-8")
     return text.replace("@ROOT_A@", ROOT_A.guid).replace("@ROOT_B@", ROOT_B.guid)
 
 
 def grub_environment(variables: dict[str, str]) -> bytes:
-    """Return a block of GRUB's variables, as ``grub-editenv`` writes it: GRUB can only overwrite a block of this length."""
+    """Return a block of the boot loader's variables, as ``grub-editenv`` writes it.
+
+    The block has a fixed length, since GRUB can only overwrite a block of this length.
+    """
     text = "# GRUB Environment Block\n" + "".join(f"{name}={value}\n" for name, value in variables.items())
     return text.encode("ascii").ljust(_GRUBENV_BYTES, b"#")

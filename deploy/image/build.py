@@ -1,4 +1,7 @@
-"""``radron-deploy image build``: from a checkout to a bootable disk image, with a list of its contents beside it."""
+"""Build of a bootable disk image for onboard computers from a source checkout, for ``radron-deploy image build``.
+
+A list of the contents is written beside the image.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,10 @@ PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", 
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Release and contents of an image, in ``IMAGE.json``.
+    """List of the contents of a disk image, in the file ``IMAGE.json`` beside it.
 
-    ``packages``: versions of Debian's packages, by name; ``wheels``: SHA-256 by file name.
+    ``version``, ``commit``: release of radron in the image. ``epoch``: date of all files, seconds since 1970. ``sha256``: hash of
+    the image. ``packages``: versions of Debian's packages, by name. ``wheels``: SHA-256 of the Python packages, by file name.
     """
 
     version: str
@@ -40,15 +44,17 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def build(self) -> str:
-        """Date and commit of the source, to distinguish two releases of one version."""
+        """Date and commit of the source, which distinguish two releases of one version."""
         return Release(self.version, self.commit, self.epoch).build
 
 
 def release_of(source: Path) -> Release:
-    """Return the release of a checkout. Its date is the newest commit's, or SOURCE_DATE_EPOCH.
+    """Return the release of a source checkout: version, commit and date.
+
+    The date is the date of the newest commit, or SOURCE_DATE_EPOCH.
 
     Raises:
-        ImageError: no checkout of radron.
+        ImageError: the folder is no checkout of radron.
     """
     project = source / "pyproject.toml"
     if not project.is_file() or not (source / "agent").is_dir():
@@ -61,12 +67,12 @@ def release_of(source: Path) -> Release:
 
 
 def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say: Callable[[str], None]) -> Manifest:
-    """Make the image ``out``, which is renamed into place when complete, and its manifest.
+    """Build the disk image ``out`` and the list of its contents; the image gets its name only when complete.
 
     Args:
         out: the image.
         source: the checkout.
-        cache: folder for wheels, the log and intermediate files; about 2 GB.
+        cache: folder for Python packages, the log and intermediate files; about 2 GB.
         snapshot: time of Debian's archive; None: its present state.
         say: called with each step and its duration.
 
@@ -109,15 +115,15 @@ def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say:
 
 
 def manifest_file(image: Path) -> Path:
-    """Return the path of an image's manifest."""
+    """Return the path of the file that lists the contents of an image."""
     return image.with_name(image.name + ".json")
 
 
 def read_manifest(image: Path) -> Manifest:
-    """Read the manifest of an image.
+    """Read the file that lists the contents of an image.
 
     Raises:
-        ImageError: the manifest is not beside the image, or cannot be read.
+        ImageError: the file is not beside the image, or cannot be read.
     """
     file = manifest_file(image)
     try:

@@ -1,4 +1,4 @@
-"""Comparison of two images: different partitions, and different files of the root file system."""
+"""Comparison of two disk images: which partitions differ, and which files of the root file system."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST = 50  # named files
 
 
 def differences(one: Path, other: Path) -> list[str]:
-    """Return the differences of two images, one line each; empty for equal images.
+    """Return the differences of two disk images, one line each; empty for equal images.
 
     Raises:
         ImageError: a file is no image, or a program is missing.
@@ -37,7 +37,9 @@ def differences(one: Path, other: Path) -> list[str]:
 
 
 def unpack_root(image: Path, part: Partition, folder: Path) -> None:
-    """Unpack a slot's root file system into a new folder. Without root, devices and owners are not made.
+    """Unpack the root file system of a system partition of an image into a new folder.
+
+    Without the rights of root, device files and owners are not made.
 
     Raises:
         ImageError: the file system cannot be unpacked.

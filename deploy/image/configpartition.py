@@ -1,4 +1,4 @@
-"""A drone's config partition: its files from the fleet file, and its certificate."""
+"""Configuration partition of a drone's disk: the drone's files from the fleet file, and its certificate."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from deploy.image.layout import CONFIG
 
 
 def make_config(file: Path, work: Path, fleet: Fleet, drone: FleetDrone, issue: Callable[[Path], None], epoch: int) -> None:
-    """Make the file system ``file`` of the partition.
+    """Make the file system of a drone's configuration partition.
 
     Args:
         file: the file to make; it holds the drone's private key.
         work: an empty folder readable by this user only; the key is in it for a moment.
         fleet: the fleet file.
         drone: the drone in this fleet.
-        issue: writes an identity into the given folder.
+        issue: writes a new certificate and key of the drone into the given folder.
         epoch: date of the files, seconds since 1970.
 
     Raises:
-        ConfigError, IdentityError: from the fleet file; from the certificates.
+        ConfigError: an error in the fleet file.
+        IdentityError: the certificate cannot be issued.
         ImageError: the files do not fit into the partition.
     """
     content = work / "config"

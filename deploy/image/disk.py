@@ -1,4 +1,4 @@
-"""The disk image: a partition table, and the partitions' content in their places."""
+"""Assembly of the disk image from a partition table and the contents of the partitions."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from deploy.image.tools import run
 
 
 def make_disk(file: Path, contents: dict[Partition, Path]) -> None:
-    """Write an image with the given partitions' content, and zeros elsewhere. The file is sparse.
+    """Write a disk image with a partition table and the given contents of the partitions, and zeros elsewhere.
+
+    The file is sparse (zeros take no space).
 
     Raises:
-        ImageError: a partition's content does not fit.
+        ImageError: the content of a partition is too large.
     """
     for partition, content in contents.items():
         size = content.stat().st_size

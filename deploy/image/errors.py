@@ -1,4 +1,4 @@
-"""The one error of the disk's commands."""
+"""The error that the commands for disk images raise."""
 
 from __future__ import annotations
 
@@ -6,4 +6,7 @@ from protocol.errors import ProtocolError
 
 
 class ImageError(ProtocolError):
-    """An error that the user can fix. Its one line names the fault, its place and the remedy."""
+    """A disk image cannot be built, read or written, for a reason that the user can fix.
+
+    The text is one line, which names the fault, its place and the remedy.
+    """

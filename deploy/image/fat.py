@@ -9,7 +9,9 @@ from deploy.image.tools import run
 
 
 def make_fat(file: Path, size: int, label: str, content: Path, epoch: int) -> None:
-    """Make a FAT32 file system of ``size`` bytes in ``file`` with the files of the folder ``content``, dated ``epoch``.
+    """Make a FAT32 file system in ``file`` with the files of the folder ``content``.
+
+    ``size``: bytes. ``label``: name of the file system. ``epoch``: date of the files, seconds since 1970.
 
     Raises:
         ImageError: the file system cannot be made, such as for lack of space in it.

@@ -1,4 +1,4 @@
-"""Writing of an image to a disk, with a drone's config partition in it, and verification of the disk.
+"""Writing of an image to a drone's disk, together with the drone's configuration partition, and verification of the disk.
 
 The first MiB, which holds the partition table, is cleared first and written last. An incompletely written disk therefore has no
 partitions: no computer starts from it, and it cannot be mistaken for a drone's disk.
@@ -22,7 +22,10 @@ Progress = Callable[[str, int, int], None]  # present step, bytes done, bytes in
 
 
 def flash(image: Path, config: Path, target: Path, progress: Progress) -> None:
-    """Write ``image`` to ``target``, with the file ``config`` as its config partition, and verify every byte.
+    """Write a disk image and a drone's configuration partition to a disk, and verify every byte.
+
+    ``config``: file with the configuration partition. ``target``: the disk; its content is lost. ``progress``: called with the
+    present step, the bytes done and all bytes.
 
     Raises:
         ImageError: not an image of this release; the disk cannot be written, or reads back different bytes.
@@ -43,10 +46,10 @@ def flash(image: Path, config: Path, target: Path, progress: Progress) -> None:
 
 
 def check_image(image: Path) -> None:
-    """Check by size and partition table that a file is an image of this release.
+    """Check by size and partition table that a file is a complete image of this release.
 
     Raises:
-        ImageError: no such image, or a truncated image.
+        ImageError: the file is no such image, or is truncated.
     """
     try:
         size = image.stat().st_size

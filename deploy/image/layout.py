@@ -1,8 +1,10 @@
-"""The disk's layout: partitions, their sizes and identifiers, the same on every drone.
+"""Layout of an onboard computer's disk: partitions, their sizes and identifiers, equal on every drone.
 
     | esp | config | root-a | root-b | data (made at the first boot, the rest of the disk) |
 
-Identifiers are hashes of names, so that two builds are equal; GRUB's and systemd's files refer to partitions by identifier.
+The computer starts from ``esp``; ``root-a`` and ``root-b`` hold one release of the system each, so that an update leaves the
+running release in place. Identifiers are hashes of names, so that two builds are equal; GRUB's and systemd's files refer to
+partitions by identifier.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ LEAST_DATA_MIB = 2048
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """One partition of the image. ``number`` counts from 1."""
+    """One partition of the disk image. ``number`` counts from 1."""
 
     number: int
     name: str
@@ -30,7 +32,7 @@ class Partition:
 
     @property
     def guid(self) -> str:
-        """The partition's own identifier (PARTUUID)."""
+        """Identifier of this partition (PARTUUID), a hash of its name."""
         return str(uuid5(_NAMES, self.name))
 
 

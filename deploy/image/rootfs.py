@@ -1,4 +1,7 @@
-"""The root file system of a slot: Debian's packages, our files (``contents/``), and the agent in a separate environment."""
+"""Root file system of the onboard computer: Debian's packages, our files (``contents/``), and the agent.
+
+The agent is in a Python environment of its own.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ _ENABLED = [
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Release of an image: ``version`` of radron, ``commit`` of its source, ``epoch`` of all its dates (seconds since 1970)."""
+    """Release of the onboard system.
+
+    ``version``: of radron. ``commit``: of its source. ``epoch``: date of all files, seconds since 1970.
+    """
 
     version: str
     commit: str
@@ -43,12 +49,15 @@ class Release:
 
     @property
     def build(self) -> str:
-        """Date and commit of the source, to distinguish two releases of one version."""
+        """Date and commit of the source, which distinguish two releases of one version."""
         return f"{datetime.fromtimestamp(self.epoch, UTC):%Y%m%dT%H%M%SZ}-{self.commit}"
 
 
 def sources(snapshot: str | None) -> list[str]:
-    """Return apt's source lines. ``snapshot``: time of the archive, such as 20261101T000000Z; None: its present state."""
+    """Return the lines that tell apt from which Debian archive to install.
+
+    ``snapshot``: time of the archive, such as 20261101T000000Z; None: its present state.
+    """
     main, security, options = MIRROR, SECURITY, ""
     if snapshot is not None:
         main, security = f"{SNAPSHOT}/debian/{snapshot}", f"{SNAPSHOT}/debian-security/{snapshot}"
@@ -61,7 +70,7 @@ def sources(snapshot: str | None) -> list[str]:
 
 
 def packages() -> list[str]:
-    """Return the Debian packages of ``contents/packages.txt``."""
+    """Return the names of the Debian packages on board, from ``contents/packages.txt``."""
     lines = (_CONTENTS / "packages.txt").read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
@@ -69,7 +78,18 @@ def packages() -> list[str]:
 def make_rootfs(
     out: Path, work: Path, release: Release, wheels: Sequence[Path], snapshot: str | None, cache: Path, log: Path
 ) -> None:
-    """Make the squashfs ``out`` of one slot, in one to three minutes and over the network. ``cache`` keeps Debian's packages.
+    """Make the root file system of the onboard computer, as a squashfs (compressed, read-only file system).
+
+    It takes one to three minutes and needs the network.
+
+    Args:
+        out: the file to make.
+        work: folder for intermediate files.
+        release: version, commit and date.
+        wheels: Python packages of the agent.
+        snapshot: time of Debian's archive; None: its present state.
+        cache: folder that keeps Debian's packages for the next build.
+        log: file to which the output of the programs is appended.
 
     Raises:
         ImageError: a program failed, mostly because Debian's archive is not reached.
@@ -107,7 +127,7 @@ def make_rootfs(
 
 
 def add_contents(tar: tarfile.TarFile, release: Release) -> None:
-    """Add the files of ``contents/rootfs``, with owners, modes and dates that do not depend on the checkout."""
+    """Add our files (``contents/rootfs``) to a tar archive, with owners, modes and dates that do not depend on the checkout."""
     folder = _CONTENTS / "rootfs"
     for path in sorted(folder.rglob("*")):
         if path.is_file():

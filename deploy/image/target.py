@@ -1,4 +1,4 @@
-"""The target disk: check of its type, its content and the permission to overwrite it, by ``lsblk``."""
+"""Checks of the disk to be overwritten, by ``lsblk``: its type, its content and the permission to erase it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ GB = 1e9
 
 
 class Device(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of ``lsblk --json --bytes --paths``: a disk with its partitions, or a partition."""
+    """A disk or a partition, as ``lsblk --json --bytes --paths`` describes it.
+
+    ``ro``: read-only. ``rm``: removable. ``tran``: bus, such as ``usb``. ``children``: partitions of a disk.
+    """
 
     name: str
     type: str
@@ -40,7 +43,7 @@ class Device(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_removable(self) -> bool:
-        """Whether the device is a stick, a card, or a disk in a USB case: not part of this computer."""
+        """Whether the device is not part of this computer: a stick, a card, or a disk in a USB case."""
         return self.rm or self.tran == "usb"
 
 
@@ -50,14 +53,14 @@ class _Listing(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A writable disk or file. ``device`` is None for a file."""
+    """A disk or file to which an image will be written. ``size``: bytes. ``device``: None for a file."""
 
     path: Path
     size: int
     device: Device | None
 
     def described(self) -> list[str]:
-        """Return a description of the disk to be erased: one line for the disk, one for each partition."""
+        """Return a description of the disk to be erased: one line for the disk, and one for each partition."""
         if self.device is None:
             return [f"{self.path}: a file of {self.size / GB:.1f} GB"]
         disk = self.device
@@ -71,7 +74,7 @@ class Target:
 
 
 def find_target(path: Path, internal: bool) -> Target:
-    """Find the disk, and check that it may be overwritten.
+    """Find the disk at a path, and check that it may be overwritten.
 
     Args:
         path: a block device, or a plain file of the size of a disk.
@@ -98,10 +101,9 @@ def find_target(path: Path, internal: bool) -> Target:
 
 
 def check_device(path: Path, device: Device, internal: bool, writable: bool = True) -> Target:
-    """Check that a device from ``lsblk`` may be overwritten.
+    """Check that a device listed by ``lsblk`` may be overwritten, and return it as the target.
 
-    Raises:
-        ImageError: as :func:`find_target`.
+    ``internal``: accept also a disk that is not removable. Raises ImageError as :func:`find_target`.
     """
     if device.size == 0:
         raise _empty(path)

@@ -1,4 +1,4 @@
-"""Programs of the operating system, with one-line errors."""
+"""Calls of programs of the operating system; a failure gives a one-line error."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FILES = {
 
 
 def need(*programs: str) -> None:
-    """Check that all programs are installed, with their required files.
+    """Check that all these programs are installed, with the files that they require.
 
     Raises:
         ImageError: the text names all missing programs and files, and their packages.
@@ -47,7 +47,9 @@ def need(*programs: str) -> None:
 
 
 def run(command: Sequence[str], log: Path | None = None, env: Mapping[str, str] | None = None, stdin: Path | None = None) -> str:
-    """Run a program to its end, and return its output. With ``log``, the output is appended to this file.
+    """Run a program to its end, and return its output.
+
+    ``log``: file to which the output is appended. ``env``: additional environment variables. ``stdin``: file with the input.
 
     Raises:
         ImageError: the program failed; the text has the last line of its output.

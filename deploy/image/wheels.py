@@ -1,4 +1,4 @@
-"""The agent's Python packages, as wheels for an onboard computer's Python: the pinned versions."""
+"""Python packages of the agent as wheels for an onboard computer's Python, in pinned versions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ ONBOARD = ("protocol", "agent")  # packages of this project on board
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """Target platform of the wheels. ``machine``: as from ``uname -m``; ``glibc``: 36 of 2.36."""
+    """The kind of computer for which Python packages are made.
+
+    ``python``: version of Python. ``machine``: processor as from ``uname -m``. ``glibc``: minor version of the C library, such as
+    36 for 2.36.
+    """
 
     python: str
     machine: str
@@ -27,7 +31,7 @@ class Platform:
 
     @property
     def tags(self) -> list[str]:
-        """The platform tags of compatible wheels, best first."""
+        """Platform tags of the Python packages that fit this computer, best first."""
         numbered = [f"manylinux_2_{minor}_{self.machine}" for minor in range(self.glibc, _OLDEST_GLIBC - 1, -1)]
         return [*numbered, f"manylinux2014_{self.machine}"]
 
@@ -38,7 +42,7 @@ IMAGE = Platform("3.11", "x86_64", 36)  # Debian 12
 def make_wheels(
     source: Path, folder: Path, epoch: int, log: Path, platform: Platform = IMAGE, besides: tuple[str, ...] = ()
 ) -> list[Path]:
-    """Fetch and build all wheels into ``folder``, a cache: present wheels are not fetched again.
+    """Fetch and build all Python packages (wheels) of the agent into ``folder``; packages that are there already are kept.
 
     Args:
         source: the checkout.
@@ -84,7 +88,9 @@ def _missing(log: Path) -> str | None:
 
 
 def make_own_wheel(source: Path, work: Path, out: Path, epoch: int, log: Path) -> None:
-    """Make this project's wheel from a copy of the onboard packages, so that no stray file of the checkout gets on board.
+    """Build this project's own Python package (wheel) with the parts that run on board.
+
+    The package is built from a copy, so that no stray file of the checkout gets on board.
 
     Raises:
         ImageError: the wheel cannot be built.

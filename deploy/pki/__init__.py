@@ -1,1 +1,1 @@
-"""The swarm's certificate authority: issue, revocation and list of certificates."""
+"""Certificate authority of a swarm: it issues, revokes and lists the members' certificates."""

@@ -40,7 +40,11 @@ Passphrase = Callable[[], str]
 
 
 class PkiFolder:
-    """An authority on disk: ``ca.pem``, ``ca-key.pem`` (or a key kept elsewhere), ``issued.json`` and ``revoked.crl``."""
+    """Folder of a swarm's certificate authority on disk.
+
+    Files: ``ca.pem`` (certificate), ``ca-key.pem`` (encrypted key, unless kept elsewhere), ``issued.json`` (record of all
+    certificates) and ``revoked.crl`` (revoked certificates).
+    """
 
     def __init__(self, folder: Path, key_file: Path | None = None) -> None:
         """``key_file``: path of the key outside the folder, such as on a medium that is kept offline; None: in the folder."""
@@ -48,7 +52,9 @@ class PkiFolder:
         self.key_file = key_file if key_file is not None else folder / AUTHORITY_KEY_FILE
 
     def init(self, swarm: str, passphrase: Passphrase, now_ns: int) -> None:
-        """Make a new authority. Its key is written in encrypted form only.
+        """Create a new certificate authority for a swarm. Its key is written in encrypted form only.
+
+        ``passphrase``: asks for the passphrase of the key. ``now_ns``: nanoseconds UTC.
 
         Raises:
             IdentityError: an authority exists, the passphrase is too short, or a file cannot be written.
@@ -75,9 +81,9 @@ class PkiFolder:
     def issue(
         self, name: str, role: Role, days: int | None, out: Path, passphrase: Passphrase, now_ns: int, may_revoke: bool = False
     ) -> Issued:
-        """Issue a certificate with a new key, and write the member's folder ``out``.
+        """Issue a certificate with a new key to a member, and write the member's folder ``out``.
 
-        ``may_revoke``: an operator's right to revoke others in flight.
+        ``may_revoke``: an operator's right to revoke other members in flight.
 
         Raises:
             IdentityError: the name is another member's or was revoked; a right to revoke for another role than operator; the
@@ -109,7 +115,7 @@ class PkiFolder:
         return new
 
     def revoke(self, name: str, passphrase: Passphrase, now_ns: int) -> list[Issued]:
-        """Revoke all unexpired certificates of a name; return them, and write ``revoked.crl``.
+        """Revoke all unexpired certificates of a member, write ``revoked.crl``, and return these certificates.
 
         Raises:
             IdentityError: no such certificate; the authority's key cannot be used; a file cannot be written.
@@ -127,7 +133,7 @@ class PkiFolder:
         return concerned
 
     def authority(self) -> Authority:
-        """Read the authority's certificate.
+        """Read the certificate of the authority.
 
         Raises:
             IdentityError: no authority in this folder, or its certificate cannot be read.
@@ -143,7 +149,7 @@ class PkiFolder:
             raise IdentityError(f"{file}: {error}; restore it from a backup") from None
 
     def issued(self) -> list[Issued]:
-        """Return all issued certificates, in order of issue.
+        """Return the record of all issued certificates, in order of issue.
 
         Raises:
             IdentityError: no authority in this folder, or its record cannot be read.

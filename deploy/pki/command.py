@@ -115,7 +115,10 @@ def _until(own: Peer, now_ns: int) -> str:
 
 
 def drone_issuer(authority: PkiFolder, drone: str, days: int | None) -> Callable[[Path], None]:
-    """Return a function that writes a new identity of a drone into a given folder; it asks for the passphrase."""
+    """Return a function that writes a new certificate and key of a drone into a given folder; it asks for the passphrase.
+
+    ``days``: period of validity; None: the usual period.
+    """
 
     def issue_into(folder: Path) -> None:
         authority.issue(drone, Role.DRONE, days, folder, lambda: passphrase(authority.key_file), time.time_ns())
@@ -130,7 +133,10 @@ def _folder(pki: Path, key: Path | None) -> PkiFolder:
 
 
 def passphrase(key_file: Path, new: bool = False) -> str:
-    """Return the passphrase from the environment or the terminal, never from the command line: all users can read it there."""
+    """Return the passphrase of the authority's key, from an environment variable or the terminal.
+
+    It is never taken from the command line, which all users of the computer can read. ``new``: ask twice.
+    """
     if PASSPHRASE_VARIABLE in os.environ:
         return os.environ[PASSPHRASE_VARIABLE]
     if not sys.stdin.isatty():

@@ -1,4 +1,4 @@
-"""An authority's record of issued certificates."""
+"""Record of the certificates that an authority has issued."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from protocol.identity import Role
 
 
 class Issued(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An issued certificate. Times: UTC, nanoseconds; ``serial``: hexadecimal, as other tools show it."""
+    """An issued certificate in the authority's record.
+
+    Times: nanoseconds UTC; ``revoked_ns`` is None for a certificate that is not revoked. ``serial``: hexadecimal, as other tools
+    show it.
+    """
 
     name: str
     role: Role

@@ -1,7 +1,8 @@
-"""Certificates that sign releases of the onboard system.
+"""Certificates with which releases of the onboard system are signed.
 
-The keys are ECDSA P-256: RAUC's signatures are CMS, for which OpenSSL 3.0, the drones' and Debian's version, lacks Ed25519. Their
-only purpose is code signing: they open no links, and the members' certificates, issued for links, sign no releases.
+The keys are ECDSA P-256: RAUC (the updater) uses CMS signatures, for which OpenSSL 3.0, the version of Debian and of the drones,
+lacks Ed25519. Their only purpose is code signing: they open no links, and the members' certificates, issued for links, sign no
+releases.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from protocol.issuing import DAYS, EARLIER, Issuer, write_file
 
 
 def issue_release(issuer: Issuer, name: str, now_ns: int, days: int | None, out: Path) -> Issued:
-    """Issue a certificate for releases with a new key, and write its folder; other users cannot read the key.
+    """Issue a certificate with a new key for signing releases, and write its folder; other users cannot read the key.
+
+    ``days``: period of validity; None: the usual period.
 
     Raises:
         IdentityError: an invalid name.

@@ -1,4 +1,8 @@
-"""``radron-deploy bundle build``: an image's root file system as a signed bundle, which RAUC on board installs into a slot."""
+"""Build of update bundles for ``radron-deploy bundle build``.
+
+A bundle is a signed file with the root file system of an image. On board, RAUC (the updater) installs it into the disk partition
+that is not in use.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,10 @@ _MAGIC = b"hsqs"
 
 
 class BundleManifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Description of a bundle, in ``BUNDLE.json`` beside it, for checks before a copy; on board, its signed manifest counts."""
+    """Description of an update bundle (signed file with a release), in ``BUNDLE.json`` beside it.
+
+    It allows checks before the bundle is copied; on board, the bundle's own signed description is used.
+    """
 
     release: Release
     sha256: str
@@ -33,7 +40,9 @@ class BundleManifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 def build_bundle(image: Path, signer: Path, out: Path, say: Callable[[str], None]) -> BundleManifest:
-    """Make the bundle ``out`` from an image, signed by the release certificate in the folder ``signer``.
+    """Make an update bundle (signed file with a release for onboard computers) from a disk image.
+
+    ``signer``: folder with a certificate for releases and its key. ``out``: the bundle. ``say``: called with each step.
 
     Raises:
         UpdateError: no certificate for releases.
@@ -60,10 +69,12 @@ def build_bundle(image: Path, signer: Path, out: Path, say: Callable[[str], None
 
 
 def write_bundle(content: Path, release: Release, certificate: Path, key: Path, out: Path, log: Path) -> None:
-    """Sign the folder ``content`` with its ``root.squashfs`` as a bundle, and verify that drones would accept the signature.
+    """Sign a root file system as an update bundle, and verify that drones would accept the signature.
+
+    ``content``: folder with the file ``root.squashfs``. ``out``: the bundle.
 
     Raises:
-        ImageError: RAUC refuses.
+        ImageError: RAUC (the updater) refuses.
     """
     text = (
         f"[update]\ncompatible={COMPATIBLE}\nversion={release.version}\nbuild={release.build}\n\n"
@@ -102,7 +113,7 @@ def _check_signer(signer: Path) -> None:
 
 
 def extract_root(image: Path, out: Path) -> None:
-    """Copy the root file system out of an image, with the size from the file system's own header.
+    """Copy the root file system out of a disk image, with the size from the file system's own header.
 
     Raises:
         UpdateError: no root file system in the image.
@@ -121,15 +132,15 @@ def extract_root(image: Path, out: Path) -> None:
 
 
 def manifest_file(bundle: Path) -> Path:
-    """Return the path of a bundle's manifest."""
+    """Return the path of the file that describes an update bundle."""
     return bundle.with_name(bundle.name + ".json")
 
 
 def read_bundle_manifest(bundle: Path) -> BundleManifest:
-    """Read the manifest of a bundle, and check that the bundle is complete.
+    """Read the description of an update bundle, and check that the bundle is complete.
 
     Raises:
-        UpdateError: the manifest is not beside the bundle, or the bundle is truncated.
+        UpdateError: the description is not beside the bundle, or the bundle is truncated.
     """
     file = manifest_file(bundle)
     try:

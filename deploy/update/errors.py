@@ -1,4 +1,4 @@
-"""The one error of the commands for updates."""
+"""The error that the commands for updates raise."""
 
 from __future__ import annotations
 
@@ -6,4 +6,7 @@ from protocol.errors import ProtocolError
 
 
 class UpdateError(ProtocolError):
-    """An error that the user can fix. Its one line names the fault, its place and the remedy."""
+    """Onboard computers cannot be updated, for a reason that the user can fix.
+
+    The text is one line, which names the fault, its place and the remedy.
+    """

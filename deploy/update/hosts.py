@@ -1,4 +1,4 @@
-"""Target computers of a command: addresses, or drones of a fleet file."""
+"""The computers at which a command works: given by addresses, or as drones of a fleet file."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Tell = Callable[[Host, str, int, int], None]  # present step at a computer, and 
 
 
 def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[str]) -> tuple[list[Host], Fleet | None]:
-    """Return the named computers, and the fleet.
+    """Return the computers at which a command must work, and the fleet, if a fleet file is given.
 
     Args:
         names: addresses; with a fleet, its drones' ids or addresses; empty: all drones.
         fleet_file: the fleet file.
-        options: of ssh, such as ``IdentityFile=key``.
+        options: options of ssh, such as ``IdentityFile=key``.
 
     Raises:
         UpdateError: neither names nor a fleet, or a computer named twice.
@@ -43,10 +43,10 @@ def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[
 
 
 async def ask(host: Host) -> Computer:
-    """Return a computer's status.
+    """Return the state of an onboard computer: release, disk, clock, agent and last update.
 
     Raises:
-        RemoteError: no answer, no radron installed there, or a status of another version.
+        RemoteError: no answer, no radron installed there, or an answer of another version.
     """
     missing = "echo 'is no drone yet: `radron-deploy image flash` makes its disk, or `radron-deploy install`' >&2; exit 1"
     said = await run(host, f"command -v {PROGRAM} > /dev/null || {{ {missing}; }}; {PROGRAM} status")

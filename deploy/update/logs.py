@@ -1,4 +1,4 @@
-"""``radron-deploy logs``: the flight records of many computers, each verified by its digest."""
+"""Copies of the flight records of many onboard computers, each verified by its hash, for ``radron-deploy logs``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LIST = (
 
 @dataclass(frozen=True, slots=True)
 class Fetched:
-    """Records of one computer: number of all records, and of new records."""
+    """Result of copying one computer's flight records: number of all records, and of the newly copied ones."""
 
     records: int
     new: int
@@ -31,7 +31,9 @@ class Fetched:
 
 
 async def fetch_logs(host: Host, out: Path, tell: Tell, source: str = FLIGHTS) -> Fetched:
-    """Copy missing records into ``out/NAME``. The next call completes an interrupted copy.
+    """Copy the flight records of a computer that are missing here into ``out/NAME``.
+
+    The next call completes an interrupted copy. ``source``: folder of the records on board.
 
     Raises:
         RemoteError: no connection, or a copy that differs.

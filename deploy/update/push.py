@@ -1,4 +1,4 @@
-"""``radron-deploy push``: a bundle to many computers at once, and the outcome of each update."""
+"""Update of many onboard computers at once with a signed bundle, for ``radron-deploy push``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ _MARGIN_MB = 200  # that stay free on the data partition
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """Update order for each computer. ``bundle`` None: back to the other slot. ``older``: accept also an older release."""
+    """What each computer must install.
+
+    ``bundle``: signed file with the new release; None: go back to the former release in the other disk partition. ``older``:
+    accept also a release older than the running one. ``poll_s``: interval of questions for the outcome. ``decided_s``: longest
+    wait for it.
+    """
 
     bundle: Path | None
     manifest: BundleManifest | None
@@ -33,7 +38,7 @@ class Push:
 
 
 async def push(hosts: Sequence[Host], order: Push) -> list[Outcome | RemoteError]:
-    """Update all computers; return the outcome of each, in the order of ``hosts``.
+    """Update all computers, and return how the update of each has ended, in the order of ``hosts``.
 
     Raises:
         UpdateError: a vehicle is armed, or a flight is under way; no computer was changed.

@@ -1,4 +1,4 @@
-"""``radron-deploy status``: the status of a fleet's onboard computers, in one table with marked differences."""
+"""State of a fleet's onboard computers in one table with marked differences, for ``radron-deploy status``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ Kind = tuple[bool, bool]  # localisation of an autopilot: by satellites, and by 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of the table; ``stands_out``: the text differs from the other computers' text, or needs the operator's attention."""
+    """A cell of the table of computers.
+
+    ``stands_out``: the text differs from the other computers' text, or needs the operator's attention.
+    """
 
     text: str
     stands_out: bool = False
@@ -40,7 +43,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A computer's status, with the times of question and answer by this computer's clock (UTC, nanoseconds)."""
+    """State of an onboard computer, with the times of question and answer by this computer's clock (nanoseconds UTC)."""
 
     computer: Computer
     asked_ns: int
@@ -48,10 +51,10 @@ class Answer:
 
 
 def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[dict[str, Cell]]:
-    """Return a row for each computer, by column.
+    """Return a table row for each onboard computer: cells by column, with differences marked.
 
-    The values of ``fleet`` are the reference. Without a value there, all drones should have the same release, the same version
-    of PX4, and the same parameters of autopilots with the same kind of localisation.
+    The values of ``fleet`` are the reference. Without a value there, all drones should have the same release, the same version of
+    PX4, and the same parameters of autopilots with the same kind of localisation.
     """
     drones = [_drone(host, fleet) for host, _ in answers]
     usual = _usual(answers, drones)
@@ -62,7 +65,7 @@ def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[di
 
 
 def table(made: Sequence[dict[str, Cell]]) -> Table:
-    """Return the rows as a table."""
+    """Return the rows as a table for the terminal."""
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
