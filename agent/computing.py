@@ -11,8 +11,11 @@ from protocol.signing import SignedRoot, signed_root
 
 
 class Computing(NamedTuple):
-    """Factories of estimators (by name) and frame estimates, decoder of messages, and the signed roots of log entries' proofs.
-    The drones of a large simulation share the results.
+    """The functions for expensive computations whose results depend on their inputs alone, so that simulated drones can share
+    them.
+
+    ``estimators``: makes an estimator by its name. ``frame_estimates``: makes an estimate of the drones' frames. ``read``:
+    decodes a message. ``signed_root``: checks the signature of a group of log entries.
     """
 
     estimators: Estimators = estimator_named

@@ -2,24 +2,24 @@
 
 
 class RadronError(Exception):
-    """An error that the user can fix; the text names the fault, its place and the remedy."""
+    """Base class of the errors that the user can fix; the text names the fault, its place and the remedy."""
 
 
 class ConfigError(RadronError):
-    """A configuration, mission or scenario file that cannot be used."""
+    """A configuration, mission or scenario file cannot be used."""
 
 
 class DetectorError(RadronError):
-    """Detector data or calibration that cannot be read."""
+    """Data or calibration of the detector cannot be read."""
 
 
 class VehicleError(RadronError):
-    """The autopilot cannot be reached, or refuses."""
+    """The autopilot cannot be reached, or refuses a request."""
 
 
 class FlightRecordError(RadronError):
-    """A recorded flight that cannot be replayed, or a folder that cannot take one."""
+    """A recorded flight cannot be replayed, or a folder cannot take a record."""
 
 
 class OutputError(RadronError):
-    """A file that cannot, or must not, be written."""
+    """An output file cannot, or must not, be written."""

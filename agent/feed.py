@@ -19,11 +19,14 @@ _READ_BYTES = 1 << 18
 
 
 class CorruptFeedError(RadronError):
-    """Bytes that do not belong to the feed's format."""
+    """The sender of a TCP feed sent bytes that do not belong to the feed's format."""
 
 
 class Feed(Generic[Item]):
-    """Items from ``address`` ("host:port"). ``problem``: the link's present fault, in words. ``counters``: connections."""
+    """A TCP client that yields the decoded items of a sender at ``address`` ("host:port"), and reconnects after each fault.
+
+    ``problem``: the present fault of the link, in words; None without one. ``counters``: number of connections.
+    """
 
     def __init__(self, what: str, key: str, address: str, decoder: Callable[[], Callable[[bytes], Iterable[Item]]]) -> None:
         """A feed that is not connected yet.
@@ -50,7 +53,7 @@ class Feed(Generic[Item]):
         self.counters: Counter[str] = Counter()
 
     async def items(self) -> AsyncIterator[Item]:
-        """The items as they arrive, until ``close``."""
+        """Yield the decoded items as they arrive, across reconnections, until ``close`` is called."""
         pause_s = BACKOFF_S[0]
         while not self._closed.is_set():
             try:
@@ -96,17 +99,20 @@ class Feed(Generic[Item]):
             pass
 
     async def close(self) -> None:
-        """Close the link; ``items`` ends."""
+        """Close the link, so that ``items`` ends."""
         self._closed.set()
         if self._link is not None:
             self._link.abort()
 
 
 class LineFeed(Feed[list[bytes]]):
-    """A feed of lines, in batches, without line ends and empty lines. ``counters``: those of the link, lines_too_long."""
+    """A TCP client that yields lines of text in batches, without line ends and empty lines; it reconnects after each fault.
+
+    ``counters``: number of connections, and of lines that were too long (``lines_too_long``).
+    """
 
     def __init__(self, what: str, key: str, address: str) -> None:
-        """As in ``Feed``."""
+        """Set up a client that is not connected yet; arguments and errors as in ``Feed``."""
         super().__init__(what, key, address, self._lines)
 
     def _lines(self) -> Callable[[bytes], Iterator[list[bytes]]]:

@@ -14,13 +14,13 @@ Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 def yaw_of(quaternion: Quaternion) -> float:
-    """Heading of the body's x axis, rad."""
+    """Return the heading (rad, counter-clockwise from the world's x axis) of a body whose attitude is this quaternion."""
     w, x, y, z = quaternion
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def turned(rotation: Quaternion, vector: Vector3) -> Vector3:
-    """A vector rotated by a quaternion, which need not be of unit length."""
+    """Return a vector rotated by a quaternion (w, x, y, z), which need not be of unit length."""
     w, x, y, z = rotation
     a, b, c = vector
     double = 2.0 / (w * w + x * x + y * y + z * z)
@@ -29,7 +29,10 @@ def turned(rotation: Quaternion, vector: Vector3) -> Vector3:
 
 
 def blended(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
-    """Normalised linear interpolation at ``part`` (0 .. 1): accurate enough between poses 50 ms apart."""
+    """Return the attitude between two attitudes, by normalised linear interpolation of their quaternions.
+
+    part: 0 gives ``before``, 1 gives ``after``. The interpolation is accurate enough between poses 50 ms apart.
+    """
     bw, bx, by, bz = before
     aw, ax, ay, az = after
     if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # of the two quaternions of this attitude, the nearer one

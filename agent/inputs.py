@@ -11,10 +11,12 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_bytes(path: Path, max_bytes: int, where: str, hint: str) -> bytes:
-    """Read a file; ``where`` and ``hint``: begin and end of the error that refuses a larger one.
+    """Read a whole file of limited size.
+
+    ``where`` and ``hint``: begin and end of the text of the errors.
 
     Raises:
-        ConfigError: it cannot be read, or is larger than ``max_bytes``.
+        ConfigError: the file cannot be read, or is larger than ``max_bytes``.
     """
     try:
         with path.open("rb") as file:
@@ -27,13 +29,17 @@ def read_bytes(path: Path, max_bytes: int, where: str, hint: str) -> bytes:
 
 
 def refuse_stream(path: Path) -> None:
-    """Raise ConfigError for a pipe or device where a file is read more than once; a missing file is the reader's concern."""
+    """Raise ConfigError if a path is a pipe or a device, for functions that read a file more than once.
+
+    A missing file passes: its reader reports it.
+    """
     if path.exists() and not path.is_file() and not path.is_dir():
         raise ConfigError(f"{path}: is a pipe or a device, which can be read only once; save it to a file, and name that")
 
 
 def text_of(data: bytes) -> str:
-    """Decode a text file: UTF-8, or UTF-16 with its byte order mark, as editors and spreadsheets on Windows write them.
+    """Decode the bytes of a text file: UTF-8, or UTF-16 with a byte order mark, as editors and spreadsheets on Windows write
+    them.
 
     Raises:
         ValueError: another encoding; the text names the first wrong byte, and quotes nothing of the file.
@@ -45,5 +51,5 @@ def text_of(data: bytes) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file. Raises OSError, and ValueError as ``text_of`` does."""
+    """Read a text file. Raise OSError if it cannot be read, and ValueError if its encoding is wrong, as ``text_of`` does."""
     return text_of(path.read_bytes())

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 
 def since(before_ns: int | None, now_ns: int, *, holds: bool) -> int | None:
-    """Return when the condition began to hold; None while it does not. ``before_ns``: the result of the step before."""
+    """Return the time (ns) since which a condition holds without a break; None while it does not hold.
+
+    before_ns: the result of the previous call. now_ns: the present time.
+    """
     return begun(before_ns, now_ns) if holds else None
 
 
 def begun(before_ns: int | None, now_ns: int) -> int:
-    """Return when a condition that holds began. A time in the future is from before a clock step backward, and counts anew."""
+    """Return the time (ns) at which a condition that holds now began.
+
+    before_ns: the result of the previous call; a time in the future is from before a backward step of the clock, and the
+    condition counts as new.
+    """
     return now_ns if before_ns is None or before_ns > now_ns else before_ns

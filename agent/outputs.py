@@ -12,11 +12,11 @@ from agent.errors import OutputError
 
 
 def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Refuse a path that cannot, or must not, be written to.
+    """Raise an error for an output path to which nothing can, or must, be written.
 
     Raises:
         OutputError: ``path`` is one of the ``inputs`` (also by a link), a folder, a device or another special file, a link to
-            nowhere, protected, or its folder is missing or not writable; or ``-``.
+            nowhere, or protected; its folder is missing or not writable; or it is ``-``.
     """
     if str(path) == "-":
         raise OutputError("-: standard output is not supported; give the name of a file")
@@ -56,7 +56,10 @@ def _followed(path: Path) -> Path:
 
 
 def cache_folder() -> Path:
-    """$XDG_CACHE_HOME/radron, by default ~/.cache/radron; of a user without a home directory, a folder of its own in /tmp."""
+    """Return the folder for files that can be computed again: $XDG_CACHE_HOME/radron, by default ~/.cache/radron.
+
+    For a user without a home directory it is a folder of that user in /tmp.
+    """
     caches = os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(caches or Path.home() / ".cache") / "radron"
@@ -65,7 +68,7 @@ def cache_folder() -> Path:
 
 
 def try_folder(folder: Path) -> None:
-    """Try to write a temporary file into a folder, which is created if it is missing. Raises OSError if that fails."""
+    """Test that files can be written to a folder, which is created if it is missing. Raise OSError if that fails."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder) as file:
         file.write(b"\0")
@@ -73,12 +76,13 @@ def try_folder(folder: Path) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace a file atomically: a power cut leaves the older or the newer content; after the return, always the newer.
+    """Replace the content of a file atomically: after a power cut the file has the old or the new content, never a part.
 
-    Files of one folder may be written at the same time, also files with names that differ in the suffix only.
+    After the return it always has the new content. Files of one folder may be written at the same time, also files with names
+    that differ in the suffix only.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(f"{path.name}.new")
@@ -96,7 +100,8 @@ def write_durably(path: Path, content: bytes) -> None:
 
 @contextmanager
 def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """A temporary path beside ``path`` to write to; it takes the place of ``path`` once the block ends without an error.
+    """Give a temporary path beside ``path`` to write to; the file replaces ``path`` once the ``with`` block ends without an
+    error.
 
     A link stays a link: the file that it points to is replaced.
 
@@ -119,5 +124,5 @@ def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
 
 
 def printable(text: str) -> str:
-    """A foreign text for a terminal, without the control characters that could overwrite true lines."""
+    """Return a text from outside, safe for a terminal: control characters, which could overwrite true lines, become "?"."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -49,18 +49,19 @@ from protocol.signing import Trust, Verifier
 
 
 class Step(Struct, frozen=True):
-    """Result of a step: payloads to publish under their keys, and the command for the autopilot."""
+    """Result of one step of the pilot: messages to publish, as pairs of key and payload, and the command for the autopilot."""
 
     publications: list[tuple[str, bytes]]
     command: VehicleCommand
 
 
 class Pilot:
-    """One drone's mission, from the start command to the landing.
+    """The program that flies one drone through a mission, from the start command to the landing.
 
-    From a pixel hit to a setpoint, in the order of the methods below: ``observe_detector`` makes log entries of it, ``_record``
-    signs, publishes and logs them, and ``receive`` logs the peers' entries; ``advance`` folds new entries into frames and
-    hypothesis; ``step`` plans by them.
+    It makes no I/O: the caller passes in measurements and messages, and gets messages and commands back. From a pixel hit to a
+    setpoint, in the order of the methods below: ``observe_detector`` turns hits into log entries (signed measurements),
+    ``_record`` signs, publishes and logs them, and ``receive`` logs the entries of other drones; ``advance`` updates the drones'
+    frames and the source estimate (hypothesis) with the new entries; ``step`` plans the flight by them.
     """
 
     def __init__(
@@ -128,23 +129,29 @@ class Pilot:
         )
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry. Telemetry that is not newer, not finite or out of range is counted and dropped."""
+        """Take the newest telemetry of the autopilot. Telemetry that is not newer, not finite or out of range is counted and
+        dropped.
+        """
         if (vehicle := self._own.take(state)) is not None:
             self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
+        """Take the pixel hits of one interval from the camera. Return the resulting log entries as key and payload, to be
+        published at once.
+        """
         self._record(self._camera.observe(readout), readout.end_ns)
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
-        """Take a satellite fix. Returns the resulting log entry, to be published at once."""
+        """Take a position by satellites. Return the resulting log entry as key and payload, to be published at once."""
         if (entry := self._sensors.fix(fix)) is not None:
             self._record([entry], entry.stamp_ns)
         return self._outbox.take()
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
-        """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
+        """Take relative observations of other drones. Return the resulting log entries as keys and payloads, to be published at
+        once.
+        """
         entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
         logged = [entry for entry in entries if entry.sequence != NOT_LOGGED]
         self._record(logged, max((entry.stamp_ns for entry in logged), default=0))
@@ -168,9 +175,10 @@ class Pilot:
             self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
-        """Take a message from the mesh. An invalid one is counted and dropped, never raised.
+        """Take a message from the radio network. An invalid message is counted and dropped, never raised.
 
-        Returns the verdict on a command to this drone, or on a new revocation; None for all other messages.
+        Return the verdict on a command to this drone, or on a new revocation (withdrawal of a member's rights); None for all
+        other messages.
         """
         try:
             address = parse_key(key)  # unchanged if the mesh has parsed it already
@@ -206,21 +214,30 @@ class Pilot:
         return dropped
 
     def log_summary(self) -> bytes:
-        """A summary of the log: a request for missing entries, answered by the peers' ``log_answer``."""
+        """Return a summary of this drone's observation log, by which other drones (``log_answer``) find the entries that it
+        lacks.
+        """
         return self._exchange.summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of log entries missing at the asking drone: a bounded number."""
+        """Return log entries that another drone lacks, as keys and payloads: a bounded number.
+
+        request: the summary of that drone's log (``log_summary``).
+        """
         return self._exchange.answer(request)
 
     def advance(self, now_ns: int) -> None:
-        """Process new log entries, so that the hypothesis includes them before the next step; many take several calls."""
+        """Process new log entries, so that the source estimate includes them before the next step; many entries take several
+        calls.
+        """
         self._news.step(now_ns)
         self._numbers.keep_time(now_ns)
         self._world.advance(self._clocks.followed_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
-        """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
+        """Advance the mission by one step: process the log, choose the stage, plan the flight, and report. Call it at 20 Hz or
+        more.
+        """
         self._take_back(now_ns)
         self.advance(now_ns)
         before = self._told
@@ -249,38 +266,47 @@ class Pilot:
                 self._record([self._observer.retraction(now_ns, *doubted)], now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
-        """Set the warnings that the shell has for the operator; replaces the previous ones."""
+        """Set the warnings that the surrounding process (the shell) has for the operator. They replace its previous warnings."""
         self._problems.warned = problems
 
     def block(self, problems: tuple[str, ...]) -> None:
-        """Set the problems found by the shell that prevent a start; replaces the previous ones."""
+        """Set the problems that the surrounding process (the shell) found, and that prevent a start. They replace its previous
+        problems.
+        """
         self._problems.blocked = problems
 
     def ticket(self, now_ns: int) -> Ticket:
-        """The ticket for the next command to this drone, as published in its status."""
+        """Return the ticket (a number that is valid once) for the next command to this drone, as published in its status."""
         return self._orders.ticket(now_ns)
 
     def notice(self, notices: tuple[str, ...]) -> None:
-        """Set the shell's notices to the operator, which are no problems of this flight; replaces the previous ones."""
+        """Set the notices of the surrounding process (the shell) to the operator, which are no problems of this flight.
+
+        They replace its previous notices.
+        """
         self._telling.notice(notices)
 
     @property
     def taking(self) -> Upload | None:
-        """The mission that the shell is to fetch, keep and begin anew with; None: none."""
+        """The uploaded mission that the surrounding process (the shell) must fetch, keep and restart with; None if there
+        is none.
+        """
         return self._commanding.uploads.taking
 
     def decline(self, reason: str) -> None:
-        """Report to the operator why the uploaded mission was not taken."""
+        """Report to the operator the reason why an uploaded mission was refused."""
         self._commanding.uploads.decline(reason)
 
     @property
     def stage(self) -> Stage:
-        """The present stage of the mission."""
+        """The present stage of the mission, such as preflight, survey or encirclement."""
         return self._executive.stage
 
     @property
     def memory(self) -> Memory | None:
-        """State for an agent that is restarted in flight: the same object as long as nothing in it changes."""
+        """State from which an agent that is restarted in flight continues. The same object is returned as long as nothing in it
+        changes.
+        """
         return self._executive.remembering.memory
 
     @property
@@ -290,22 +316,22 @@ class Pilot:
 
     @property
     def fusion(self) -> Fusion:
-        """The log, and the estimator that the drone flies by."""
+        """The observation log, together with the estimator by which the drone flies."""
         return self._world.fusion
 
     @property
     def listeners(self) -> Mapping[str, Fusion]:
-        """Further estimators on the same log, by name."""
+        """Further estimators on the same log, by name; they do not influence the flight."""
         return self._world.listeners
 
     @property
     def hypothesis(self) -> Hypothesis | None:
-        """The source estimate, mission frame; None before there is one."""
+        """The source estimate by which the drone flies, in the mission frame; None before there is one."""
         return self.fusion.hypothesis
 
     @property
     def outlook(self) -> Outlook | None:
-        """The posterior of the search: see ``Outlook``."""
+        """The posterior of the search: where a source may still be, see ``Outlook``; None without one."""
         return self.fusion.outlook
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
@@ -314,32 +340,32 @@ class Pilot:
 
     @property
     def pending(self) -> bool:
-        """Whether frames and hypothesis lack entries of the log, because entries are processed in slices."""
+        """Whether frames and source estimate still lack entries of the log, because entries are processed in slices."""
         return self._world.pending
 
     @property
     def backlog_s(self) -> float:
-        """Time for which received entries have been missing in frames or hypothesis, s."""
+        """Time (s) for which received entries have been waiting to be included in frames or source estimate."""
         return self._world.backlog_s
 
     @property
     def finding(self) -> str:
-        """The result of a search that ended without finding a source; else empty."""
+        """The result in words of a search that ended without finding a source; empty in all other cases."""
         return self._executive.finding
 
     @property
     def digest(self) -> str:
-        """Digest of the log, 32 hex digits."""
+        """Hash over the content of the observation log, 32 hex digits; equal on drones with equal logs."""
         return self.fusion.digest
 
     @property
     def revocations(self) -> tuple[Revocation, ...]:
-        """Revocations in flight: the same object until one is added."""
+        """The members revoked during this flight (rights withdrawn). The same object is returned until a revocation is added."""
         return self._revoking.held
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Problems in the last status."""
+        """Problems of this drone, as published in its last status."""
         return self._telling.told
 
     @property
@@ -349,5 +375,5 @@ class Pilot:
 
     @property
     def reckoning(self) -> Reckoning | None:
-        """Context of the last plan; None while the agent is not in command."""
+        """Assumptions about the other drones under which the last plan was made; None while the agent is not in command."""
         return self._executive.reckoning

@@ -15,7 +15,7 @@ _BROKEN_PIPE = 141  # as the shell has it of a process that SIGPIPE ends
 
 
 def run_command(name: str, command: Callable[[], object]) -> None:
-    """Run a command; errors that the user can fix end in one line that ``name`` begins, and exit code 2.
+    """Run a command; an error that the user can fix ends it with one line of text, which begins with ``name``, and exit code 2.
 
     Characters that the terminal's encoding lacks are written as escapes, instead of a traceback in the middle of a report.
     """

@@ -13,8 +13,9 @@ OUTSIDE = "source outside the fence"
 
 
 def bearing_beyond(area: AreaConfig, x: float, y: float) -> float | None:
-    """Return the bearing (degrees, clockwise from north) from the area's centre to a place (m, mission frame) beyond the fence;
-    None of a place within.
+    """Return the bearing (degrees, clockwise from north) from the area's centre to a place (m, mission frame) beyond the fence.
+
+    Return None for a place within the fence.
     """
     polygon = Polygon(area.polygon_m)
     if not isfinite(x + y) or polygon.distance(Point(x, y)) <= area.fence_margin_m:
@@ -23,11 +24,11 @@ def bearing_beyond(area: AreaConfig, x: float, y: float) -> float | None:
 
 
 def outside_texts(area: AreaConfig, places: Iterable[tuple[float, float]]) -> list[str]:
-    """Return a line for each place (m, mission frame) of a source beyond the fence."""
+    """Return a line of text for the operator for each place (m, mission frame) of a source that lies beyond the fence."""
     bearings = [bearing_beyond(area, x, y) for x, y in places]
     return [f"{OUTSIDE}, {towards(bearing_deg)}" for bearing_deg in bearings if bearing_deg is not None]
 
 
 def towards(bearing_deg: float) -> str:
-    """Return the words for a bearing."""
+    """Return a bearing in words for the operator, such as "towards 045 degrees"."""
     return f"towards {round(bearing_deg) % 360:03d} degrees"

@@ -25,8 +25,8 @@ MAX_CORNERS = 1000  # of all buildings together: each line of sight is cut with 
 class BuildingConfig(Section, frozen=True, kw_only=True):
     """A wall or a solid building, upright on the ground: outline (mission frame), height above ground, and material.
 
-    ``attenuation_per_m``: linear attenuation coefficient for the nuclide's photons, in place of the material's: of a building
-    with rooms, its mean over inside and walls.
+    ``attenuation_per_m``: linear attenuation coefficient for the nuclide's photons, in place of the material's coefficient; for a
+    building with rooms, the mean over inside and walls.
     """
 
     footprint_m: Annotated[tuple[Point, ...], Meta(min_length=3, max_length=256)]
@@ -35,19 +35,19 @@ class BuildingConfig(Section, frozen=True, kw_only=True):
     attenuation_per_m: NonNegative | None = None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where the footprint is no simple polygon."""
+        """Raise ConfigError, which begins with ``where``, if the building's outline is not a simple polygon."""
         outline = Polygon(self.footprint_m)
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError(f"{where}: footprint_m: {explain_validity(outline)}; give the corners of a simple polygon in order")
 
 
 class BuildingsConfig(Section, frozen=True, kw_only=True):
-    """Known walls and buildings between source and cameras. They enter the counts and cones expected by a track of ``bayes``, not
-    by its search, and all expectations of ``sources``.
+    """Known walls and buildings between source and cameras, which attenuate the photons.
 
+    They enter the counts and cones expected by a track of ``bayes``, not by its search, and all expectations of ``sources``.
     ``file``: a GeoJSON file in the mission file's folder, by its name: polygons with the properties ``height_m`` and ``material``
-    or ``attenuation_per_m``. ``crs``: of its coordinates: ``EPSG:4326`` (longitude, latitude, as GeoJSON has them; needs the
-    mission's ``datum``), or ``mission`` (metres of the mission frame). On load its buildings are added to ``known``.
+    or ``attenuation_per_m``. ``crs``: coordinate system of that file: ``EPSG:4326`` (longitude, latitude, as GeoJSON has them;
+    needs the mission's ``datum``), or ``mission`` (metres of the mission frame). On load its buildings are added to ``known``.
     """
 
     file: FileName | None = None
@@ -55,7 +55,7 @@ class BuildingsConfig(Section, frozen=True, kw_only=True):
     known: tuple[BuildingConfig, ...] = ()
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where a footprint is no simple polygon, or where there are too many."""
+        """Raise ConfigError if an outline is not a simple polygon, or if all outlines together have too many corners."""
         for place, building in enumerate(self.known):
             building.check(f"{where}: buildings.known[{place}]")
         corners = sum(len(building.footprint_m) for building in self.known)
@@ -70,15 +70,16 @@ class _Properties(Struct):
 
 
 def read_buildings(path: Path, config: BuildingsConfig, datum: tuple[float, float, float] | None) -> BuildingsConfig:
-    """Return the configuration with the buildings of its file among ``known``, and without the file's name.
+    """Return the configuration with the buildings of its GeoJSON file added to ``known``, and without the file's name.
 
     Args:
-        path: the file.
-        config: of the mission.
-        datum: latitude, longitude (degrees) and height of the mission frame's origin; None if unknown.
+        path: the GeoJSON file.
+        config: the mission's section ``buildings``.
+        datum: latitude, longitude (degrees) and height (m) of the mission frame's origin; None if unknown.
 
     Raises:
-        ConfigError: the file cannot be read, is too large, or a feature of it is no polygon with such properties.
+        ConfigError: the file cannot be read or is too large, or one of its features is not a polygon with the required
+            properties.
     """
     where = f"buildings.file: {path}"
     if config.crs == "mission":

@@ -14,7 +14,8 @@ ParameterName = Annotated[str, Meta(pattern=PARAMETER)]
 
 
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
-    """Endpoints of the swarm's Zenoh sessions, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
+    """Addresses of the swarm's Zenoh sessions (its radio network), by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, equal on every
+    drone.
 
     A drone listens at its own endpoint and connects to the endpoints of the drones before it: one link for each pair. ``gossip``:
     it also connects to the endpoints that peers announce. ``identity``: folder with this drone's certificate and key, made by
@@ -31,16 +32,19 @@ class PeerMeshConfig(Section, frozen=True, kw_only=True):
 
 
 class VisionConfig(Section, frozen=True, kw_only=True):
-    """The TCP feed ("host:port") with the poses of a visual or LiDAR SLAM on board; they are passed on to the autopilot."""
+    """Address ("host:port") of the TCP feed with the poses of a visual or LiDAR SLAM on board, which are passed on to the
+    autopilot.
+    """
 
     address: str
 
 
 class ResponseConfig(Section, frozen=True, kw_only=True):
-    """The vehicle's response to setpoints at the start of a flight; drag, lag and tracking error are identified in flight.
+    """The vehicle's response to velocity setpoints, as assumed at the start; drag, lag and tracking error are then identified in
+    flight.
 
-    The defaults are PX4's for a quadrotor, with a drag between small and large vehicles. ``radron-agent identify`` fits them to a
-    recorded flight.
+    The defaults are the values of PX4 for a quadrotor, with a drag between small and large vehicles. ``radron-agent identify``
+    fits them to a recorded flight.
     """
 
     drag_ps: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.5  # deceleration by drag, per m/s of speed
@@ -51,12 +55,12 @@ class ResponseConfig(Section, frozen=True, kw_only=True):
 
 
 class VehicleConfig(Section, frozen=True, kw_only=True):
-    """The autopilot's onboard MAVLink link, as a MAVSDK address, and assumptions about vehicle and localisation.
+    """The onboard computer's MAVLink link to the autopilot, and assumptions about vehicle and localisation.
 
-    ``address``: the autopilot obeys every sender that reaches it. The best link is therefore a serial line, or a network of
-    computer and autopilot alone, with the agent listening at its own address there. ``source``: the autopilot's IP address there:
-    other packets are dropped; none: the first address heard, but on a loopback any.
-    ``system_id``: the vehicle's MAVLink system id, for a link shared with other autopilots; none: the first id heard. ``gnss``:
+    ``address``: a MAVSDK address. The autopilot obeys every sender that reaches it. The best link is therefore a serial line, or
+    a network of computer and autopilot alone, with the agent listening at its own address there. ``source``: the autopilot's IP
+    address there; packets from other addresses are dropped; none: the first address heard, but on a loopback any. ``system_id``:
+    the vehicle's MAVLink system id, for a link shared with other autopilots; none: the first id heard. ``gnss``:
     the autopilot flies by satellites; without satellites the autopilot has neither origin nor home, and is guided by vision.
     ``parameters``: names of autopilot parameters that the computer reports besides the parameters that a flight relies on.
     """
@@ -85,10 +89,11 @@ class SightingsConfig(Section, frozen=True, kw_only=True):
 
 
 class DetectorConfig(Section, frozen=True, kw_only=True):
-    """The source of the pixel hits.
+    """The device or file from which the agent gets the pixel hits of the Compton camera.
 
-    ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: playback of ``file`` in real time; ``pypixet``:
-    the camera, by the vendor's module with its files in ``pixet_folder``.
+    ``driver``: ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: playback of the recording ``file`` in
+    real time; ``pypixet``: the camera itself, by the vendor's module, with its files in ``pixet_folder``. ``bias_v``: bias
+    voltage (V).
     """
 
     driver: Literal["none", "feed", "t3pa", "pypixet"] = "none"
@@ -99,7 +104,10 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
 
 
 class RecorderConfig(Section, frozen=True, kw_only=True):
-    """The flight recorder: MCAP files in ``folder`` (none: no records); beyond ``limit_mb`` the oldest are removed."""
+    """Settings of the flight recorder, which writes MCAP files into ``folder`` (none: no records).
+
+    The oldest files are removed once all files together exceed ``limit_mb``.
+    """
 
     folder: str | None = None
     limit_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096
@@ -108,11 +116,11 @@ class RecorderConfig(Section, frozen=True, kw_only=True):
 class DroneConfig(Section, frozen=True, kw_only=True):
     """The drone file: everything that belongs to one vehicle.
 
-    ``camera_rpy_deg``: rotation body <- camera as roll, pitch, yaw about the fixed body axes, degrees; the camera's z is the
-    outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
-    ``mission``: path of the mission file; relative paths in a drone file start from that file's folder.
-    ``state``: folder for the state that must survive a restart in flight (none: a restarted agent does not resume).
-    ``updates``: folder of this computer's updater, ``radron-update`` (none: it has none).
+    ``camera_rpy_deg``: rotation from the camera's to the body's axes as roll, pitch and yaw about the fixed body axes, degrees;
+    the camera's z is the outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y
+    up. ``mission``: path of the mission file; relative paths in a drone file start from that file's folder. ``state``: folder for
+    the state that must survive a restart in flight (none: a restarted agent does not resume). ``updates``: folder of this
+    computer's updater, ``radron-update`` (none: the computer has no updater).
     """
 
     id: DroneId

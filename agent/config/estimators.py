@@ -11,9 +11,10 @@ from protocol.units import Identifier
 
 
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of the paper's linear Kalman filter (Sec. IV-B).
+    """Parameters of estimator ``paper``, the linear Kalman filter of the paper (Sec. IV-B).
 
-    ``order``: the choice between a cone's two orders: the smaller scattering angle, or the larger probability.
+    ``order``: which of a cone's two clusters was hit first is not measured; the choice is the smaller scattering angle
+    (``forward``) or the larger probability (``probable``).
     """
 
     process_noise_m2ps: Positive = 2.0  # q
@@ -28,8 +29,8 @@ class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
 class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds.
 
-    background_per_s: a camera's events a second without a source, measured where the drones start (``radron-agent calibrate``);
-    None: by the tables.
+    ``background_per_s``: events per second of a camera without a source, measured where the drones start (``radron-agent
+    calibrate``); none: by the built-in tables.
     """
 
     later: ClassVar[frozenset[str]] = frozenset({"background_per_s"})
@@ -60,7 +61,7 @@ class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
 
 
 class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of the estimator of several sources at rest."""
+    """Parameters of estimator ``sources``, which estimates several sources at rest."""
 
     most: Annotated[int, Meta(ge=1, le=6)] = 6  # sources
     activity_bq: tuple[Activity, Activity] = (1e6, 1e13)
@@ -73,13 +74,18 @@ class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
 
 
 class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
-    """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
+    """A source estimate that is not measured but moves by a schedule: ``[[t_s, x, y], ...]``, for tests of the flight.
+
+    Times in s from the mission's start, positions in m in the mission frame.
+    """
 
     schedule: Annotated[tuple[tuple[NonNegative, Coordinate, Coordinate], ...], Meta(min_length=1, max_length=1000)]
 
 
 class FusionConfig(Section, frozen=True, kw_only=True):
-    """The estimator, and its time grid."""
+    """The choice of the estimator that locates the source from all measurements, its parameters, and its time steps
+    (``grid_s``).
+    """
 
     later: ClassVar[frozenset[str]] = frozenset({"sources", "ground"})  # no part of a mission's id while they have their defaults
 

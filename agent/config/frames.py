@@ -10,10 +10,11 @@ from agent.config.section import NonNegative, Positive, Section
 
 
 class FramesConfig(Section, frozen=True, kw_only=True):
-    """Estimation of the drones' frames that are not known exactly; drifts are 1 sigma.
+    """Settings for the estimation in flight of the drones' local frames that are not known exactly. Drifts and sigmas are 1 sigma
+    per axis.
 
-    ``keyframe_s``: interval between two estimates of all frames; ``settle_s``: how long to wait for a keyframe's entries (an
-    exposure lasts half a second, and takes time to arrive). The sigmas are of each axis.
+    ``keyframe_s``: interval between two estimates of all frames; ``settle_s``: how long to wait for the measurements of a
+    keyframe (the time of such an estimate), because an exposure lasts half a second, and takes time to arrive.
     """
 
     keyframe_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0

@@ -24,7 +24,10 @@ _TURN_DEG = 360.0
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """``number``: place in the file, from 1. ``geometry``: a single part, neither empty nor a collection."""
+    """One shape of a GeoJSON file, with its properties.
+
+    ``number``: number of the feature in the file, from 1. ``geometry``: a single part, neither empty nor a collection.
+    """
 
     number: int
     geometry: BaseGeometry
@@ -32,13 +35,14 @@ class Feature:
 
 
 def read_features(where: str, data: bytes, place: tuple[float, float] | None) -> list[Feature]:
-    """Read a FeatureCollection, a Feature or a geometry; a feature of several parts once for each part, a feature without a place
-    not at all.
+    """Read the shapes of a GeoJSON file: a FeatureCollection, a Feature or a bare geometry.
+
+    A feature of several parts gives one shape for each part; a feature without geometry gives none.
 
     Args:
-        where: begins the errors.
+        where: begin of the error texts, such as the file's name.
         data: content of the file.
-        place: latitude and longitude (degrees) of the mission's datum, for coordinates in WGS84; None: others.
+        place: latitude and longitude (degrees) of the mission's datum, if the coordinates are in WGS84; None: another system.
 
     Raises:
         ConfigError: not GeoJSON, not in WGS84, latitude and longitude swapped, or far from the place.

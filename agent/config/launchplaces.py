@@ -10,10 +10,10 @@ from agent.errors import ConfigError
 
 
 def check_launch_places(mission: MissionConfig, where: str) -> None:
-    """Check that all drones are launched apart from each other, as far as the mission knows their places.
+    """Check that all drones are launched at a safe distance from each other, as far as the mission knows their places.
 
     Raises:
-        ConfigError: two are launched closer than they may fly; ``where`` is named in the text.
+        ConfigError: two drones are launched closer than they may fly; ``where`` (the file's name) begins the text.
     """
     for one, other in combinations(mission.drones, 2):
         apart_m = hypot(one.origin_m[0] - other.origin_m[0], one.origin_m[1] - other.origin_m[1])

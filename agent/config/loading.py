@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file. Raises ConfigError where it is unreadable or not TOML."""
+    """Read a TOML file into a dictionary. Raise ConfigError if the file is unreadable or not TOML."""
     try:
         return tomllib.loads(read_text(path))
     except OSError as error:
@@ -34,7 +34,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Return one document overlaid on another, section by section."""
+    """Return a parsed document with the values of another one in place of its own, section by section, as for defaults and
+    overrides.
+
+    Keys that only ``base`` has keep their values; keys that both have get the value of ``over``.
+    """
     whole = dict(base)
     for key, value in over.items():
         old = whole.get(key)
@@ -43,28 +47,34 @@ def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
-    """Read a TOML file into a config type.
+    """Read a TOML file into a configuration type such as ``DroneConfig``, and check its keys and values.
 
     Raises:
-        ConfigError: unreadable, not TOML, an unknown key (with the nearest known one), a value out of range.
+        ConfigError: the file is unreadable or not TOML, has an unknown key (the text names the nearest known one), or a value out
+            of range.
     """
     return convert(read_toml(path), kind, str(path))
 
 
 def load_mission(path: Path) -> MissionConfig:
-    """Read and check a mission file, and read the files that it names."""
+    """Read and check a mission file, together with the elevation grid and the buildings file that it names. Raises
+    ConfigError.
+    """
     mission = load_toml(path, MissionConfig)
     mission.check(str(path))
     return with_files(mission, path.parent)
 
 
 def mission_content(mission: MissionConfig) -> bytes:
-    """A mission for the upload: complete, with the content of its elevation grid."""
+    """Return a mission as bytes for the upload to the drones: complete, with the content of its elevation grid."""
     return msgspec.msgpack.encode(mission)
 
 
 def read_content(content: bytes, mission_id: str) -> MissionConfig:
-    """The mission that was uploaded under this id, checked as a mission file is. Raises ConfigError in one line."""
+    """Return the mission that was uploaded to this drone as bytes, checked as a mission file is.
+
+    mission_id: hash under which it was uploaded; the content must give the same hash here. Raises ConfigError in one line.
+    """
     where = f"mission {mission_id}"
     try:
         mission = msgspec.msgpack.decode(content, type=MissionConfig)
@@ -77,7 +87,10 @@ def read_content(content: bytes, mission_id: str) -> MissionConfig:
 
 
 def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
-    """The mission with the content of its elevation grid and its buildings, read from ``folder``; errors as of both."""
+    """Return the mission together with the content of its elevation grid and its buildings, read from files in ``folder``.
+
+    Raises ConfigError as ``with_ground_grid`` and ``read_buildings`` do.
+    """
     mission = with_ground_grid(mission, folder)
     buildings, datum = mission.buildings, mission.datum
     if buildings.file is None:
@@ -89,7 +102,7 @@ def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
 
 
 def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
-    """The mission with the content of its elevation grid, read from ``folder`` unless it is there already.
+    """Return the mission with the content of its elevation grid, read from ``folder`` unless the mission contains it already.
 
     Raises:
         ConfigError: the file cannot be read, or is too large.
@@ -103,7 +116,10 @@ def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
 
 
 def convert(document: object, kind: type[T], where: str) -> T:
-    """Fit a parsed document to a config type; errors name ``where``, the key and the allowed values."""
+    """Convert a parsed document (dictionaries and lists) to a configuration type.
+
+    Raise ConfigError with ``where`` (the file's name), the key and the allowed values if the document does not fit.
+    """
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:

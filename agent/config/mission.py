@@ -32,7 +32,11 @@ MAX_GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compress
 
 
 class AreaConfig(Section, frozen=True, kw_only=True):
-    """The area to search, and its fence. Mission frame, metres; heights above ground."""
+    """The area to search, and the fence around it that no drone may leave.
+
+    ``polygon_m``: corners of the area in order, in the mission frame (east, north; metres). ``fence_margin_m``: distance of the
+    fence outside the polygon. ``floor_m``, ``ceiling_m``: least and greatest flight height above the ground.
+    """
 
     polygon_m: Annotated[tuple[Corner, ...], Meta(min_length=3, max_length=256)]
     fence_margin_m: NonNegative = 30.0
@@ -41,11 +45,13 @@ class AreaConfig(Section, frozen=True, kw_only=True):
 
 
 class SurveyConfig(Section, frozen=True, kw_only=True):
-    """The search before the first hypothesis.
+    """The flight in search of a source, before there is a first source estimate (the hypothesis).
 
     ``strategy``: ``information`` flies to the waypoints of largest expected information gain, at ``search_speed_mps``; ``lanes``
-    covers the area, at ``speed_mps`` (paper, Sec. V-A). Lanes are also flown with an estimator that gives no search posterior,
-    with the flocking law ``paper``, and in areas whose bounding rectangle is larger than 9 ha.
+    covers the area in parallel lanes, at ``speed_mps`` (paper, Sec. V-A). Lanes are also flown with an estimator that gives no
+    search posterior (a probability map of the source over the area), with the flocking law ``paper``, and in areas whose bounding
+    rectangle is larger than 9 ha.
+
     The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
     ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources the
     search continues after the first source, until all of the area is covered. It resumes once each source has been circled, until
@@ -64,10 +70,12 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
 
 
 class EncirclementConfig(Section, frozen=True, kw_only=True):
-    """The circular flight around the hypothesis (paper, Sec. V-C). ``law``: the paper's, or the smooth one.
+    """The circular flight of all drones around the estimated source, the hypothesis (paper, Sec. V-C).
 
-    With the smooth law and an estimator that states its covariance, the radius is ``nearest_m`` plus the hypothesis' RMS,
-    ``radius_m`` at most, and the height is in proportion to it, ``height_m`` at ``radius_m``.
+    ``law``: the control law of the paper, or the smooth one. With the smooth law and an estimator that states its covariance, the
+    radius is ``nearest_m`` plus the RMS position error of the hypothesis, ``radius_m`` at most, and the height is in proportion
+    to the radius: ``height_m`` at ``radius_m``. ``steps``, ``step_s``: number and length of the steps that the paper's law
+    predicts.
     """
 
     law: Literal["paper", "smooth"] = "smooth"
@@ -81,7 +89,7 @@ class EncirclementConfig(Section, frozen=True, kw_only=True):
 
 
 class LimitsConfig(Section, frozen=True, kw_only=True):
-    """Limits of the vehicles' motion, and the least separation between them."""
+    """Limits of each vehicle's motion, and the least distance between two vehicles (``separation_m``)."""
 
     speed_mps: Positive = 8.0
     acceleration_mps2: Positive = 4.0
@@ -91,10 +99,11 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
 
 
 class DetectionConfig(Section, frozen=True, kw_only=True):
-    """Acceptance of cones: energies in keV, cluster sizes in pixels, times in ns.
+    """Limits by which a pair of pixel clusters is accepted as one Compton-scattered photon, which gives a cone of possible
+    directions.
 
-    The rates that estimator ``bayes`` expects were measured with the default values (benchmarks/channel_response.py): with
-    others, except for ``minimum_pixels``, its activities are biased.
+    Energies in keV, cluster sizes in pixels, times in ns. The rates that estimator ``bayes`` expects were measured with the
+    default values (benchmarks/channel_response.py): with other values, except for ``minimum_pixels``, its activities are biased.
     """
 
     energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # share of the line's energy, on each side
@@ -107,16 +116,18 @@ class DetectionConfig(Section, frozen=True, kw_only=True):
 
 
 class TrackConfig(Section, frozen=True, kw_only=True):
-    """When tracking ends: after ``duration_s`` the swarm returns.
+    """Limits of the flight around a found source: when it ends, when the source counts as lost, and which source comes next.
 
-    When the source counts as lost: with an estimator that states its covariance, while the hypothesis' RMS is above
-    ``lost_rms_m``; the swarm then encircles it on a circle that fits the RMS. With ``bayes`` this happens only without any
-    measurements: otherwise ``bayes`` gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With any
-    other estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a
+    After ``duration_s`` of tracking the swarm returns.
+
+    When the source counts as lost: with an estimator that states its covariance, while the hypothesis' RMS position error is
+    above ``lost_rms_m``; the swarm then encircles it on a circle that fits this error. With ``bayes`` this happens only without
+    any measurements: otherwise ``bayes`` gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With
+    any other estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a
     circle that grows by ``widening_mps``.
 
-    Each of several sources is circled until the drones together have watched it for ``each_s`` each. Then the ``policy`` decides:
-    the ``strongest`` source, ``each`` in turn again, or a source of the nuclide named (without one, the strongest).
+    Each of several sources is circled until the drones together have watched it for ``each_s`` per drone. Then the ``policy``
+    decides: the ``strongest`` source, ``each`` in turn again, or a source of the nuclide named (without one, the strongest).
     """
 
     later = frozenset({"policy", "each_s"})
@@ -130,13 +141,14 @@ class TrackConfig(Section, frozen=True, kw_only=True):
 
 
 class SafetyConfig(Section, frozen=True, kw_only=True):
-    """Reaction to the failure of a drone, its radio, or its agent.
+    """Reaction of the swarm to the failure of a drone, of its radio, or of its agent (the program on its onboard computer).
 
     ``alone``: reaction of a drone that hears no other drone of the flight, or is heard by none: continue (``keep``), stay clear
-    of the others (``hold``), or return. ``agent_lost``: the autopilots' failsafe without their agents (PX4: COM_OBL_RC_ACT), for
-    peers to keep clear; preflight checks it. ``return_height_m``: of the first drone's return by its autopilot, above its launch
-    place; each further one returns ``return_layer_m`` higher, or less where the ceiling does not allow as much.
-    ``battery_reserve``: share of the battery below which a drone returns, one after the other; below half of it at once.
+    of the other drones (``hold``), or return. ``agent_lost``: the autopilots' failsafe without their agents (PX4:
+    COM_OBL_RC_ACT); the other drones keep clear of a drone that flies it, and preflight checks it. ``return_height_m``: height of
+    the first drone's return by its autopilot, above its launch place; each further drone returns ``return_layer_m`` higher, or
+    less where the ceiling does not allow as much. ``battery_reserve``: share of the battery below which a drone returns, one
+    drone after the other; below half of this share it returns at once.
     """
 
     alone: Literal["keep", "hold", "return"] = "keep"
@@ -147,11 +159,12 @@ class SafetyConfig(Section, frozen=True, kw_only=True):
 
 
 class DroneInMission(Section, frozen=True, kw_only=True):
-    """A member of the swarm, with origin and heading of its local frame in the mission frame at the start.
+    """A member of the swarm, with origin and heading of its local frame (in which its autopilot flies) in the mission frame at
+    the start.
 
-    ``localization``: ``exact``: the frame lies exactly there for the whole flight; otherwise the vehicle's kind of localisation,
-    and origin and heading of the frame are estimated in flight, with the initial errors ``origin_sigma_m`` (each axis) and
-    ``yaw_sigma_deg`` (180: unknown heading).
+    ``localization``: ``exact``: the given origin and heading hold for the whole flight. Otherwise it names the vehicle's kind of
+    localisation, and origin and heading of the frame are estimated in flight, starting with the errors ``origin_sigma_m`` (1
+    sigma of each axis) and ``yaw_sigma_deg`` (1 sigma; 180: unknown heading).
     """
 
     id: DroneId
@@ -163,12 +176,14 @@ class DroneInMission(Section, frozen=True, kw_only=True):
 
     @property
     def is_exact(self) -> bool:
-        """Whether its frame lies exactly there for the whole flight, so that there is nothing to estimate."""
+        """Whether the given origin and heading of the local frame hold for the whole flight, so that nothing is estimated."""
         return self.localization == "exact"
 
 
 class DatumConfig(Section, frozen=True, kw_only=True):
-    """The mission frame's origin on Earth (WGS84, height above the ellipsoid); the frame's axes are east, north, up there."""
+    """The place on Earth of the mission frame's origin (WGS84, height above the ellipsoid). The frame's axes point east, north
+    and up there.
+    """
 
     latitude_deg: Latitude
     longitude_deg: Longitude
@@ -178,13 +193,13 @@ class DatumConfig(Section, frozen=True, kw_only=True):
 class GroundConfig(Section, frozen=True, kw_only=True):
     """The ground on which the source lies, in the mission frame: a plane, or an elevation grid.
 
-    ``height_m``: of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an ESRI
-    ASCII grid or GeoTIFF file instead, by its name in the mission file's folder.
+    ``height_m``: height of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an
+    ESRI ASCII grid or GeoTIFF file instead, by its name in the mission file's folder.
 
-    ``grid_crs``: of the grid's coordinates: ``mission`` (metres of the mission frame), ``EPSG:4326`` (degrees, WGS84) or the
-    code of a UTM zone (EPSG:32601 .. 32660, 32701 .. 32760); none: that of the GeoTIFF itself, else ``mission``.
-    Georeferenced grids need the mission's ``datum``. ``geoid_m``: height of their zero, mostly sea level, above the ellipsoid.
-    ``grid_data``: the file's content, filled on load: it is part of the mission, its id and its records.
+    ``grid_crs``: coordinate system of the grid: ``mission`` (metres of the mission frame), ``EPSG:4326`` (degrees, WGS84) or the
+    code of a UTM zone (EPSG:32601 .. 32660, 32701 .. 32760); none: the system that the GeoTIFF itself names, else ``mission``.
+    Georeferenced grids need the mission's ``datum``. ``geoid_m``: height of the grid's zero, mostly sea level, above the
+    ellipsoid. ``grid_data``: the file's content, filled on load: it is part of the mission, its id and its records.
     """
 
     height_m: Coordinate = 0.0
@@ -196,7 +211,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 
 
 class MissionConfig(Section, frozen=True, kw_only=True):
-    """The swarm's task. The same file on every drone.
+    """The task of the swarm: area, drones, search, flight around the source, and limits. Every drone has the same mission file.
 
     ``nuclide``: the source's nuclide, or a list of candidates, or ``auto``: any known nuclide. None given: ``auto`` with the
     estimator ``sources``, else Cs-137. More than one candidate needs an estimator that reads spectra, such as ``sources``.
@@ -227,7 +242,9 @@ class MissionConfig(Section, frozen=True, kw_only=True):
             msgspec.structs.force_setattr(self, "nuclide", AUTO if self.fusion.estimator == "sources" else "Cs-137")
 
     def named(self, where: str = "mission") -> str:
-        """The only nuclide of the source; raises ConfigError, naming ``where``, for several candidates."""
+        """Return the name of the source's nuclide. Raise ConfigError, which begins with ``where``, if the mission has several
+        candidates.
+        """
         if self.one_nuclide is None:
             raise ConfigError(
                 f"{where}: nuclide: {self.nuclide_text!r} is more than one, and only fusion.estimator = 'sources' tells which it "
@@ -237,25 +254,27 @@ class MissionConfig(Section, frozen=True, kw_only=True):
 
     @property
     def one_nuclide(self) -> str | None:
-        """The nuclide if it is known; None where there are several candidates."""
+        """The name of the source's nuclide if the mission names exactly one; None if there are several candidates."""
         if isinstance(self.nuclide, tuple):
             return self.nuclide[0] if len(self.nuclide) == 1 else None
         return None if self.nuclide == AUTO else self.nuclide
 
     @property
     def nuclide_text(self) -> str:
-        """For people: ``Cs-137``, ``Cs-137, Co-60`` or ``auto``."""
+        """The source's possible nuclides as text for people: ``Cs-137``, ``Cs-137, Co-60`` or ``auto``."""
         return ", ".join(self.nuclide) if isinstance(self.nuclide, tuple) else self.nuclide
 
     def member(self, drone: str) -> DroneInMission:
-        """The drone of that id; raises ConfigError where there is none."""
+        """Return the mission's entry for the drone with this id. Raise ConfigError if the mission has no such drone."""
         found = {each.id: each for each in self.drones}
         if drone not in found:
             raise ConfigError(f"drone {drone!r} is not in the mission; its drones are {', '.join(found)}")
         return found[drone]
 
     def check(self, where: str) -> None:
-        """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
+        """Raise ConfigError if values of the mission contradict each other, or exceed limits; ``where`` (the file's name) begins
+        the text.
+        """
         if self.fusion.estimator in _OF_ONE_NUCLIDE:
             self.named(where)
             if self.source_height_m[1] > 0.0:
@@ -294,24 +313,29 @@ class MissionConfig(Section, frozen=True, kw_only=True):
 
     @property
     def return_heights_m(self) -> tuple[float, ...]:
-        """Heights above its launch place at which each drone's autopilot returns, in the order of ``drones``: in layers."""
+        """Heights (m) above its launch place at which each drone's autopilot returns, in the order of ``drones``.
+
+        Each drone has a height of its own, so that drones that return at once do not meet.
+        """
         highest_m = _RETURN_SHARE * self.area.ceiling_m
         lowest_m = min(self.safety.return_height_m, highest_m)
         layer_m = min(self.safety.return_layer_m, (highest_m - lowest_m) / max(len(self.drones) - 1, 1))
         return tuple(round(lowest_m + layer_m * index, 2) for index in range(len(self.drones)))
 
     def return_height_m(self, drone: str) -> float:
-        """Return height (m) of a drone, as in ``return_heights_m``."""
+        """Return the height (m) above its launch place at which this drone's autopilot returns, as in ``return_heights_m``."""
         return self.return_heights_m[[member.id for member in self.drones].index(drone)]
 
     @property
     def turn_s(self) -> float:
-        """For how long a source is watched in its turn, by all cameras together."""
+        """Camera time (s), summed over all drones, for which one of several sources is watched before the swarm flies to the
+        next.
+        """
         return self.track.each_s * len(self.drones)
 
     @property
     def mission_id(self) -> str:
-        """16 hex digits that differ when anything in the mission differs."""
+        """Identifier of the mission's content, 16 hex digits: a hash that differs when anything in the mission differs."""
         content = msgspec.json.encode(content_of(self), order="sorted")
         return hashlib.blake2b(content, digest_size=8).hexdigest()
 

@@ -17,7 +17,7 @@ Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 
 
 class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all sections: an unknown key is an error, not a default.
+    """Base class of all sections of configuration files: an unknown key is an error, not a default.
 
     ``later``: names of the keys added after version 2 of the protocol. With their defaults they are no part of a section's
     content, so that older missions keep their id, and their flight records stay readable.
@@ -27,8 +27,10 @@ class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def content_of(section: Section) -> dict[str, object]:
-    """Return the content that identifies a section: its keys and values, with all inner sections, without unused ``later``
-    keys."""
+    """Return the content from which a mission's id is computed: keys and values of a section, with all inner sections.
+
+    Keys in ``later`` (added to the format afterwards) that have their default value are left out.
+    """
     return {
         field.encode_name: _plain(getattr(section, field.name))
         for field in _fields(type(section))

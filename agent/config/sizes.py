@@ -25,9 +25,10 @@ _LIMITS = {
 
 
 def check_sizes(mission: MissionConfig, where: str) -> None:
-    """Raise ConfigError where a size is beyond its limits; ``where`` is named in the text.
+    """Raise ConfigError if a distance, speed or height of the mission is outside its limits; ``where`` (the file's name) begins
+    the text.
 
-    These limits apply to flights only; the types of the keys also hold for flight records of any age.
+    These limits apply to flights only; the wider limits of the keys' types also hold for flight records of any age.
     """
     for (section, key), (least, most) in _LIMITS.items():
         value = getattr(getattr(mission, section), key)
@@ -45,7 +46,7 @@ def check_sizes(mission: MissionConfig, where: str) -> None:
 
 
 def check_names(mission: MissionConfig, where: str) -> None:
-    """Raise ConfigError for a name that is no line of text, and for a file that may lie outside the mission file's folder."""
+    """Raise ConfigError for a mission name that is not one line of text, and for a file outside the mission file's folder."""
     if len(mission.name) > MAX_NAME or not mission.name.isprintable():
         raise ConfigError(f"{where}: name: give one line of at most {MAX_NAME} letters: reports, maps and terminals show it")
     for key, name in (("ground.grid", mission.ground.grid), ("buildings.file", mission.buildings.file)):

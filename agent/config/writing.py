@@ -9,7 +9,7 @@ import tomli_w
 
 
 def as_toml(config: msgspec.Struct) -> str:
-    """A configuration as TOML; fields that are None, which TOML lacks, are left out."""
+    """Return a configuration as TOML text. Fields that are None are left out, because TOML has no such value."""
     return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
 
 

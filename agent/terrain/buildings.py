@@ -26,7 +26,10 @@ _PORTION = 20_000  # ways at once: in a town, each is compared with some hundred
 
 
 def attenuation_per_m(building: BuildingConfig, air_per_m: float) -> float:
-    """Linear attenuation coefficient; ``air_per_m``: that of air for the same photons."""
+    """Return the linear attenuation coefficient (1/m) of a building's material for the nuclide's photons.
+
+    air_per_m: coefficient of air for the same photons, from which the material's coefficient follows by density.
+    """
     if building.attenuation_per_m is not None:
         return building.attenuation_per_m
     density, relative = _MATERIALS[building.material]
@@ -34,10 +37,15 @@ def attenuation_per_m(building: BuildingConfig, air_per_m: float) -> float:
 
 
 class Buildings:
-    """The known buildings as E sides of upright prisms. A prism stands on the ground at the middle of its footprint."""
+    """The attenuation of a source's photons by all known walls and buildings, which are upright prisms on the ground.
+
+    A prism stands at the height of the ground in the middle of its outline.
+    """
 
     def __init__(self, config: BuildingsConfig, air_per_m: float, ground: Ground) -> None:
-        """``air_per_m``: attenuation of the nuclide's photons by air."""
+        """Prepare the sides of all prisms. ``air_per_m``: linear attenuation coefficient (1/m) of air for the nuclide's
+        photons.
+        """
         sides, tops, strengths, boxes = [], [], [], []
         for building in config.known:
             outline = orient(Polygon(building.footprint_m))  # counter-clockwise
@@ -55,10 +63,12 @@ class Buildings:
         return len(self._sides) > 0
 
     def depth(self, start: Array, way: Array) -> Array:
-        """Optical depth (N,) of the buildings on the ways (N, 3) from (N, 3).
+        """Return the optical depth (N,), the exponent of the attenuation, of all buildings along N straight lines of sight.
+
+        start: (N, 3) begin of each line, m, mission frame. way: (N, 3) vector from there to the end of each line, m.
 
         Along a line, a prism's share is the sum over its sides of the exit places minus the entry places. Both are cut off at the
-        ends of the way and at the line's passage through the roof's height.
+        ends of the line and at its passage through the roof's height.
         """
         portions = [slice(first, first + _PORTION) for first in range(0, max(len(way), 1), _PORTION)]
         return np.concatenate([self._depth(start[portion], way[portion]) for portion in portions])

@@ -33,11 +33,11 @@ _METADATA_TAG, _NODATA_TAG = 42112, 42113  # GDAL's own tags
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raster:
-    """Heights at the nodes of a grid.
+    """An elevation grid as read from a file: heights at nodes, and the place of each node.
 
-    heights: (R, C), metres, NaN where missing: no number, declared as missing, or no height of land. matrix (2, 2), origin (2,):
-    the node of column c and row r lies at ``matrix @ (c, r) + origin`` in the file's coordinates: x or longitude, y or latitude.
-    crs: reference system of the coordinates, if the file gives it.
+    heights: (R, C), R rows and C columns, metres; NaN where missing: no number, declared as missing, or no height of land. matrix
+    (2, 2), origin (2,): the node of column c and row r lies at ``matrix @ (c, r) + origin`` in the file's coordinates: x or
+    longitude, y or latitude. crs: reference system of the coordinates, if the file gives it.
     """
 
     heights: Array
@@ -47,7 +47,7 @@ class Raster:
 
 
 def read_raster(name: str, data: bytes) -> Raster:
-    """Read an elevation grid from a file's content; ``name`` is for the errors.
+    """Read an elevation grid from the content of a file; ``name`` (of the file) begins the errors.
 
     Raises:
         ConfigError: neither an ESRI ASCII grid nor a GeoTIFF, damaged, too large, or of an unsupported kind.

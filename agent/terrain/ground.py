@@ -22,7 +22,10 @@ _BENT_CELLS = 0.1  # tolerated deviation of a grid's lines from straight ones in
 
 
 class Ground:
-    """Heights of the ground. Outside a grid the heights of its edge continue."""
+    """Heights and slopes of the ground on which the source lies, from a plane or an elevation grid (mission frame, metres).
+
+    Outside the grid the heights of its edge continue.
+    """
 
     def __init__(self, config: GroundConfig, grid: _Grid | None = None) -> None:
         self._base, (self._east, self._north) = config.height_m, config.slope
@@ -30,10 +33,10 @@ class Ground:
 
     @classmethod
     def from_config(cls, mission: MissionConfig) -> Ground:
-        """The ground of a loaded mission (``with_ground_grid``).
+        """Return the ground of a mission whose elevation grid has been loaded (``with_ground_grid``).
 
         Raises:
-            ConfigError: a grid that is missing, cannot be read, lacks the datum, does not cover the area, or has holes in it.
+            ConfigError: the grid is missing, cannot be read, lacks the datum, does not cover the area, or has holes in the area.
         """
         config = mission.ground
         if config.grid is None:
@@ -44,31 +47,31 @@ class Ground:
 
     @property
     def level(self) -> bool:
-        """Whether the height is the same everywhere."""
+        """Whether the ground has the same height everywhere."""
         return self._grid is None and self._east == self._north == 0.0
 
     def height_m(self, x: float, y: float) -> float:
-        """Height (m) at one position."""
+        """Return the ground's height (m) at the position x (east), y (north) in m, mission frame."""
         if self._grid is None:
             return self._base + self._east * x + self._north * y
         return float(self._grid.heights_m(np.array([[x, y]]))[0])
 
     def heights_m(self, places: Array) -> Array:
-        """Heights (N,) at positions (N, 2)."""
+        """Return the ground's heights (N,) in m at N positions (N, 2) in m, mission frame."""
         if self._grid is None:
             plane: Array = self._base + places @ np.array([self._east, self._north])
             return plane
         return self._grid.heights_m(places)
 
     def slope(self, x: float, y: float) -> tuple[float, float]:
-        """Slope at one position: rise per metre east and north."""
+        """Return the ground's slope at one position (m, mission frame): rise per metre east, and rise per metre north."""
         if self._grid is None:
             return self._east, self._north
         (east, north), *_ = self._grid.slopes(np.array([[x, y]])).tolist()
         return east, north
 
     def slopes(self, places: Array) -> Array:
-        """Slopes (N, 2), rise per metre east and north, at positions (N, 2)."""
+        """Return the ground's slopes (N, 2), rise per metre east and north, at N positions (N, 2) in m, mission frame."""
         if self._grid is None:
             return np.tile((self._east, self._north), (len(places), 1))
         return self._grid.slopes(places)
@@ -76,12 +79,15 @@ class Ground:
     def around(
         self, mission_from_local: Transform | None, place: tuple[float, float], below_m: float
     ) -> Callable[[Array], Array]:
-        """A function that gives local heights (N,) of the ground at local positions (N, 2), relative to the ground below the
-        vehicle.
+        """Return a function that gives the ground's heights (N,) around a vehicle at N positions (N, 2), both in the vehicle's
+        local frame (m).
 
-        ``below_m``: local z of the ground at ``place``, by the rangefinder; so an offset of the ground model or of the local
-        frame's height has no effect. Without a transform the ground is taken as level, since its position in the model is
-        unknown.
+        The heights are relative to the ground below the vehicle as measured by its rangefinder, so an offset of the ground model
+        or of the local frame's height has no effect.
+
+        mission_from_local: transform of the vehicle's local frame into the mission frame; without it the ground is taken as
+        level, since its position in the model is unknown. place: horizontal position of the vehicle. below_m: local z of the
+        ground at ``place``.
         """
         if mission_from_local is None:
             return lambda places: np.full(len(places), below_m)

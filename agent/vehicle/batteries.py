@@ -7,24 +7,26 @@ ALL = -1  # number of the level in SYS_STATUS: of all batteries together
 
 
 class Batteries:
-    """The newest level of each battery."""
+    """Store of the newest reported level of each battery of the vehicle."""
 
     def __init__(self) -> None:
         self._told: dict[int, tuple[float | None, float]] = {}  # level, and time of the report (s), by number, once known
 
     def take(self, number: int, percent: int, now_s: float) -> None:
-        """Take the reported level of one battery, or of ``ALL``; negative: not known."""
+        """Take the reported level (percent) of one battery, or of all together (``ALL``); negative: not known."""
         if percent >= 0 or number in self._told:
             self._told[number] = percent / 100.0 if percent >= 0 else None, now_s
 
     def level(self, now_s: float) -> float | None:
-        """The lowest level, 0 .. 1, that is not stale; None without a report."""
+        """Return the lowest level of all batteries, 0 .. 1, from reports that are not too old; None without one."""
         fresh = (level for level, told_s in self._told.values() if now_s - told_s <= STALE_S)
         return min((level for level in fresh if level is not None), default=None)
 
     def problem(self, now_s: float) -> str | None:
-        """Return the message to the operator: a known level is not reported any more, and no return follows from it. SYS_STATUS
-        may repeat the level of before the loss of a battery.
+        """Return the message to the operator if a battery's level is not reported any more, so that no return would follow from
+        it.
+
+        SYS_STATUS may repeat the level of before the loss of a battery.
         """
         single = [one for number, one in self._told.items() if number != ALL] or list(self._told.values())
         if all(level is not None and now_s - told_s <= STALE_S for level, told_s in single):

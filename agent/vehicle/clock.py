@@ -11,7 +11,8 @@ REBOOT_NS = 1_000_000_000  # a stamp this much older than the last one is not a 
 
 
 class BootClock:
-    """Maps boot time to UTC by the least delayed message of the last two seconds.
+    """Maps the time stamps of an autopilot, which count from its boot, to UTC by the least delayed message of the last two
+    seconds.
 
     Messages arrive late, never early, so the smallest difference between arrival and boot time is the closest to the true offset
     of the clocks. The window is short, so that the mapping follows a pause, or a simulation out of real time. Real clocks drift
@@ -27,9 +28,10 @@ class BootClock:
         self.has_rebooted = False  # the autopilot, since its first message
 
     def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
-        """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival.
+        """Take a message's stamp (ms since boot) and its arrival (UTC, ns); return the stamp in UTC (ns), never later than the
+        arrival.
 
-        ``steady_ns``: its arrival by a clock that is never set; shows a step of UTC at once.
+        steady_ns: time of arrival by a clock that is never set; it shows a step of UTC at once.
         """
         boot_ns, ahead_ns = boot_ms * 1_000_000, None if steady_ns is None else arrival_ns - steady_ns
         self._watch_boots(boot_ns)
@@ -53,10 +55,12 @@ class BootClock:
         self.has_rebooted = self.has_rebooted or self._lower >= REBOOTED
 
     def utc_ns(self, boot_ns: int) -> int | None:
-        """A stamp of this clock in UTC, without updating the offset; None before the first message."""
+        """Convert a stamp of the autopilot (ns since boot) to UTC (ns), without updating the offset; None before the first
+        message.
+        """
         return boot_ns + self._offsets[0][1] if self._offsets else None
 
     @property
     def booted_ns(self) -> int | None:
-        """When the autopilot was booted, UTC; None before the first message."""
+        """Time (UTC, ns) at which the autopilot was booted; None before the first message."""
         return self._offsets[0][1] if self._offsets else None

@@ -11,11 +11,12 @@ from agent.config.mission import MissionConfig
 
 
 class Demands(Struct, frozen=True):
-    """The demands; without a mission only the ceiling.
+    """The values that a mission requires of the autopilot of one drone; without a mission only the ceiling.
 
-    vehicle: connection and flight limits of the autopilot. agent_lost: its reaction to a lost agent, as the others expect it
-    (return, land, hold; None: any of them). return_height_m: of its return, above the launch place (None: as set in the
-    autopilot); sets: the agent sets it. farthest_m: from its launch place to the farthest point of the mission.
+    vehicle: connection of the autopilot. agent_lost: the autopilot's reaction to a lost agent, as the other drones expect it
+    (return, land, hold; None: any reaction). return_height_m: height of the autopilot's return, above the launch place (None: as
+    set in the autopilot); sets: the agent sets this height. farthest_m: distance from the launch place to the farthest point of
+    the mission.
     """
 
     vehicle: VehicleConfig
@@ -30,7 +31,10 @@ class Demands(Struct, frozen=True):
 
 
 def demands_of(mission: MissionConfig, drone: DroneConfig, *, sets: bool) -> Demands:
-    """The demands of a mission on one of its drones. ``sets``: the agent sets the height of the return."""
+    """Return the values that a mission requires of the autopilot of one of its drones.
+
+    sets: whether the agent sets the height of the return.
+    """
     area, limits, vehicle = mission.area, mission.limits, drone.vehicle
     x0, y0, *_ = mission.member(drone.id).origin_m
     return Demands(

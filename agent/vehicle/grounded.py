@@ -20,10 +20,11 @@ _TOLD_NS = 10_000_000_000
 
 
 class Grounded:
-    """Takes the telemetry of one vehicle; ``armed`` and ``in_air`` fall only once that is confirmed. Until then it is as healthy
-    as it was: readiness to arm says nothing of a vehicle that is taken to fly.
+    """Filter of one vehicle's telemetry that confirms landing and disarming: one false report must not end a flight.
 
-    A vehicle that moves is not down, whatever it reports, as long as its position can be trusted.
+    ``armed`` and ``in_air`` become false only once further reports, position and height agree. Until then the vehicle counts as
+    healthy as before: readiness to arm says nothing about a vehicle that still counts as flying. A vehicle that moves has not
+    landed, whatever it reports, as long as its position can be trusted.
     """
 
     def __init__(self) -> None:
@@ -33,7 +34,7 @@ class Grounded:
         self._refused_ns: int | None = None
 
     def take(self, state: VehicleState) -> VehicleState:
-        """Return the telemetry with the confirmed state."""
+        """Return the telemetry with ``armed`` and ``in_air`` as confirmed."""
         self._healthy = state.healthy if state.armed or state.in_air else self._healthy
         falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
         self._since_ns = since(self._since_ns, state.stamp_ns, holds=falls)
@@ -45,7 +46,9 @@ class Grounded:
         return state
 
     def problem(self, now_ns: int) -> str | None:
-        """Return the message to the operator on reports that the motion contradicts."""
+        """Return the message to the operator if the vehicle moves although it reports to have landed or to be disarmed; else
+        None.
+        """
         if self._refused_ns is None or not 0 <= now_ns - self._refused_ns < _TOLD_NS:
             return None
         return "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"

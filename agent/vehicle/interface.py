@@ -14,7 +14,7 @@ Origin = tuple[float, float, float]  # latitude and longitude in degrees, height
 
 
 class FlightMode(StrEnum):
-    """The autopilot's mode, as its heartbeat reports it."""
+    """The autopilot's flight mode, as its heartbeat message reports it."""
 
     MANUAL = "manual"
     HOLD = "hold"
@@ -25,7 +25,11 @@ class FlightMode(StrEnum):
 
 
 class VehicleState(Struct, frozen=True, kw_only=True):
-    """Telemetry at one time. Position by the vehicle's own localisation, with its own sigmas; epoch of that frame."""
+    """Telemetry of one vehicle at one time: position, attitude, mode and health.
+
+    Position, velocity and attitude are in the vehicle's local frame (ENU), by its own localisation, with the 1-sigma errors that
+    the localisation states. ``epoch``: number of the local frame, which changes with each jump of the localisation.
+    """
 
     stamp_ns: int
     epoch: int
@@ -47,12 +51,16 @@ class VehicleState(Struct, frozen=True, kw_only=True):
 
     @property
     def stamped_sigma_m(self) -> float:
-        """1 sigma of the position at the stamp, as others take it: with the error by a wrong clock."""
+        """1 sigma of the position (m) for other drones, which know the time by the stamp alone: with the error by a
+        wrong clock.
+        """
         return hypot(self.position_sigma_m, self.clock_sigma_m)
 
 
 class GnssFix(Struct, frozen=True, kw_only=True):
-    """A satellite receiver's position, WGS84, height above the ellipsoid; 1-sigma errors of the distance."""
+    """A position from a satellite receiver: WGS84, height above the ellipsoid, with 1-sigma errors (m) of horizontal and vertical
+    distance.
+    """
 
     stamp_ns: int
     latitude_deg: float
@@ -63,7 +71,10 @@ class GnssFix(Struct, frozen=True, kw_only=True):
 
 
 class SeenDrone(Struct, frozen=True, kw_only=True):
-    """A relative observation of another drone: direction (unit vector, body FLU), range, or both; 1-sigma errors."""
+    """A relative observation of another drone by a sensor of this drone: direction, range, or both.
+
+    ``direction``: unit vector in this drone's body frame (FLU: forward, left, up). Sigmas are 1-sigma errors.
+    """
 
     stamp_ns: int
     target: str
@@ -74,7 +85,7 @@ class SeenDrone(Struct, frozen=True, kw_only=True):
 
 
 class Setpoint(Struct, frozen=True):
-    """The present setpoint for the autopilot, local ENU."""
+    """The present target values for the autopilot in the local frame (ENU): position, velocity, acceleration and heading."""
 
     position_m: Vector3
     velocity_mps: Vector3
@@ -84,7 +95,9 @@ class Setpoint(Struct, frozen=True):
 
 
 class Request(StrEnum):
-    """Requests of the pilot to the autopilot; the shell brings them about, possibly after some time."""
+    """A state or mode into which the pilot program wants the autopilot; the PX4 driver sends the commands, possibly for some
+    time.
+    """
 
     STAY = "stay"  # on the ground, disarmed
     TAKEOFF = "takeoff"  # arm and climb to takeoff_height_m
@@ -97,7 +110,7 @@ class Request(StrEnum):
 
 
 class VehicleCommand(Struct, frozen=True):
-    """One step's command. ``setpoint`` is given with OFFBOARD."""
+    """The command of one step to the vehicle: the requested mode, with the setpoint for ``OFFBOARD``."""
 
     request: Request
     setpoint: Setpoint | None = None
@@ -105,11 +118,13 @@ class VehicleCommand(Struct, frozen=True):
 
 
 class LaunchPlace(Struct, frozen=True, kw_only=True):
-    """A drone's local frame in its autopilot's: the place of the launch in the autopilot's local NED frame.
+    """The place of the launch in the autopilot's local NED frame, which is the origin of the drone's local frame.
 
-    A restarted agent recognises the frame by its geodetic origin. Without satellites there is none, and the boot time of the
-    autopilot is used. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its estimator's resets by then
-    (None: not reported); ``flown``: whether the vehicle has been in the air since; ``mission``: id of the mission of the launch.
+    A restarted agent recognises the autopilot's frame by its geodetic origin. Without satellites the frame has no such origin,
+    and the boot time of the autopilot is used. ``epoch``: present epoch (number) of the frame, which changes with each jump;
+    ``resets``:
+    the autopilot's count of resets of its position filter by then (None: not reported); ``flown``: whether the vehicle has been
+    in the air since; ``mission``: id of the mission for which it was launched.
     """
 
     north_m: float
@@ -126,7 +141,9 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
 
     @property
     def origin(self) -> Origin | None:
-        """The geodetic origin; None where there is none."""
+        """The geodetic origin of the autopilot's local frame: latitude and longitude (degrees), height (m); None if the frame has
+        none.
+        """
         latitude_deg, longitude_deg, altitude_m = self.origin_latitude_deg, self.origin_longitude_deg, self.origin_altitude_m
         if latitude_deg is None or longitude_deg is None or altitude_m is None:
             return None
@@ -134,7 +151,10 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
 
 
 class Finding(Struct, frozen=True):
-    """One line of a preflight check. ``not yet``: may resolve by itself; ``failed``: needs action."""
+    """One line of the report of a preflight check.
+
+    ``verdict``: ``not yet`` may resolve by itself; ``failed`` needs action of a person.
+    """
 
     name: str
     verdict: Literal["ok", "not yet", "failed"]

@@ -22,9 +22,10 @@ _SAME_BOOT_NS = 2_000_000_000  # clock drift in a flight is smaller, and a reboo
 
 
 class LaunchSurvey:
-    """The mean of the autopilot's local position over the last seconds on the ground, frozen at arming.
+    """Measurement of the launch place, the origin of the drone's local frame: mean of the autopilot's position on the ground.
 
-    After the first flight it never changes, also after a landing elsewhere: later measurements belong to the same frame.
+    The mean is over the last seconds, and is frozen at arming. After the first flight it never changes, also after a landing
+    elsewhere, so that later measurements belong to the same frame.
 
     An agent that starts with the vehicle armed has nothing to average, and after a flight meanwhile the vehicle may be elsewhere.
     In both cases the stored place is used, provided that the autopilot's frame still has the same geodetic origin. A horizontal
@@ -34,8 +35,8 @@ class LaunchSurvey:
     An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until a reboot. An
     origin that appears later, because a receiver has found satellites, does not move the frame.
 
-    A frame that jumps in flight begins a new epoch. An exact frame by the mission (``exact``) is that of the first epoch only; so
-    the jump is reported too.
+    A frame that jumps in flight begins a new epoch (numbered period without a jump). A frame that the mission gives as exact
+    (``exact``) is exact in the first epoch only; so the jump is also reported as a problem.
     """
 
     def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
@@ -51,12 +52,12 @@ class LaunchSurvey:
 
     @property
     def place(self) -> LaunchPlace | None:
-        """The local frame in the autopilot's present one; None if not known."""
+        """The launch place in the autopilot's present frame; None if not known."""
         return None if self._moved else self._place
 
     @property
     def to_keep(self) -> LaunchPlace | None:
-        """The place to store for a restarted agent, once it does not change any more; before one is known, the stored one."""
+        """The place to store for a restarted agent; None while it may still change. Before a place is known, the stored place."""
         if self._place is None:
             return self._stored
         return replace(self._place, flown=self._flown) if self._frozen else None
@@ -74,7 +75,11 @@ class LaunchSurvey:
         booted_ns: int | None = None,
         resets: int | None = None,
     ) -> None:
-        """Take the autopilot's local position (NED, m), its boot time (UTC), and its present count of resets."""
+        """Take a position of the autopilot (NED, m, its local frame), and update the launch place.
+
+        now_s: a clock that never goes back. booted_ns: the autopilot's boot time (UTC). resets: its present count of resets of
+        the position filter.
+        """
         if self._place is None and self._stored is not None and resets is not None:
             self._stored = replace(self._stored, resets=resets)
         if self._place is None and self._may_have_landed_elsewhere(booted_ns):
@@ -121,7 +126,9 @@ class LaunchSurvey:
         )
 
     def jumped(self) -> None:
-        """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured again."""
+        """Note that the autopilot's frame has jumped: in flight a new epoch begins; before the flight the place is measured
+        again.
+        """
         if self._place is not None and self._frozen:
             self._place = replace(self._place, epoch=self._place.epoch + 1)
         elif self._place is None and self._stored is not None:  # while no agent ran

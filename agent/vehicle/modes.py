@@ -24,7 +24,9 @@ CUSTOM_MODES = {Act.OFFBOARD: (_OFFBOARD, 0), Act.HOLD: (_AUTO, 3), Act.RETURN: 
 
 
 def flight_mode(custom_mode: int) -> FlightMode:
-    """The mode of a heartbeat. Missions and all other modes controlled from elsewhere count as MANUAL."""
+    """Return the flight mode in the field ``custom_mode`` of a heartbeat. Missions and other modes of foreign control count as
+    MANUAL.
+    """
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _OFFBOARD:
         return FlightMode.OFFBOARD
@@ -32,6 +34,8 @@ def flight_mode(custom_mode: int) -> FlightMode:
 
 
 def is_in_air(landed_state: int) -> bool:
-    """Whether the vehicle flies and its takeoff is over: by the landed state alone, because the heartbeat's mode may be a second
-    earlier or later."""
+    """Whether the vehicle flies and its takeoff is over.
+
+    This is judged by the landed state alone, because the mode in the heartbeat may be a second earlier or later.
+    """
     return landed_state in (IN_AIR, LANDING)

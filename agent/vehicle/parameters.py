@@ -21,13 +21,13 @@ _NO_SUCH = 1  # MAV_PARAM_ERROR
 
 
 def float32(value: float) -> float:
-    """Rounded to the precision of a parameter."""
+    """Return a number rounded to single precision, in which MAVLink transports parameters."""
     rounded: float = struct.unpack("f", struct.pack("f", value))[0]
     return rounded
 
 
 def value_of(message: ParameterValue) -> float:
-    """The number in a PARAM_VALUE. PX4 puts the bits of an integer into the float.
+    """Return the number in a PARAM_VALUE message. PX4 sends the bits of an integer in the field for a float.
 
     The bits of negative integers close to 0 are a NaN, which arrives without its bits: the result is -1. No parameter that is
     judged here may be negative.
@@ -41,7 +41,10 @@ def value_of(message: ParameterValue) -> float:
 
 
 def wire_value(value: float, kind: int) -> float:
-    """The number for a PARAM_SET: the inverse of ``value_of``. Integers are not negative."""
+    """Return the number for the float field of a PARAM_SET message: the inverse of ``value_of``.
+
+    kind: MAV_PARAM_TYPE. Integers must not be negative.
+    """
     if kind == FLOAT:
         return value
     (bits,) = struct.unpack("<f", struct.pack("<i", round(value)))
@@ -49,7 +52,7 @@ def wire_value(value: float, kind: int) -> float:
 
 
 class Parameters:
-    """The values of the parameters that have rules, of the takeoff altitude, and of others, as far as they are known."""
+    """The known values of the autopilot's parameters: of those with rules, of the takeoff altitude, and of further names."""
 
     def __init__(self, demands: Demands, others: tuple[str, ...] = ()) -> None:
         """``others``: names of parameters that are read, but not judged."""
@@ -64,43 +67,43 @@ class Parameters:
         self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last asked for
 
     def receive(self, message: ParameterValue) -> None:
-        """Take a PARAM_VALUE, asked for or not."""
+        """Take the value in a PARAM_VALUE message, whether it was asked for or not."""
         if message.param_id in self._names:
             self._values[message.param_id] = value_of(message)
             self._kinds[message.param_id] = message.param_type
             self._asked[message.param_id] = (0, self._asked.get(message.param_id, (0, 0.0))[1])
 
     def refused(self, message: ParameterError) -> None:
-        """Take a PARAM_ERROR: there will be no answer."""
+        """Take a PARAM_ERROR message: the autopilot has no such parameter, and is not asked again."""
         if message.error == _NO_SUCH and message.param_id in self._names:
             self._values.pop(message.param_id, None)
             self._asked[message.param_id] = (MOST_ASKS, self._asked.get(message.param_id, (0, 0.0))[1])
 
     def forget(self) -> None:
-        """Start again: the autopilot may have been restarted, or replaced."""
+        """Forget all values and ask again: the autopilot may have been restarted, or replaced."""
         self._values.clear()
         self._sets = 0
         self._asked.clear()
 
     def value(self, name: str) -> float | None:
-        """The newest value, None while it is not known."""
+        """Return the newest value of a parameter, None while it is not known."""
         return self._values.get(name)
 
     @property
     def values(self) -> dict[str, float]:
-        """All that are known."""
+        """All known values by parameter name."""
         return dict(self._values)
 
     def kind(self, name: str) -> int | None:
-        """Its MAV_PARAM_TYPE, None while it is not known."""
+        """Return the MAV_PARAM_TYPE of a parameter, None while it is not known."""
         return self._kinds.get(name)
 
     def wrong(self) -> dict[str, float]:
-        """The values that have to be changed, by name."""
+        """Return the present values of the parameters that must be changed, by name."""
         return {name: value for name, value in self._values.items() if self._advice(name) is not None}
 
     def due(self, now_s: float) -> list[str]:
-        """The names to ask the autopilot for now."""
+        """Return the names of the parameters to ask the autopilot for now, and count them as asked."""
         names = []
         for name in self._names:
             count, asked_s = self._asked.get(name, (0, float("-inf")))
@@ -110,7 +113,7 @@ class Parameters:
         return names
 
     def height_to_set(self, now_s: float) -> float | None:
-        """The return altitude to set now; None if right, not known yet, or refused."""
+        """Return the return altitude (m) to set in the autopilot now; None if it is right, not known yet, or refused."""
         value, wanted = self._values.get(RETURN_ALTITUDE), self._return_m
         if (
             not self.demands.sets
@@ -133,7 +136,7 @@ class Parameters:
         return None if rule is None else rule.check(self._values[name], self.demands)
 
     def findings(self) -> list[Finding]:
-        """One line for each parameter."""
+        """Return one line of the preflight check for each parameter that has a rule."""
         return [self._finding(name) for name in self._rules]
 
     def _finding(self, name: str) -> Finding:

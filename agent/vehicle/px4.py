@@ -44,10 +44,11 @@ _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed
 
 
 class Px4Vehicle:
-    """One PX4. Everything is called, and calls back, in the event loop's thread.
+    """The driver of one PX4 autopilot: it reads telemetry, and sends setpoints and commands.
 
-    Nothing is pending between calls: a request that the autopilot does not show fulfilled is repeated with the next heartbeat or
-    command. So an agent that hangs goes silent at once, and closing never waits.
+    All methods and callbacks are called in the event loop's thread. Nothing is pending between calls: a request that the
+    autopilot does not show fulfilled is repeated with the next heartbeat or command. So an agent that hangs goes silent at once,
+    and closing never waits.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class Px4Vehicle:
         self.counters = self._link.counters
 
     async def connect(self) -> None:
-        """Find the autopilot.
+        """Open the link, and wait until the autopilot is found.
 
         Raises:
             VehicleError: a bad address, a port in use, or no PX4 there within ``connect_timeout_s``.
@@ -101,26 +102,26 @@ class Px4Vehicle:
             self._seeing = asyncio.create_task(self._vision.run(), name="vision")
 
     def on_fix(self, callback: Callable[[GnssFix], None]) -> None:
-        """Have ``callback`` called with a position of the satellite receiver once a second, while it has one."""
+        """Set the function that is called once a second with the satellite receiver's position, while the receiver has one."""
         self._fix_callback = callback
 
     def on_state(self, callback: Callable[[VehicleState], None]) -> None:
-        """Have ``callback`` called with every new state."""
+        """Set the function that is called with every new vehicle state, at the rate of the autopilot's position."""
         self._callback = callback
 
     @property
     def launch(self) -> LaunchPlace | None:
-        """The local frame in the autopilot's; None if not known."""
+        """The origin of the drone's local frame in the autopilot's frame; None if not known."""
         return self._telemetry.launch.place
 
     @property
     def has_rebooted(self) -> bool:
-        """Whether the autopilot was booted again since its first message: its local frame is then new."""
+        """Whether the autopilot was booted again since its first message; its local frame is then new."""
         return self._telemetry.has_rebooted
 
     @property
     def launch_to_keep(self) -> LaunchPlace | None:
-        """The same for a restarted agent, once it does not change any more."""
+        """The launch place to store for a restarted agent; None until it does not change any more."""
         return self._telemetry.launch.to_keep
 
     @property
@@ -143,11 +144,15 @@ class Px4Vehicle:
 
     @property
     def exposure(self) -> str | None:
-        """The warning of other senders of commands: the autopilot obeys every sender that reaches its port."""
+        """The warning to the operator that other senders can reach the autopilot's port, whose commands it would obey; None
+        without one.
+        """
         return exposure(self._config.address, self._config.source, self._link.taken_from)
 
     async def findings(self) -> list[Finding]:
-        """The present findings of a preflight check; "not yet" may change within seconds."""
+        """Return the present results of the preflight check of autopilot, vision and parameters; "not yet" may change within
+        seconds.
+        """
         vision = [] if self._vision is None else [self._vision_finding()]
         parameters = self.parameters.findings()
         if self._telemetry.is_lost(self._clock_s()):  # a parameter without an answer is not unknown to the autopilot
@@ -155,7 +160,10 @@ class Px4Vehicle:
         return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *parameters]
 
     def set_parameter(self, name: str, value: float) -> bool:
-        """Ask the autopilot to take a value; False if it must not be: armed, lost, or the parameter is not known."""
+        """Ask the autopilot to set a parameter.
+
+        Return False, without asking, if the vehicle is armed, the link is lost, or the parameter is not known.
+        """
         seen, kind = self._telemetry.seen, self.parameters.kind(name)
         if seen is None or seen.armed or kind is None or self._telemetry.is_lost(self._clock_s()):
             return False
@@ -163,7 +171,9 @@ class Px4Vehicle:
         return True
 
     def command(self, command: VehicleCommand) -> None:
-        """Carry out one step's command: send the setpoint at once, and the next command that the request needs."""
+        """Carry out the pilot program's command of one step: send the setpoint, and the next autopilot command that the request
+        needs.
+        """
         now_s = self._clock_s()
         streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
         seen = self._telemetry.seen
@@ -175,7 +185,7 @@ class Px4Vehicle:
             self._ask(act, command)
 
     async def close(self) -> None:
-        """Release the link; the vehicle is left to itself."""
+        """Close the link. No command is sent: the autopilot continues by itself."""
         self._callback = self._fix_callback = None
         if self._vision is not None:
             await self._vision.close()

@@ -42,7 +42,7 @@ REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 
 
 
 class Act(Enum):
-    """A command to the autopilot."""
+    """A single command to the autopilot, by which a request of the pilot program is brought about."""
 
     SET_TAKEOFF_ALTITUDE = auto()
     ARM = auto()
@@ -55,8 +55,9 @@ class Act(Enum):
 
 
 class Seen(Struct, frozen=True):
-    """The mode and state shown by the autopilot. ``heartbeat_s``: arrival of the newest heartbeat; ``intended``: the mode after a
-    failsafe, None if not reported.
+    """The mode and state shown by the autopilot.
+
+    ``heartbeat_s``: arrival of the newest heartbeat; ``intended``: the mode that follows after a failsafe, None if not reported.
     """
 
     mode: FlightMode
@@ -80,7 +81,7 @@ _ACTS = {Request.OFFBOARD: Act.OFFBOARD, Request.HOLD: Act.HOLD, Request.RETURN:
 
 
 class Requests:
-    """Drives a request until the heartbeat shows it."""
+    """Chooses and repeats the commands to the autopilot until its heartbeat shows the mode that the pilot program requests."""
 
     def __init__(self) -> None:
         self._request = Request.STAY
@@ -91,7 +92,7 @@ class Requests:
         self._begin(Request.STAY, float("-inf"), by_hand=False, taken_over=False)
 
     def step(self, now_s: float, request: Request, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
-        """The command to send now, if any.
+        """Return the command to send to the autopilot now; None if there is none.
 
         Args:
             now_s: a clock that never goes back.
@@ -122,7 +123,7 @@ class Requests:
         return self._asked(now_s, act, UNACKED_S if is_lost else URGENT_S if seen.failsafe else REPEAT_S)
 
     def acked(self) -> None:
-        """Note that the autopilot has received the last command, whatever its result."""
+        """Note that the autopilot has received the last command, whatever the result of the command."""
         self._is_acked = True
 
     def _asked(self, now_s: float, act: Act | None, repeat_s: float) -> Act | None:

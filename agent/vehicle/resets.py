@@ -29,13 +29,17 @@ _COUNTS = 256
 
 
 class Resets:
-    """Detector for one autopilot; all times by its clock. ``count``: the newest count of resets; None: not reported. ``moved``:
-    whether the position itself jumped at the last change of the frame.
+    """Detector of jumps of an autopilot's local frame, after which positions and plans in the old frame are wrong.
+
+    All times are by the autopilot's clock. ``count``: the newest count of resets of its position filter; None: not reported.
+    ``moved``: whether the position itself jumped at the last change of the frame.
     """
 
     def __init__(self, count: int | None = None, *, axes_fixed: bool = False) -> None:
-        """``count``: before a restart of the agent; after a change since, the frame counts as new. ``axes_fixed``: the frame does
-        not turn with the heading.
+        """Start without positions.
+
+        ``count``: count of resets before a restart of the agent; if it has changed since, the frame counts as new.
+        ``axes_fixed``: the frame does not turn with the heading.
         """
         self._axes_fixed = axes_fixed
         self.count: int | None = None
@@ -49,7 +53,7 @@ class Resets:
         self._satellites_of_frame: bool | None = None
 
     def take_count(self, count: int, stamp_s: float) -> None:
-        """Take the count of an ODOMETRY."""
+        """Take the count of resets in an ODOMETRY message."""
         if self.count is not None and (count - self.count) % _COUNTS:
             self._reset_s = stamp_s
         if self.count is None and self._before is not None:
@@ -57,23 +61,23 @@ class Resets:
         self.count = count
 
     def take_satellites(self, found: bool) -> None:
-        """Take whether the receiver has a position."""
+        """Take whether the satellite receiver has a position."""
         self._satellites = found
         if self._satellites_of_frame is None:
             self._satellites_of_frame = found
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the newest position is held back."""
+        """Whether the newest position is held back, because it is not decided yet to which frame it belongs."""
         return self._held
 
     def judge(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool | None:
-        """Whether the frame has changed since the position before.
+        """Return whether the autopilot's frame has changed since the position before.
 
         Args:
-            stamp_s: of the position.
+            stamp_s: time of the position.
             position, velocity: m, m/s; NED.
-            yaw, turning: rad, rad/s.
+            yaw, turning: heading, rad, and its rate, rad/s.
 
         Returns:
             None: undecided yet; this position must not be used.

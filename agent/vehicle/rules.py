@@ -41,10 +41,10 @@ Correct = Callable[[float, Demands], float | None]
 
 
 class Rule(Struct, frozen=True):
-    """One parameter.
+    """The required value of one autopilot parameter.
 
     check: returns the advice on a wrong value, or None. correct: the value to set in place of a wrong one; None: only a person
-    can choose. applies: whether an autopilot under these demands needs the rule.
+    can choose. applies: whether an autopilot with these demands of its mission needs the rule.
     """
 
     name: str
@@ -241,10 +241,13 @@ RULES = (
 
 
 def rules_of(demands: Demands) -> tuple[Rule, ...]:
-    """The rules for one autopilot."""
+    """Return the rules for the parameters of an autopilot, given the demands of its mission."""
     return tuple(rule for rule in RULES if rule.applies(demands))
 
 
 def correction(name: str, before: float, demands: Demands) -> float | None:
-    """The value to set for a parameter whose value is wrong; None where only a person can choose, or no rule needs it."""
+    """Return the value to set for a parameter whose value is wrong.
+
+    Return None if only a person can choose the value, or if no rule needs the parameter. before: the present value.
+    """
     return next((rule.correct(before, demands) for rule in rules_of(demands) if rule.name == name), None)

@@ -63,7 +63,7 @@ class _Turning(Struct, frozen=True):
 
 
 class Telemetry:
-    """The newest of every message, and the vehicle state that follows from them. Nothing is queued."""
+    """Turns the messages of an autopilot into vehicle states. It keeps the newest message of each kind, and queues nothing."""
 
     def __init__(self, config: VehicleConfig, launch: LaunchPlace | None, exact: bool = False) -> None:
         """``launch``: stored before a restart; ``exact``: the mission's local frame is known exactly."""
@@ -87,14 +87,18 @@ class Telemetry:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Begin with a link that is up for the first time or again: messages that the autopilot sends only once have to be
-        requested again.
+        """Forget the messages that the autopilot sends only once, when the link comes up for the first time or again.
+
+        They have to be requested again.
         """
         self.has_home = self.has_origin = False
         self._intended = None
 
     def receive(self, message: Message, arrival_ns: int, arrival_s: float) -> VehicleState | None:
-        """Take a message; a position yields a new state once everything else is known."""
+        """Take a message of the autopilot. A position returns a new vehicle state once all other parts of the state are known.
+
+        arrival_ns, arrival_s: time of arrival, UTC, and by a clock that never goes back.
+        """
         if arrival_s - self._heard_s > MISSING_S and not self.awaits_mode(arrival_s):
             self._back_s = arrival_s
         self._heard_s = arrival_s
@@ -127,7 +131,9 @@ class Telemetry:
         return None
 
     def fix(self, message: GpsRaw) -> GnssFix | None:
-        """The fix of the satellite receiver; None without a position or its accuracy, or for a repetition."""
+        """Return the position of the satellite receiver in a message; None without a position or its accuracy, or for a
+        repetition.
+        """
         stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
         if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
             return None
@@ -145,7 +151,7 @@ class Telemetry:
 
     @property
     def frame_in_doubt(self) -> bool:
-        """Whether the autopilot's frame may just have jumped: plans in the old one must not be flown."""
+        """Whether the autopilot's frame may just have jumped: plans in the old frame must not be flown."""
         return self._resets.in_doubt
 
     @property
@@ -155,7 +161,7 @@ class Telemetry:
 
     @property
     def seen(self) -> Seen | None:
-        """The modes shown by the autopilot; None before all are known."""
+        """Mode and state shown by the autopilot's newest messages; None before all are known."""
         heartbeat, extended = self._heartbeat, self._extended
         if heartbeat is None or extended is None:
             return None
@@ -171,11 +177,11 @@ class Telemetry:
         )
 
     def is_lost(self, now_s: float) -> bool:
-        """Whether the link is lost: no heartbeat for ``LOST_S``."""
+        """Whether the link to the autopilot is lost: no heartbeat for ``LOST_S``."""
         return now_s - self._heartbeat_s > LOST_S
 
     def awaits_mode(self, now_s: float) -> bool:
-        """Whether the mode is from before a gap in all messages, and a heartbeat with the present mode is due."""
+        """Whether the known mode is older than a gap in all messages, so that the next heartbeat must be awaited."""
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:
@@ -205,7 +211,7 @@ class Telemetry:
         return [name for name, at_s in arrivals_s.items() if now_s - at_s > MISSING_S] + landed_state
 
     def not_ready(self) -> str | None:
-        """The obstacle to arming, or None."""
+        """Return the reason why the autopilot cannot arm; None if it can."""
         if self._status is None or self._heartbeat is None:
             return "no sensor status yet"
         reason = not_ready(self._status)

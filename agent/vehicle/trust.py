@@ -21,15 +21,20 @@ _GLITCH = 0x400  # ESTIMATOR_GPS_GLITCH
 
 
 def drift_m(blind_s: float) -> float:
-    """Bound of the drift (m) after this time without satellites (s): above all measured ones."""
+    """Return a bound of the position's drift (m) after this time without satellites (s): above all measured drifts."""
     return _DRIFT_MPS * blind_s + _DRIFT_MPS2 * blind_s**2
 
 
 class PositionTrust:
-    """For one autopilot; all times are arrivals, by a clock that never goes back."""
+    """Judges whether the position of an autopilot that flies by satellites can be trusted, and bounds its error if not.
+
+    All times are arrivals, by a clock that never goes back.
+    """
 
     def __init__(self, by_satellites: bool) -> None:
-        """``by_satellites``: it has no other position source; otherwise its position is always trusted."""
+        """Start with a trusted position. ``by_satellites``: the autopilot has no other position source; otherwise it is always
+        trusted.
+        """
         self._by_satellites = by_satellites
         self._fix_s: float | None = None  # arrival of the receiver's last message
         self._has_fix = self._estimates = True
@@ -37,20 +42,22 @@ class PositionTrust:
         self._well_s: float | None = float("-inf")  # since when all has been well; None: it is not
 
     def take_fix(self, found: bool, now_s: float) -> None:
-        """Take whether the receiver has a position."""
+        """Take from a message of the satellite receiver whether the receiver has a position."""
         self._fix_s, self._has_fix = now_s, found
         self._judge(now_s)
 
     def take_estimator(self, status: EstimatorStatus, now_s: float) -> None:
-        """Take the estimator's status."""
+        """Take the status of the autopilot's position filter: whether it agrees with the satellites."""
         ratios = (status.pos_horiz_ratio, status.vel_ratio)
         agrees = all(ratio is not None and ratio < RATIO_MOST for ratio in ratios)
         self._estimates = agrees and bool(status.flags & _POSITION_KNOWN) and not status.flags & _GLITCH
         self._judge(now_s)
 
     def jumped(self, now_s: float, *, moved: bool) -> None:
-        """Note a jump of the frame: the position has to be confirmed again. With satellites the drift ends if the jump has moved
-        the position, not the heading or the position source alone.
+        """Note a jump of the autopilot's frame: the position has to be confirmed again.
+
+        moved: the jump has moved the position, and not only the heading or the position source. With satellites the drift then
+        ends.
         """
         if not self._by_satellites:
             return
@@ -60,11 +67,11 @@ class PositionTrust:
             self._well_s = now_s
 
     def hears_satellites(self, now_s: float) -> bool:
-        """Whether the receiver has a position; true where the autopilot has another source."""
+        """Whether the satellite receiver has a position; true if the autopilot has another position source."""
         return not self._by_satellites or (self._has_fix and (self._fix_s is None or now_s - self._fix_s < SILENCE_S))
 
     def at(self, now_s: float) -> bool:
-        """Whether the position can be trusted."""
+        """Whether the position can be trusted at this time."""
         self._judge(now_s)
         if self._well_s is None or now_s - self._well_s < CONFIRM_S:
             return False
@@ -72,13 +79,15 @@ class PositionTrust:
         return True
 
     def drift_m(self, now_s: float) -> float:
-        """Bound of the position error (m) beyond the estimator's sigma; 0 where the position can be trusted."""
+        """Return a bound of the position error (m) beyond the sigma of the autopilot's filter; 0 while the position can be
+        trusted.
+        """
         if self._blind_s is None or self.at(now_s):
             return 0.0
         return drift_m((now_s if self._well_s is None else self._well_s) - self._blind_s)
 
     def problem(self, now_s: float) -> str | None:
-        """Return the problem in words, or None."""
+        """Return the reason in words why the position cannot be trusted; None if it can."""
         if self.at(now_s):
             return None
         if not self.hears_satellites(now_s):

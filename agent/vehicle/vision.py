@@ -38,7 +38,7 @@ _ROUNDING = 1e-2  # tolerance of a unit quaternion's length
 
 
 class VisionPose(Struct, frozen=True, kw_only=True):
-    """One line of the feed."""
+    """A pose from the visual or LiDAR SLAM on board: one line of its TCP feed."""
 
     stamp_ns: int
     position_m: Vector3
@@ -51,9 +51,9 @@ _DECODER = msgspec.json.Decoder(VisionPose)
 
 
 class Vision:
-    """Forwards the poses of one feed.
+    """Forwards the poses of a SLAM on board from its TCP feed to the autopilot, as MAVLink messages.
 
-    ``counters``: poses, malformed, dropped_stale, and the link's.
+    ``counters``: poses, malformed lines, poses dropped as too old (``dropped_stale``), and connections of the feed.
     """
 
     def __init__(self, address: str, send: Callable[[str, dict[str, Any]], None], clock_ns: Callable[[], int]) -> None:
@@ -67,13 +67,13 @@ class Vision:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The present problems, one line each."""
+        """The present problems of the feed, one line each."""
         if time.monotonic() - self._pose_s < SILENCE_S:
             return ()
         return (self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s",)
 
     async def run(self) -> None:
-        """Forward poses until ``close``."""
+        """Forward poses to the autopilot until ``close`` is called."""
         async for lines in self._feed.items():
             for line in lines:
                 pose = self._pose(line)
@@ -103,12 +103,15 @@ class Vision:
         return pose
 
     async def close(self) -> None:
-        """Close the feed; ``run`` ends."""
+        """Close the feed, so that ``run`` ends."""
         await self._feed.close()
 
 
 def odometry(pose: VisionPose) -> dict[str, Any]:
-    """The fields of an ODOMETRY; None is NaN: unknown. The time is UTC, which PX4 maps to its own by TIMESYNC."""
+    """Return the fields of the MAVLink message ODOMETRY for a pose; None stands for NaN: unknown.
+
+    The time is UTC, which PX4 maps to its own clock by TIMESYNC.
+    """
     x, y, z = ned_from_enu(pose.position_m)
     covariance: list[float | None] = [None] * _UPPER
     if pose.covariance is not None:

@@ -21,8 +21,9 @@ _PROCESSES = Path("/proc")
 
 
 async def claim_port(address: str, patience_s: float = PATIENCE_S) -> None:
-    """Check that no other process listens on a UDP address: MAVSDK would share the port, and each process would get half of the
-    packets.
+    """Check that no other process listens on the UDP port of an autopilot's link.
+
+    MAVSDK would share the port, and each process would get half of the packets.
 
     Raises:
         VehicleError: the port is still in use after ``patience_s``, or cannot be used at all.
@@ -60,7 +61,7 @@ def _by_whom(port: int) -> str:
 
 
 def holders(port: int) -> list[str]:
-    """Name and id of each process with a UDP socket on this port, except processes of other users."""
+    """Return name and id of each process with a UDP socket on this port, except processes of other users."""
     sockets = {f"socket:[{inode}]" for table in _TABLES for inode in _inodes(table, port)}
     found = []
     for process in sorted(_PROCESSES.glob("[0-9]*"), key=lambda path: int(path.name)):

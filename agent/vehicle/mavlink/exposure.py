@@ -19,9 +19,12 @@ _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06  # of the kernel's packet filter: B
 
 
 def exposure(address: str, source: str | None = None, first: str | None = None) -> str | None:
-    """Return the warning to the operator on a link that is neither a loopback nor a serial line; else None.
+    """Return the warning to the operator if other computers can send commands to the autopilot over this link; else None.
 
-    ``source``: the address whose packets are taken, as the drone file gives it; ``first``: of the first vehicle heard.
+    Loopbacks and serial lines are safe.
+
+    address: of the link, as for MAVSDK. source: address whose packets are accepted, as the drone file gives it. first: address of
+    the vehicle that was heard first, whose packets are accepted without ``source``.
     """
     match = _NETWORK.match(address)
     if match is None:
@@ -39,7 +42,9 @@ def exposure(address: str, source: str | None = None, first: str | None = None) 
 
 
 def take_only_from(address: str, source: str) -> None:
-    """Have the kernel drop packets from another address at the socket of a UDP link: without a relay, which could be late.
+    """Have the kernel drop packets from all addresses but ``source`` at the UDP socket of the link.
+
+    The kernel does this without a relay, which could delay packets.
 
     Raises:
         VehicleError: not a UDP link, not an IPv4 address, or no such socket in this process.

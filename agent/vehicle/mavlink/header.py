@@ -14,8 +14,10 @@ _IS_SIGNED = 0x01  # of the incompatibility flags
 
 
 class Header(NamedTuple):
-    """A message's header. ``sender``: its system and component; ``number``: its message id; ``payload``, ``end``: indices of its
-    payload, and of the first byte after checksum and signature, which may both lie beyond the bytes at hand.
+    """The header of a MAVLink message, and the place of the message in the bytes that were read.
+
+    ``sender``: system and component of the sender; ``number``: message id; ``payload``, ``end``: indices of the payload, and of
+    the first byte after checksum and signature, which may both lie beyond the bytes at hand.
     """
 
     sender: tuple[int, int]
@@ -26,7 +28,9 @@ class Header(NamedTuple):
 
 
 def header_at(data: bytes, place: int) -> Header | None:
-    """The header that begins at this index; None: none begins there, or it is not complete."""
+    """Return the header of a MAVLink message that begins at this index of the bytes; None if none begins there, or it is not
+    complete.
+    """
     second = data[place] == _SECOND
     begin = place + (_SECOND_HEADER if second else _FIRST_HEADER)
     if data[place] not in FIRST_BYTES or len(data) < begin:

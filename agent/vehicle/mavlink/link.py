@@ -35,7 +35,7 @@ _PATIENT = (Attitude, DistanceSensor, Odometry)  # frequent, and only used with 
 
 
 class Received(Struct, frozen=True):
-    """A message and when it arrived: UTC, and seconds of a clock that never goes back."""
+    """A MAVLink message with its time of arrival: UTC (ns), and seconds of a clock that never goes back."""
 
     message: Message
     arrival_ns: int
@@ -43,7 +43,7 @@ class Received(Struct, frozen=True):
 
 
 class Link:
-    """One autopilot. All methods and callbacks are called in the event loop's thread."""
+    """The MAVLink connection to one autopilot. All methods and callbacks are called in the event loop's thread."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class Link:
         self._woken = False
 
     async def open(self, timeout_s: float, receive: Callable[[list[Received]], None]) -> None:
-        """Connect; ``receive`` then gets every burst of messages.
+        """Connect to the autopilot; from then on ``receive`` is called with the messages that arrived together, as a list.
 
         Raises:
             VehicleError: a bad address, a port in use, a device that cannot be opened, no autopilot in ``timeout_s``, not a PX4.
@@ -137,7 +137,10 @@ class Link:
         return None
 
     def send(self, name: str, fields: dict[str, Any]) -> None:
-        """Send a message to the autopilot at once; None is NaN. Failures are counted: the link is lost then."""
+        """Send a message to the autopilot at once.
+
+        name, fields: the message's name and fields in MAVLink; None is sent as NaN. Failures are counted: the link is lost then.
+        """
         if self._direct is None:
             return
         target = {"target_system": self._system_id, "target_component": AUTOPILOT_COMPONENT}
@@ -148,13 +151,13 @@ class Link:
             self.counters["not_sent"] += 1
 
     def send_command(self, command: int, *parameters: float | None) -> None:
-        """Send a COMMAND_LONG once; missing parameters are NaN, which leaves them to the autopilot."""
+        """Send a COMMAND_LONG with this command number once; missing parameters are NaN, which leaves them to the autopilot."""
         fields: dict[str, Any] = {f"param{number + 1}": None for number in range(COMMANDS_PER_MESSAGE)}
         fields.update({f"param{number}": value for number, value in enumerate(parameters, start=1)})
         self.send("COMMAND_LONG", {"command": command, "confirmation": 0, **fields})
 
     def close(self) -> None:
-        """Release everything, in a few milliseconds: there is no pending command of MAVSDK's own to wait for."""
+        """Close the connection, in a few milliseconds: MAVSDK has no pending command to wait for."""
         direct, self._direct = self._direct, None
         if direct is not None:
             direct.destroy()

@@ -13,7 +13,7 @@ _KINDS = {0: " (development)", 64: " (alpha)", 128: " (beta)", 192: " (release c
 
 
 class Heartbeat(Struct, frozen=True):
-    """Mode, armed flag, and system status."""
+    """HEARTBEAT: mode, armed flag, and system status of the autopilot, sent once a second."""
 
     base_mode: int
     custom_mode: int
@@ -21,7 +21,7 @@ class Heartbeat(Struct, frozen=True):
 
 
 class LocalPosition(Struct, frozen=True):
-    """LOCAL_POSITION_NED: metres, m/s, from the estimator's own origin."""
+    """LOCAL_POSITION_NED: position (m) and velocity (m/s) from the origin of the autopilot's position filter."""
 
     time_boot_ms: int
     x: float | None
@@ -33,7 +33,7 @@ class LocalPosition(Struct, frozen=True):
 
 
 class Attitude(Struct, frozen=True):
-    """ATTITUDE_QUATERNION: NED <- FRD."""
+    """ATTITUDE_QUATERNION: attitude of the body (FRD) in the world (NED), with body rates (rad/s)."""
 
     time_boot_ms: int
     q1: float | None
@@ -46,14 +46,14 @@ class Attitude(Struct, frozen=True):
 
 
 class Odometry(Struct, frozen=True):
-    """ODOMETRY, of which only the count of estimator resets (modulo 256) is read."""
+    """ODOMETRY, of which only the count of resets of the autopilot's position filter (modulo 256) is read."""
 
     time_usec: int  # since boot
     reset_counter: int
 
 
 class GpsRaw(Struct, frozen=True):
-    """GPS_RAW_INT, from a satellite receiver: 1e-7 degrees, millimetres."""
+    """GPS_RAW_INT: position of a satellite receiver in 1e-7 degrees, heights and accuracies in millimetres."""
 
     time_usec: int  # since boot
     fix_type: int  # GPS_FIX_TYPE: 3 or more is a position
@@ -65,20 +65,20 @@ class GpsRaw(Struct, frozen=True):
 
 
 class TimeSync(Struct, frozen=True):
-    """TIMESYNC: nanoseconds; ``tc1`` is 0 in a request."""
+    """TIMESYNC: times in nanoseconds by which two computers compare their clocks; ``tc1`` is 0 in a request."""
 
     tc1: int
     ts1: int
 
 
 class ExtendedState(Struct, frozen=True):
-    """EXTENDED_SYS_STATE."""
+    """EXTENDED_SYS_STATE: whether the vehicle is on the ground, taking off, in the air or landing."""
 
     landed_state: int
 
 
 class SystemStatus(Struct, frozen=True):
-    """SYS_STATUS: bits of MAV_SYS_STATUS_SENSOR."""
+    """SYS_STATUS: sensors that are present, enabled and healthy, as bits of MAV_SYS_STATUS_SENSOR, and the battery's level."""
 
     onboard_control_sensors_present: int
     onboard_control_sensors_enabled: int
@@ -87,7 +87,7 @@ class SystemStatus(Struct, frozen=True):
 
 
 class DistanceSensor(Struct, frozen=True):
-    """DISTANCE_SENSOR: centimetres along the sensor's axis."""
+    """DISTANCE_SENSOR: measurement of a rangefinder, centimetres along the sensor's axis."""
 
     min_distance: int
     max_distance: int
@@ -97,14 +97,18 @@ class DistanceSensor(Struct, frozen=True):
 
 
 class Battery(Struct, frozen=True):
-    """BATTERY_STATUS."""
+    """BATTERY_STATUS: level of one battery."""
 
     id: int
     battery_remaining: int  # percent, -1 unknown
 
 
 class EstimatorStatus(Struct, frozen=True):
-    """ESTIMATOR_STATUS: standard deviations, metres; ESTIMATOR_STATUS_FLAGS; ratios of innovations to their gates."""
+    """ESTIMATOR_STATUS: health of the autopilot's position filter.
+
+    Accuracies are standard deviations (m); ``flags`` are bits of ESTIMATOR_STATUS_FLAGS; ratios are innovations (measured minus
+    predicted) over the limits beyond which the filter rejects a measurement.
+    """
 
     pos_horiz_accuracy: float | None
     pos_vert_accuracy: float | None
@@ -114,21 +118,21 @@ class EstimatorStatus(Struct, frozen=True):
 
 
 class CurrentMode(Struct, frozen=True):
-    """CURRENT_MODE; ``intended_custom_mode``: the mode after a failsafe; 0 unknown."""
+    """CURRENT_MODE: the autopilot's mode; ``intended_custom_mode``: the mode that follows after a failsafe; 0 unknown."""
 
     custom_mode: int
     intended_custom_mode: int = 0
 
 
 class HomePosition(Struct, frozen=True):
-    """HOME_POSITION: only its existence matters."""
+    """HOME_POSITION: the place to which the autopilot returns; the agent only reads whether the autopilot has one."""
 
     latitude: int
     longitude: int
 
 
 class GlobalOrigin(Struct, frozen=True):
-    """GPS_GLOBAL_ORIGIN of the local frame: 1e-7 degrees, millimetres."""
+    """GPS_GLOBAL_ORIGIN: geodetic origin of the autopilot's local frame, 1e-7 degrees and millimetres."""
 
     latitude: int
     longitude: int
@@ -136,7 +140,7 @@ class GlobalOrigin(Struct, frozen=True):
 
 
 class StatusText(Struct, frozen=True):
-    """STATUSTEXT, or one chunk of a longer one."""
+    """STATUSTEXT: a text of the autopilot for the operator, or one chunk of a longer text."""
 
     severity: int
     text: str
@@ -145,7 +149,7 @@ class StatusText(Struct, frozen=True):
 
 
 class Event(Struct, frozen=True):
-    """EVENT: number and arguments; the text is in the autopilot's own list of events."""
+    """EVENT: an event of the autopilot as number and arguments; the text is in the autopilot's own list of events."""
 
     id: int
     log_levels: int
@@ -154,14 +158,14 @@ class Event(Struct, frozen=True):
 
 
 class CommandAck(Struct, frozen=True):
-    """COMMAND_ACK."""
+    """COMMAND_ACK: the autopilot's answer to a command."""
 
     command: int
     result: int
 
 
 class ParameterValue(Struct, frozen=True):
-    """PARAM_VALUE."""
+    """PARAM_VALUE: name, value and type of one parameter of the autopilot."""
 
     param_id: str
     param_value: float | None
@@ -169,15 +173,17 @@ class ParameterValue(Struct, frozen=True):
 
 
 class ParameterError(Struct, frozen=True):
-    """PARAM_ERROR: the parameter does not exist, or was not set."""
+    """PARAM_ERROR: the requested parameter does not exist, or was not set."""
 
     param_id: str
     error: int
 
 
 class AutopilotVersion(Struct, frozen=True):
-    """AUTOPILOT_VERSION: ``flight_sw_version`` has major, minor, patch and kind in a byte each; ``flight_custom_version`` begins
-    with the last byte of the first eight of its source's commit.
+    """AUTOPILOT_VERSION: version of the autopilot's firmware.
+
+    ``flight_sw_version`` has major, minor, patch and kind in a byte each; ``flight_custom_version`` holds the first eight bytes
+    of the source's commit, the last byte first.
     """
 
     flight_sw_version: int
@@ -185,13 +191,13 @@ class AutopilotVersion(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """Such as ``PX4 1.15.4 (beta), 1a2b3c4d``."""
+        """The firmware's version with its commit, such as ``PX4 1.15.4 (beta), 1a2b3c4d``."""
         commit = bytes(reversed(self.flight_custom_version))[:4]
         return f"PX4 {self.number}" + (f", {commit.hex()}" if any(commit) else "")
 
     @property
     def number(self) -> str:
-        """Such as ``1.15.4 (beta)``."""
+        """The firmware's version number, such as ``1.15.4 (beta)``."""
         major, minor, patch, kind = self.flight_sw_version.to_bytes(4, "big")
         return f"{major}.{minor}.{patch}{_KINDS.get(kind, '')}"
 

@@ -23,12 +23,14 @@ Judge = Callable[[bytes, str | None], _T | None]  # of bytes, and the IP address
 
 
 async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: float) -> _T | None:
-    """Return the first verdict of ``judge`` on the bytes that arrive on this link; None without one, or on another kind of link.
+    """Read the bytes that arrive on an autopilot's link until ``judge`` returns a result, and return this result.
+
+    Return None if there is no result in time, or if the link is of another kind.
 
     Args:
         address: as for MAVSDK. The port or device must be free, and is free again afterwards.
-        judge: called with each datagram, or with all bytes from a serial line so far (its last 64 kB).
-        source: IP address whose packets are judged; None: all.
+        judge: called with each datagram, or with all bytes from a serial line so far (the last 64 kB); returns None to read on.
+            source: IP address whose packets are judged; None: all.
         wait_s: maximum wait.
 
     Raises:
@@ -44,7 +46,9 @@ async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: f
 
 
 def listens(address: str) -> bool:
-    """Whether packets of any sender can arrive at the port of a link, and be judged here."""
+    """Whether this link receives UDP packets at a port of this computer, so that packets of any sender can arrive and be read
+    here.
+    """
     return _UDP.match(address) is not None
 
 

@@ -21,7 +21,10 @@ SIGNED = (
 
 
 class First(NamedTuple):
-    """The first message of an autopilot. ``system``: its MAVLink system id; ``sender``: its IP address, on a network."""
+    """The first message of an autopilot on a link: whether it is signed, and its sender.
+
+    ``system``: MAVLink system id of the sender; ``sender``: its IP address, on a network.
+    """
 
     is_signed: bool
     system: int
@@ -29,11 +32,13 @@ class First(NamedTuple):
 
 
 async def first_message(address: str, system_id: int | None, source: str | None, wait_s: float = FIRST_S) -> First | None:
-    """The first message of an autopilot on this link; None: none came, or the link is of another kind.
+    """Wait for the first message of an autopilot on this link, and return its sender and whether it is signed.
+
+    Return None if no message came, or if the link is of another kind.
 
     Args:
         address, source, wait_s: see ``overhear``.
-        system_id: of the vehicle; None: any.
+        system_id: MAVLink system id of the vehicle; None: any.
 
     Raises:
         VehicleError: ``source`` is no IPv4 address.
@@ -47,9 +52,10 @@ async def first_message(address: str, system_id: int | None, source: str | None,
 
 
 def first_of(data: bytes, system_id: int | None = None) -> First | None:
-    """The first whole message of an autopilot in these bytes; None: there is none.
+    """Return the first whole message of an autopilot in these bytes; None if there is none.
 
-    A message is one if another begins where it ends, or nothing follows: checksums differ by message, and are left to MAVSDK.
+    Bytes count as a message if another message begins where they end, or nothing follows: checksums differ by message, and are
+    left to MAVSDK. system_id: MAVLink system id of the vehicle; None: any.
     """
     for place in range(len(data)):
         header = header_at(data, place)
