@@ -19,12 +19,14 @@ _AHEAD_NS = 1e9  # hits stamped further ahead of their readout have a wrong cloc
 
 
 class DetectorChain:
-    """The chain of one detector. Readouts are given in order; the results do not depend on how the stream is cut into readouts.
+    """Turns the pixel hits of one camera into counts and Compton cones: hits, clusters, coincidences (two clusters of one
+    photon), cones.
 
-    Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
-    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` the hits that
-    its reader moved to the neighbouring period of the chip's counter; ``noise`` is the mask of noisy pixels with the count of
-    masked hits; ``dead_blocks`` lists the blocks that see nothing. ``scale`` is multiplied with the energies of the calibration.
+    Readouts are given in order; the results do not depend on how the stream is cut into readouts. Hits whose event may continue
+    beyond the end of a readout are held back and appear with the next readout. ``lost_hits`` counts hits that the detector
+    reported as lost, hits with a stamp far ahead, and hits without energy; ``repaired_hits`` the hits that the reader moved to
+    the neighbouring period of the chip's counter; ``noise`` is the mask of noisy pixels with the count of masked hits;
+    ``dead_blocks`` lists the blocks of pixels that see nothing. ``scale`` is multiplied with the energies of the calibration.
     """
 
     def __init__(
@@ -59,11 +61,11 @@ class DetectorChain:
         self.scale = 1.0
 
     def process(self, readout: Readout) -> Detections:
-        """Counts and cones of the next time interval.
+        """Return counts and cones of the next time interval.
 
-        The interval starts where the previous one ended. It ends with the readout or, where an event is held back, just before
-        that event's first hit. Hits that arrive later than their own interval are counted in the present one. Pixels without
-        a usable calibration leave the sensitivity: the live time is reduced by their share.
+        The interval starts where the previous one ended. It ends with the readout or, if an event is held back, just before that
+        event's first hit. Hits that arrive later than their own interval are counted in the present one. Pixels without a usable
+        calibration reduce the sensitivity: the live time is reduced by their share.
         """
         if self._start_ns is None:
             self._start_ns = readout.start_ns
@@ -93,7 +95,7 @@ class DetectorChain:
         return self._detections(end_ns, readout.live_time_s, self._evaluate(hits))
 
     def flush(self) -> Detections:
-        """The results that are still held back, at the end of the stream."""
+        """Return counts and cones of the hits that are still held back, at the end of the stream."""
         held, self._held = self._held, PixelHits.none()
         if self._start_ns is None:
             self._start_ns = self._end_ns

@@ -24,11 +24,11 @@ _CENTRE = (SENSOR_PIXELS - 1) / 2.0
 
 
 class Cluster(NamedTuple):
-    """Touching hits. Camera frame, mm; ticks are steps of 25/16 ns.
+    """A cluster: touching pixel hits, close in time, that come from one particle. Camera frame, mm; ticks are steps of 25/16 ns.
 
-    tick: the earliest hit; pixels: number of hits; x_mm, y_mm: energy-weighted; delay: ticks from the earliest hit to the
-    energy-weighted mean time of arrival. saturated: the counter of at least one hit was full, so that the energy is a lower
-    bound.
+    tick: time of the earliest hit; pixels: number of hits; x_mm, y_mm: energy-weighted position; delay: ticks from the earliest
+    hit to the energy-weighted mean time of arrival. saturated: the counter of at least one hit was full, so that the energy is a
+    lower bound.
     """
 
     tick: int
@@ -41,7 +41,9 @@ class Cluster(NamedTuple):
 
 
 class Clusters(Struct, frozen=True):
-    """Many clusters as arrays (N,), in the order of their earliest hits."""
+    """N clusters (touching pixel hits of one particle) as arrays (N,), in the order of their earliest hits; fields as in
+    ``Cluster``.
+    """
 
     tick: NDArray[np.int64]
     energy_kev: NDArray[np.float64]
@@ -55,11 +57,11 @@ class Clusters(Struct, frozen=True):
         return len(self.tick)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Clusters:
-        """The chosen clusters."""
+        """Return the clusters that a mask or indices select."""
         return Clusters(*(column[which] for column in self._columns))
 
     def each(self) -> list[Cluster]:
-        """The clusters one by one."""
+        """Return the clusters as a list of single ``Cluster`` objects."""
         return [Cluster(*row) for row in zip(*(column.tolist() for column in self._columns), strict=True)]
 
     @property
@@ -68,15 +70,15 @@ class Clusters(Struct, frozen=True):
 
 
 def cluster_few(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
-    """Clusters of the hits, which are sorted by tick, with their energies (N,).
+    """Group pixel hits into clusters: touching pixels (8 neighbours) that are hit at most ``gap_ticks`` apart.
 
-    Hits that touch join when at most ``gap_ticks`` apart.
+    hits: sorted by tick. energy_kev: (N,) energy of each of the N hits.
     """
     return _clusters(hits, energy_kev, *_labels_by_event(hits.tick, hits.index, gap_ticks))
 
 
 def cluster_many(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
-    """The same as ``cluster_few``, faster for many hits."""
+    """Group pixel hits into clusters with the same result and arguments as ``cluster_few``, faster for many hits."""
     return _clusters(hits, energy_kev, *_labels(hits.tick, hits.index, gap_ticks))
 
 

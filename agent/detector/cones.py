@@ -26,11 +26,11 @@ BELOW_EDGE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A gamma line and the limits of its Compton kinematics, keV.
+    """A gamma line, and the limits of measured energies within which a pair of clusters can be a Compton event of this line, keV.
 
-    A coincidence makes a cone only where in one of its orders the measured electron energy is at most ``maximum_electron_kev``
-    and the measured photon energy at least ``minimum_photon_kev`` (the predecessor's selection). The other order is then kept
-    too, with its probability: near the edge the energy noise decides which one passes.
+    A coincidence (two clusters of one photon) makes a cone only if, in one order of its two interactions, the measured electron
+    energy is at most ``maximum_electron_kev`` and the measured photon energy at least ``minimum_photon_kev`` (the predecessor's
+    selection). The other order is then kept too, with its probability: near the edge the energy noise decides which one passes.
     """
 
     energy_kev: float
@@ -39,7 +39,9 @@ class Line:
 
     @classmethod
     def of(cls, energy_kev: float, maximum_electron_kev: float | None = None, minimum_photon_kev: float | None = None) -> Line:
-        """The limits default to the Compton edge, and to the energy of a backscattered photon less 10 keV."""
+        """Return the line of this energy; limits default to its Compton edge, and to the energy of a backscattered photon less 10
+        keV.
+        """
         edge = compton_edge_kev(energy_kev)
         return cls(
             energy_kev,
@@ -48,17 +50,20 @@ class Line:
         )
 
     def allows(self, electron_kev: float, photon_kev: float) -> bool:
-        """Whether these measured energies are within the limits."""
+        """Return whether these measured energies (keV) of electron and scattered photon are within the line's limits."""
         return electron_kev <= self.maximum_electron_kev and photon_kev >= self.minimum_photon_kev
 
 
 def compton_edge_kev(energy_kev: float) -> float:
-    """Largest recoil energy that a photon can give (scattering by 180 degrees)."""
+    """Return the Compton edge: the largest energy (keV) that a photon can give to an electron, when scattered by 180 degrees."""
     return energy_kev / (1.0 + ELECTRON_KEV / (2.0 * energy_kev))
 
 
 def klein_nishina_recoil(energy_kev: float, electron_kev: float) -> float:
-    """Differential cross section by recoil energy, dsigma/dT, without its constant factor pi r_e^2 / m c^2."""
+    """Return the Klein-Nishina differential cross section by the electron's recoil energy T, dsigma/dT.
+
+    The constant factor pi r_e^2 / m c^2 is left out. energy_kev: of the photon. electron_kev: recoil energy.
+    """
     alpha = energy_kev / ELECTRON_KEV
     s = electron_kev / energy_kev
     q = s / (1.0 - s)
@@ -71,9 +76,10 @@ def _cosine(energy_kev: float, photon_kev: float) -> float:
 
 
 def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
-    """1 sigma (keV) of the scattered photon's energy at a given angle, from the bound electron's momentum p:
+    """Return the Doppler broadening, 1 sigma (keV), of the energy of a photon scattered at a given angle.
 
-    p |k - k'| E' / (m c E).
+    It comes from the momentum p of the bound electron: p |k - k'| E' / (m c E), with k, E and k', E' momentum and energy of the
+    photon before and after. energy_kev: E. photon_kev: E'. cosine: of the scattering angle.
     """
     transfer = math.sqrt(energy_kev * energy_kev + photon_kev * photon_kev - 2.0 * energy_kev * photon_kev * cosine)
     return DOPPLER_MOMENTUM * transfer * photon_kev / energy_kev
@@ -82,11 +88,13 @@ def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
 def cone_event(
     stamp_ns: int, energies_kev: tuple[float, float], separation_mm: tuple[float, float, float], line: Line
 ) -> ConeEvent:
-    """The cone of a coincidence. ``separation_mm``: cluster 1 minus cluster 2, camera frame.
+    """Return the Compton cone of a coincidence (two clusters of one photon), with both orders of the two interactions.
 
-    The difference between the line and the measured sum is divided between the two energies in proportion to their variances, so
-    that they add up to the line. Both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the
-    line.
+    ``separation_mm``: position of cluster 1 minus cluster 2, camera frame. ``line``: the photon's gamma line.
+
+    The difference between the line's energy and the measured sum is divided between the two energies in proportion to their
+    variances v1 and v2, so that they add up to the line. Both then have the variance v = v1 v2 / (v1 + v2). At least one order
+    must be allowed by the line.
     """
     measured_1, measured_2 = energies_kev
     variance_1, variance_2 = energy_variance(measured_1), energy_variance(measured_2)

@@ -12,8 +12,10 @@ LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of th
 
 
 class Delivery(Struct, frozen=True):
-    """Hits as delivered, with losses and repairs: rows that are no hits, the missing time that they report, and hits that the
-    reader moved to the neighbouring period of the chip's counter.
+    """Hits as the camera or its file delivered them at once, with lost and repaired data.
+
+    ``lost_hits``: rows that report lost data instead of a hit. ``lost_ns``: the missing time that they report. ``repaired_hits``:
+    hits that the reader moved to the neighbouring period of the chip's counter.
     """
 
     hits: PixelHits
@@ -23,9 +25,9 @@ class Delivery(Struct, frozen=True):
 
 
 class Gathering:
-    """Deliveries that are not yet in a readout. Missing time is dead time of the readouts after its report.
+    """Collects the camera's deliveries until they become a readout. Reported missing time is dead time of the next readouts.
 
-    ``first_tick``, ``latest_tick``: of all hits so far; None before the first one.
+    ``first_tick``, ``latest_tick``: first and latest time of arrival of all hits so far; None before the first hit.
     """
 
     def __init__(self) -> None:
@@ -39,7 +41,7 @@ class Gathering:
         return bool(self._hits)
 
     def add(self, delivery: Delivery, offset: int = 0) -> None:
-        """Add a delivery; ``offset``: ticks added to its hits."""
+        """Add the hits and losses of a delivery; ``offset``: ticks added to the times of its hits."""
         self._lost_hits += delivery.lost_hits
         self._lost_ns += delivery.lost_ns
         self._repaired_hits += delivery.repaired_hits
@@ -52,8 +54,10 @@ class Gathering:
             self._hits.append(hits)
 
     def readout(self, start_ns: int, end_ns: int, clock_ns: int, *, later_hits: bool = True) -> Readout:
-        """Return all data gathered as the readout of an interval. Without ``later_hits``, hits from its end on wait for the next
-        one.
+        """Return all collected data as the readout of an interval (UTC, ns), and start collecting the next one.
+
+        clock_ns: UTC time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the
+        next readout.
         """
         hits = self._hits[0] if len(self._hits) == 1 else PixelHits.joined(self._hits)
         self._hits = []

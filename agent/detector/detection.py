@@ -10,12 +10,15 @@ from protocol.spectrum import SpectrumBin
 
 
 class ConeEvent(Struct, frozen=True):
-    """One coincidence as a Compton cone, in both orders. Camera frame: z is the sensor's outward normal.
+    """One coincidence (two clusters of one photon) as a Compton cone of possible directions, in both orders of the two
+    interactions.
 
-    Row 0 of each array takes cluster 1 as the recoil electron, row 1 cluster 2. axis: (2, 3) unit vectors from the absorbed
-    photon to the electron; the source lies at angle theta from it. theta_rad, sigma_rad, probability: (2,); the probabilities add
-    up to 1. An order beyond the Compton edge has the theta of an order just below it, and the probability, seldom 0, that
-    resolution and Doppler broadening put it there. energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
+    Which cluster was the recoil electron is not measured: row 0 of each array takes cluster 1 as the electron, row 1 cluster 2.
+    Camera frame, z is the sensor's outward normal. axis: (2, 3) unit vectors from the absorbed photon to the electron; the source
+    lies at angle theta from this axis. theta_rad, sigma_rad, probability: (2,) opening angle, its 1 sigma, and probability of
+    each order; the probabilities add up to 1. An order beyond the Compton edge has the theta of an order just below it, and the
+    probability, seldom 0, that resolution and Doppler broadening put it there. energies_kev, energy_sigmas_kev: (2,) of clusters
+    1 and 2.
     """
 
     stamp_ns: int
@@ -29,7 +32,7 @@ class ConeEvent(Struct, frozen=True):
 
 
 class Detections(Struct, frozen=True):
-    """Counts and cones of the interval [start_ns, end_ns); the intervals of one detector are contiguous."""
+    """Counts and cones of one camera in the interval [start_ns, end_ns); the intervals of one detector are contiguous."""
 
     start_ns: int
     end_ns: int

@@ -21,7 +21,9 @@ _LEAST_EVIDENCE = 5.0  # natural logarithm of the Bayes factor
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """The best direction (camera frame, unit vector), the posterior's RMS angle from it, and the number of cones used."""
+    """The best direction to a distant source (unit vector, camera frame), the RMS angle of its posterior, and the number of cones
+    used.
+    """
 
     unit: NDArray[np.float64]
     sigma_rad: float
@@ -29,20 +31,21 @@ class Direction:
 
     @property
     def polar_deg(self) -> float:
-        """Angle (deg) from the sensor's outward normal."""
+        """Angle (deg) of the direction from the sensor's outward normal."""
         return float(np.rad2deg(np.arccos(np.clip(self.unit[2], -1.0, 1.0))))
 
     @property
     def azimuth_deg(self) -> float:
-        """Azimuth (deg) in the sensor's plane, from x (along the rows) towards y."""
+        """Azimuth (deg) of the direction in the sensor's plane, from x (along the rows) towards y."""
         return float(np.rad2deg(np.arctan2(self.unit[1], self.unit[0])))
 
 
 class DirectionScan:
-    """Collects cones and finds the direction that is most likely for all of them.
+    """Collects Compton cones of a camera at rest, and finds the direction that is most likely for all of them.
 
-    The likelihood of a cone for the direction u is 0.88 sum_o 2 pi_o p(delta_o) / max(sin theta_o, 0.15) + 0.12, with delta_o the
-    angle from u to the cone of order o and p a Gaussian core with a tail (estimation reference, "Beyond").
+    The likelihood of a cone for the direction u is 0.88 sum_o 2 pi_o p(delta_o) / max(sin theta_o, 0.15) + 0.12. The sum is over
+    the two orders o of the photon's interactions; pi_o is the probability of the order, theta_o the cone's opening angle, delta_o
+    the angle from u to the cone, and p a Gaussian core with a tail (estimation reference, "Beyond").
     """
 
     def __init__(self) -> None:
@@ -50,7 +53,7 @@ class DirectionScan:
         self._numbers: list[NDArray[np.float64]] = []
 
     def add(self, cones: Iterable[ConeEvent]) -> None:
-        """Add cones, up to MOST_CONES."""
+        """Add cones, up to MOST_CONES in total; further cones are ignored."""
         for cone in cones:
             if len(self._axis) == MOST_CONES:
                 return
@@ -58,10 +61,10 @@ class DirectionScan:
             self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
 
     def best(self) -> Direction | None:
-        """The most likely direction; None if the cones fit a single source no better than isotropic cones do.
+        """Return the most likely direction; None if the cones fit a single source no better than isotropic cones do.
 
-        As the likelihood of a cone has the mean 1 over the sphere, the mean of their product is the Bayes factor of one distant
-        source against isotropic cones.
+        As the likelihood of a cone has the mean 1 over the sphere, the mean of the product over all cones is the Bayes factor of
+        one distant source against isotropic cones.
         """
         if not self._axis:
             return None
@@ -103,7 +106,11 @@ def cone_log_likelihood(
     sigma: NDArray[np.float64],
     probability: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Log likelihood (N, D) of the directions (D, 3) for each cone, from axes (N, 2, 3) and the other arrays (N, 2)."""
+    """Return the log likelihood (N, D) of each of N cones for each of D source directions (D, 3).
+
+    axis: (N, 2, 3) axes of the cones in both orders of the interactions. theta, sigma, probability: (N, 2) opening angle (rad),
+    its 1 sigma (rad), and probability of each order.
+    """
     delta = np.arccos(np.clip(axis @ directions.T, -1.0, 1.0)) - theta[:, :, None]  # (N, 2, D)
     pull = -0.5 * (delta / sigma[:, :, None]) ** 2
     shape = 0.77 / 0.9 * np.exp(pull / 0.9**2) + 0.23 / 2.8 * np.exp(pull / 2.8**2)

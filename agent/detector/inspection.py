@@ -30,7 +30,7 @@ _PIXELS = SENSOR_PIXELS**2
 
 
 class NoisyPixel(Struct, frozen=True):
-    """A pixel that fires far more often than the mean: column and row from the lower left, and its hits."""
+    """A pixel that fires far more often than the mean: column and row from the lower left, and its number of hits."""
 
     column: int
     row: int
@@ -38,12 +38,13 @@ class NoisyPixel(Struct, frozen=True):
 
 
 class Inspection(Struct, frozen=True, kw_only=True):
-    """The content of a file; arrays are for the picture.
+    """A summary of the content of a recording: times, rates, pixels, clusters and spectrum; the lists are for the picture.
 
-    pixels: hits of each (65536,) by matrix index. spectrum: events in bins of 2 keV. sizes: clusters by their number of pixels,
-    the last bin is for larger ones. rate: hits in successive parts of ``rate_bin_s``. dead_pixels: pixels without hits; None with
-    too few hits. delay_ns: median and 95 % quantile, over the clusters, of the energy-weighted mean time after the earliest hit:
-    the drift in the sensor, and the time walk. lines_kev: lines in the spectrum of no known nuclide.
+    pixels: hits of each pixel (65536,) by matrix index. spectrum: events in bins of 2 keV. sizes: clusters by their number of
+    pixels; the last bin is for larger ones. rate: hits in successive parts of ``rate_bin_s``. dead_pixels: pixels without hits;
+    None with too few hits. delay_ns: median and 95 % quantile, over the clusters, of the energy-weighted mean time after the
+    earliest hit:
+    the drift in the sensor, and the time walk. lines_kev: lines in the spectrum that belong to no known nuclide.
     """
 
     file: str
@@ -122,7 +123,9 @@ class _Counts:
 def inspect_hits(
     reader: T3paReader, calibration: Calibration, progress: Callable[[int], None] = lambda position_bytes: None
 ) -> Inspection:
-    """Inspect a file of pixel hits.
+    """Summarise a file of pixel hits.
+
+    progress: called with the position in the file (bytes).
 
     Raises:
         DetectorError: the file cannot be read to its end.
@@ -148,10 +151,10 @@ def inspect_hits(
 
 
 def inspect_frame(path: Path, calibration: Calibration) -> Inspection:
-    """Inspect a frame of time over threshold: its hits have no time, so touching hits are one cluster.
+    """Summarise an image of time over threshold: its hits have no time, so touching hits are one cluster.
 
     Raises:
-        DetectorError: the file is not such a frame.
+        DetectorError: the file is not such an image.
     """
     frame = read_frame(path)
     index = np.flatnonzero(frame.tot)

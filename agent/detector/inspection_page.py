@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 def run_inspect(reader: T3paReader, calibration: Path | None, png: Path | None, json: Path | None) -> None:
-    """Inspect a file, with a progress bar on stderr and the summary on stdout. Raises RadronError."""
+    """Summarise a camera file on stdout, with a progress bar on stderr, and write picture (PNG) and numbers (JSON) if asked for.
+
+    Raises RadronError.
+    """
     outputs = [path for path in (png, json) if path is not None]
     for path in outputs:
         check_output(path, (reader.path,))
@@ -56,7 +59,7 @@ def _inspected(reader: T3paReader, calibration: Calibration) -> Inspection:
 
 
 def summary_table(found: Inspection) -> Table:
-    """The summary as a table for the terminal."""
+    """Return the summary of a camera file as a table for the terminal."""
     table = Table(title=found.file, show_header=False)
     live_s = found.live_time_s or 0.0
 
@@ -111,7 +114,7 @@ def _new_figure() -> Figure:
 
 
 def draw(figure: Figure, found: Inspection) -> None:
-    """Draw the page: occupancy, spectrum, sizes of the clusters, and the rate over time."""
+    """Draw the summary of a camera file: hits of each pixel, spectrum, sizes of the clusters, and the rate over time."""
     (occupancy, spectrum), (sizes, rate) = figure.subplots(2, 2)
     figure.suptitle(f"{found.file}: {found.format}, {found.hits:,} hits")
     pixels = np.array(found.pixels, np.float64).reshape(SENSOR_PIXELS, SENSOR_PIXELS)

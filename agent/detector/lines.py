@@ -85,10 +85,10 @@ CANDIDATES = tuple(name for name in LINES_KEV if name != "K-40")  # that is pres
 
 
 def lines_of(nuclide: str) -> tuple[float, ...]:
-    """Line energies (keV) of a nuclide, ascending.
+    """Return the gamma line energies (keV, ascending) by which the agent searches for a nuclide.
 
     Raises:
-        ConfigError: a nuclide that is not in the table.
+        ConfigError: the nuclide is not in the table.
     """
     try:
         return LINES_KEV[nuclide]

@@ -19,7 +19,8 @@ TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
 
 
 class PixelHits(Struct, frozen=True):
-    """Pixel hits in the order in which the camera delivered them (data-driven: nearly, but not strictly, by time).
+    """Hits of the camera's pixels, N in total, in the order in which the camera delivered them: nearly, but not strictly, by
+    time.
 
     tick: (N,) int64, time of arrival in steps of 25/16 ns since the detector's clock was reset. index: (N,) uint16, matrix index
     = 256 row + column, 0 at the lower left seen from the front. tot: (N,) uint16, time over threshold in 25 ns counts.
@@ -34,12 +35,12 @@ class PixelHits(Struct, frozen=True):
 
     @classmethod
     def none(cls) -> PixelHits:
-        """No hits."""
+        """Return an empty set of hits."""
         return cls(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
     @classmethod
     def joined(cls, parts: Iterable[PixelHits]) -> PixelHits:
-        """The hits of all parts in sequence; no hits without parts."""
+        """Return the hits of all parts as one sequence, part after part; without parts the result has no hits."""
         hits = (cls.none(), *parts)
         return cls(
             np.concatenate([part.tick for part in hits]),
@@ -48,12 +49,12 @@ class PixelHits(Struct, frozen=True):
         )
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> PixelHits:
-        """The chosen hits."""
+        """Return the hits that a mask, indices or a slice select."""
         return PixelHits(self.tick[which], self.index[which], self.tot[which])
 
 
 class Readout(Struct, frozen=True):
-    """Everything that a detector measured in [start_ns, end_ns), UTC. Readouts of one detector are contiguous.
+    """All hits that a detector measured in the interval [start_ns, end_ns), UTC. The intervals of one detector are contiguous.
 
     ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
     reported as lost (overflow), ``repaired_hits`` hits that its reader moved to the neighbouring period of the chip's counter.
@@ -69,10 +70,10 @@ class Readout(Struct, frozen=True):
 
 
 def shed(readout: Readout, most: int) -> Readout:
-    """The readout up to a time before which there are at most ``most`` hits; the others count as lost.
+    """Shorten a readout so that it has at most ``most`` hits, for a computer that cannot keep up; the later hits count as lost.
 
-    The time lies in a pause, so that no event is shed in part. Without a pause it is the time of the first excess hit. The live
-    time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
+    The cut lies in a pause between hits, so that no event is cut in two. Without a pause it lies at the first excess hit. The
+    live time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
     """
     hits = readout.hits
     if len(hits) <= most:
@@ -86,14 +87,14 @@ def shed(readout: Readout, most: int) -> Readout:
 
 
 class Detector(Protocol):
-    """A source of readouts: the camera itself, a recording in real time, or the simulation's feed."""
+    """Interface of every source of pixel hits: the camera itself, a recording in real time, or the simulation's feed."""
 
     def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts as they arrive, while the detector is open. A lost link is reopened, and reported in ``problems``."""
+        """Yield readouts as they arrive, while the detector is open. A lost link is reopened, and reported in ``problems``."""
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each."""
+        """Present problems of the detector, one line each."""
 
     async def close(self) -> None:
-        """Release the device or link; ``readouts`` ends."""
+        """Release the device or link, so that ``readouts`` ends."""

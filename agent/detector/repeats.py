@@ -15,7 +15,7 @@ MOST_HITS = 512  # the first ones of a readout, by which it is compared: 0.3 ms 
 
 
 class Repeats:
-    """Leaves out the readouts of a camera that delivers the same hits again and again, under whatever times.
+    """Drops the readouts of a camera that has hung and delivers an old measurement again and again, as if it were new.
 
     Pixels, times over threshold and the times between the hits, to 1.6 ns, are as random as decay and noise, and never come
     again. Two clusters of three pixels agree in all of this once in 1e11 times or more rarely, two events in one readout once in
@@ -33,11 +33,13 @@ class Repeats:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while readouts come again, or none."""
+        """A line for the operator while the camera repeats readouts; empty otherwise."""
         return ("camera: it delivers the same hits again and again; they are not used",) if self._hangs else ()
 
     def without(self, readout: Readout) -> Readout:
-        """The readout or, where its hits have come before, its time without any and without live time: nothing was seen in it."""
+        """Return the readout if it is new. A repeated readout is returned without hits and with live time 0: nothing was measured
+        in it.
+        """
         hits = readout.hits
         if len(hits) >= LEAST_PIXELS and len(set(hits.index[:MOST_HITS].tolist())) >= LEAST_PIXELS:
             digest = _digest(hits)

@@ -54,23 +54,32 @@ _LOG_TOTAL = tuple(math.log(row[2]) for row in _CDTE)
 
 
 def drift_time_ns(thickness_mm: float, bias_v: float) -> float:
-    """Return the drift time of electrons across a sensor with a uniform field: d^2 / (mobility |bias|)."""
+    """Return the drift time (ns) of electrons across a sensor with a uniform field: d^2 / (mobility |bias|), d its thickness."""
     return DRIFT_NS * (thickness_mm / NOMINAL_MM) ** 2 * NOMINAL_BIAS_V / abs(bias_v)
 
 
 def energy_variance(energy_kev: float) -> float:
-    """Variance in keV2 of a cluster's energy (reference: sigma_E = sqrt(2.5^2 + (0.02 E)^2) keV)."""
+    """Return the variance (keV2) of the measured energy of a cluster (adjacent pixels hit by one particle).
+
+    Reference: sigma_E = sqrt(2.5^2 + (0.02 E)^2) keV.
+    """
     return NOISE_KEV * NOISE_KEV + (RELATIVE_NOISE * energy_kev) ** 2
 
 
 def position_variance(energy_kev: float) -> float:
-    """Variance in mm2, in each direction, of the position of a cluster that has the energy of one electron."""
+    """Return the variance (mm2, of each axis) of the measured position of a cluster (adjacent pixels hit by one electron).
+
+    The variance grows with the energy, since the electron's track gets longer.
+    """
     track_mm: float = TRACK_MM * (energy_kev / TRACK_KEV) ** TRACK_POWER
     return PIXELS_MM * PIXELS_MM + track_mm * track_mm
 
 
 def attenuation_per_mm(energy_kev: float) -> tuple[float, float]:
-    """Linear photoelectric and total attenuation of CdTe in 1/mm: log-log interpolation, extrapolated at the ends."""
+    """Return the linear photoelectric and total attenuation coefficients (1/mm) of CdTe for photons of this energy.
+
+    Log-log interpolation in a table, extrapolated at both ends.
+    """
     x = math.log(energy_kev)
     i = min(max(bisect_right(_LOG_ENERGY, x), 1), len(_LOG_ENERGY) - 1)
     f = (x - _LOG_ENERGY[i - 1]) / (_LOG_ENERGY[i] - _LOG_ENERGY[i - 1])

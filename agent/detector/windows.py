@@ -21,7 +21,9 @@ _SAME_LINE = 0.03  # relative distance within which a line of another nuclide ma
 
 
 def candidates_of(nuclide: str | tuple[str, ...]) -> tuple[str, ...]:
-    """The nuclides that a mission's ``nuclide`` names: of ``auto`` all that are known. Raises ConfigError for an unknown one."""
+    """Return the nuclides that a mission's ``nuclide`` names; for ``auto`` all known ones. Raises ConfigError for an unknown
+    name.
+    """
     if nuclide == AUTO:
         return CANDIDATES
     named = nuclide if isinstance(nuclide, tuple) else (nuclide,)
@@ -32,7 +34,11 @@ def candidates_of(nuclide: str | tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Of one line: its events have energies within ``half_kev`` of it. A cone's source has a line within ``unsure_kev``."""
+    """The range of event energies that belongs to one gamma line.
+
+    half_kev: an event belongs to the line if its energy is within this distance of it. unsure_kev: the source of a cone has a
+    line within this distance of the energy.
+    """
 
     line: Line
     half_kev: float
@@ -40,21 +46,21 @@ class Window:
 
     @property
     def energy_kev(self) -> float:
-        """The line's energy."""
+        """Energy of the gamma line (keV)."""
         return self.line.energy_kev
 
 
 class Windows:
-    """The windows of all lines, ascending."""
+    """The energy ranges around all gamma lines of the nuclides searched for, in ascending order."""
 
     def __init__(self, nuclides: Iterable[str], config: DetectionConfig) -> None:
-        """Raises ConfigError for an unknown nuclide."""
+        """Set up the ranges of these nuclides. Raises ConfigError for an unknown nuclide."""
         names = tuple(dict.fromkeys(nuclides))
         lines = sorted({energy for name in names for energy in lines_of(name)})
         self.each = tuple((_named if len(names) == 1 else _one_of_many)(energy, config) for energy in lines)
 
     def line_of(self, energy_kev: float) -> Line | None:
-        """The nearest line whose window holds the energy."""
+        """Return the nearest gamma line whose range contains this event energy; None if there is none."""
         best = None
         least = math.inf
         for window in self.each:
@@ -64,7 +70,11 @@ class Windows:
         return best
 
     def reach_kev(self, place: int) -> tuple[float, float]:
-        """Least and greatest energy of the events that count for the line at a place of ``each``."""
+        """Return least and greatest energy (keV) of the events that count for one line; overlapping ranges are divided between
+        their lines.
+
+        place: index of the line in ``each``.
+        """
         own = self.each[place]
         low, high = own.energy_kev - own.half_kev, own.energy_kev + own.half_kev
         if place > 0:

@@ -91,7 +91,7 @@ _NOT_REPORTED = ("check_modes_manual_control",)  # always fails without a remote
 
 
 def number_of(name: str) -> int:
-    """The number of the event with this name: its FNV-1a hash, truncated."""
+    """Return the number by which PX4 sends the event with this name: the FNV-1a hash of the name, truncated."""
     value = 0x811C9DC5
     for byte in name.encode():
         value = (value ^ byte) * 0x01000193 & 0xFFFF_FFFF
@@ -105,23 +105,29 @@ _SILENT = {number_of(name) for name in _NOT_REPORTED}
 
 
 class FailedCheck(Struct, frozen=True):
-    """A check that keeps the vehicle from being armed in some modes."""
+    """A failed check of the autopilot, which prevents arming in some flight modes.
+
+    ``modes``: those modes, as PX4's bits.
+    """
 
     text: str
     modes: int
 
     def bars(self, mode: FlightMode) -> bool:
-        """Whether it prevents arming in this mode."""
+        """Whether the failed check prevents arming in this mode."""
         return bool(self.modes & _BITS[mode])
 
 
 def severity(event: Event) -> int:
-    """MAV_SEVERITY; smaller is worse."""
+    """Return the severity of an event for operators, as MAV_SEVERITY; smaller is worse."""
     return event.log_levels & _EXTERNAL
 
 
 def failed_check(event: Event) -> FailedCheck | None:
-    """The failed check in an event of a report, also where its text is not known here."""
+    """Return the failed check that an event of the autopilot's health report names, also if its text is not known here.
+
+    Return None if the event names no failed check.
+    """
     if event.id in _SILENT or len(event.arguments) < 4:
         return None
     text = _CHECK_BY_NUMBER.get(event.id, f"check {event.id:#x} (see the list of events of this PX4 version)")
@@ -129,7 +135,7 @@ def failed_check(event: Event) -> FailedCheck | None:
 
 
 def text_of(event: Event) -> str | None:
-    """The text of any other event; None if not known here."""
+    """Return the text of an event that is not part of a health report; None if it is not known here."""
     known = _BY_NUMBER.get(event.id)
     if known is None:
         return _CHECK_BY_NUMBER.get(event.id)

@@ -27,7 +27,7 @@ MOST_TEXTS = 3
 
 
 def not_ready(status: SystemStatus) -> str | None:
-    """Return the obstacle to arming, or None; the autopilot's own prearm check decides."""
+    """Return the reason why the autopilot cannot arm, by its own prearm check; None if it can."""
     health = status.onboard_control_sensors_health
     if health & _PREARM:
         return None
@@ -36,10 +36,10 @@ def not_ready(status: SystemStatus) -> str | None:
 
 
 class StatusMessages:
-    """The autopilot's messages: its warnings and errors of the last seconds, from events and texts. Also the checks that by its
-    last report keep it from being armed. Long texts come in chunks of 50 characters.
+    """The autopilot's warnings and errors of the last seconds, and the checks that prevent arming by its last report.
 
-    ``failsafe``: its message at the beginning of its last failsafe; else empty. ``version``: of its firmware.
+    The messages come as events (numbers) and as texts; long texts come in chunks of 50 characters. ``failsafe``: the message at
+    the beginning of the last failsafe; else empty. ``version``: of the autopilot's firmware.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class StatusMessages:
         self._failed: tuple[FailedCheck, ...] = ()
 
     def receive(self, message: StatusText | Event | AutopilotVersion, now_s: float) -> None:
-        """Take a STATUSTEXT, an EVENT, or an AUTOPILOT_VERSION."""
+        """Take one message of the autopilot: a STATUSTEXT, an EVENT, or an AUTOPILOT_VERSION."""
         if isinstance(message, AutopilotVersion):
             self.version = message
             return
@@ -68,12 +68,12 @@ class StatusMessages:
             self._texts.append((now_s, text.strip()))
 
     def recent(self, now_s: float) -> tuple[str, ...]:
-        """The newest different texts, newest first."""
+        """Return the newest different texts of the autopilot, newest first."""
         fresh = (text for at_s, text in reversed(self._texts) if now_s - at_s < TEXT_AGE_S)
         return tuple(dict.fromkeys(fresh))[:MOST_TEXTS]
 
     def failed_checks(self, mode: FlightMode) -> tuple[str, ...]:
-        """The checks that keep it from being armed in this mode, by its last report."""
+        """Return the failed checks that prevent arming in this mode, by the autopilot's last report."""
         return tuple(check.text for check in self._failed if check.bars(mode))
 
     def _take_event(self, event: Event, now_s: float) -> None:

@@ -15,7 +15,7 @@ STREAM_GAP_S = 0.5  # after a longer gap the stream starts again
 
 
 class SetpointStream:
-    """The setpoints sent over one link."""
+    """Sends setpoints to the autopilot over one link; PX4 enters offboard mode only while a stream without gaps arrives."""
 
     def __init__(self, link: Link) -> None:
         """None sent yet."""
@@ -23,7 +23,8 @@ class SetpointStream:
         self._from_s = self._last_s = float("-inf")
 
     def send(self, setpoint: Setpoint, launch: LaunchPlace, now_s: float) -> bool:
-        """Send a setpoint (the pilot's local frame, ENU); a setpoint that is not finite is counted and dropped.
+        """Send a setpoint (in the pilot's local frame, ENU) to the autopilot; a setpoint that is not finite is counted and
+        dropped.
 
         Args:
             setpoint: for this moment.

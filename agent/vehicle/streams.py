@@ -15,7 +15,7 @@ _FEWEST_POSITIONS_PER_S = 20  # with fewer the rates are requested again
 
 
 class Streams:
-    """The message streams of one autopilot."""
+    """Requests the message streams that the agent needs from the autopilot, and requests them again while they are too slow."""
 
     def __init__(self, link: Link) -> None:
         """Nothing asked for yet."""
@@ -23,11 +23,14 @@ class Streams:
         self._asks = self.positions = 0  # positions received since the last check of the rates
 
     def begin_anew(self) -> None:
-        """Begin again: the autopilot may have been restarted, or replaced."""
+        """Request all streams again: the autopilot may have been restarted, or replaced."""
         self._asks = 0
 
     def check(self, elapsed_s: float) -> None:
-        """Ask for all rates, and for the version: at first, and again if too few positions came since the last check."""
+        """Request all streams and the firmware's version: at first, and again if too few positions came since the last check.
+
+        elapsed_s: time since the last check.
+        """
         too_few = self.positions < _FEWEST_POSITIONS_PER_S * elapsed_s
         if self._asks == 0 or (too_few and self._asks < MOST_ASKS):
             self._asks += 1

@@ -26,11 +26,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Converts each pixel's time over threshold, in 25 ns counts, into energy.
+    """Converts each pixel's time over threshold (ToT), in 25 ns counts, into energy E (keV).
 
-    With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t: E = t +
-    (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index, or (1, 4) for all; of
-    a bad pixel it is NaN. bad_pixels: their number; thickness_mm: of the sensor; drift_ns: of electrons across its thickness.
+    Each pixel has the constants a, b, c, t of ToT = a E + b - c / (E - t). With u = E - t the relation reads a u^2 - y u - c = 0,
+    y = ToT - (a t + b), whose positive root is the energy above t: E = t + (y + sqrt(y^2 + 4 a c)) / (2 a).
+
+    table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index, or (1, 4) for all pixels; NaN for a bad pixel.
+    bad_pixels: their number. thickness_mm: of the sensor. drift_ns: drift time of electrons across the sensor's thickness.
     """
 
     table: FloatArray
@@ -40,16 +42,19 @@ class Calibration:
 
     @property
     def good_share(self) -> float:
-        """The share of the pixels that have an energy."""
+        """Share (0 .. 1) of the pixels that have a usable calibration."""
         return 1.0 - self.bad_pixels / PIXELS
 
     @property
     def good_pixels(self) -> NDArray[np.bool_]:
-        """Pixels (65536,) that have an energy."""
+        """Mask (65536,) of the pixels that have a usable calibration, by matrix index."""
         return np.broadcast_to(~np.isnan(self.table[:, 0]), PIXELS)
 
     def energy_kev(self, index: NDArray[np.uint16], tot: NDArray[np.uint16]) -> FloatArray:
-        """Energies in keV, (N,), from matrix indices and time over threshold, (N,) each; NaN for bad pixels."""
+        """Convert N hits to energies (N,) in keV; NaN for bad pixels.
+
+        index: (N,) matrix indices of the pixels. tot: (N,) times over threshold in 25 ns counts.
+        """
         rows = self.table if len(self.table) == 1 else self.table.take(index, axis=0)
         t, start, curvature, slope = rows.T
         y = tot - start
@@ -58,15 +63,15 @@ class Calibration:
 
     @property
     def constants(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """a, b, c and t of every pixel, (65536,) each by matrix index; NaN for bad pixels."""
+        """The constants a, b, c and t of every pixel, (65536,) each by matrix index; NaN for bad pixels."""
         t, start, curvature, slope = np.broadcast_to(self.table, (PIXELS, 4)).T
         a = 0.5 / slope
         return a, start - a * t, curvature / (4.0 * a), t.copy()
 
     def with_gain(self, gain: FloatArray | float) -> Calibration:
-        """The calibration of the same camera whose pixels read ``gain`` times the energy by this one: (65536,), or for all.
+        """Return a corrected calibration for a camera whose pixels read ``gain`` times the true energy by this one.
 
-        Pixels of gain NaN are bad.
+        gain: (65536,) by matrix index, or one number for all pixels; pixels of gain NaN become bad.
         """
         a, b, c, t = self.constants
         return Calibration.of(a * gain, b, c, t, np.isnan(a * gain), self.thickness_mm, self.drift_ns)
@@ -82,9 +87,10 @@ class Calibration:
         thickness_mm: float = SENSOR_THICKNESS_MM,
         drift_ns: float = DRIFT_NS,
     ) -> Calibration:
-        """From the four constants of every pixel, (65536,) each by matrix index, or (1,) for all; E and t in keV.
+        """Make a calibration from the four constants of every pixel: (65536,) each by matrix index, or (1,) for all; E and t in
+        keV.
 
-        ``bad``: pixels (65536,) to be left out; None: none.
+        bad: mask (65536,) of pixels to be left out; None: no pixel.
         """
         with np.errstate(all="ignore"):  # of bad pixels
             table = np.column_stack((t, a * t + b, 4.0 * a * c, 0.5 / a))
@@ -94,13 +100,13 @@ class Calibration:
 
     @classmethod
     def nominal(cls) -> Calibration:
-        """Typical constants, the same for every pixel: for a camera without its own calibration."""
+        """Return a calibration with typical constants, equal for every pixel: for a camera without a calibration of its own."""
         a, b, c, t = (np.array([value]) for value in NOMINAL)
         return cls.of(a, b, c, t)
 
 
 def calibration_files(path: Path) -> tuple[Path, ...]:
-    """The files of a calibration: of its folder, or Pixet's configuration alone."""
+    """Return the files of which a calibration consists: those in its folder, or Pixet's configuration file alone."""
     if not path.is_dir():
         return (path,)
     drift = path / DRIFT_FILE
@@ -108,11 +114,11 @@ def calibration_files(path: Path) -> tuple[Path, ...]:
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read a camera's calibration: a folder or Pixet's configuration.
+    """Read a camera's calibration: a folder, or the configuration file of Pixet (the manufacturer's software).
 
-    The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first, and
-    may hold ``drift.txt``, the electrons' drift time across the sensor, ns (``radron-agent calibrate``). The configuration is an
-    XML file as the camera's manufacturer delivers it; its bias voltage and thickness give the drift time. Bad pixels are masked.
+    The folder holds ``a.txt``, ``b.txt``, ``c.txt`` and ``t.txt``, 256 lines of 256 numbers each, the lowest row first, and may
+    hold ``drift.txt``, the electrons' drift time across the sensor, ns (``radron-agent calibrate``). The configuration is an XML
+    file as the camera's manufacturer delivers it; its bias voltage and thickness give the drift time. Bad pixels are masked.
 
     Raises:
         DetectorError: a file is missing, is not a calibration, or more than a fifth of its pixels are bad.
@@ -141,7 +147,7 @@ def load_calibration(path: Path) -> Calibration:
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> None:
-    """Write a calibration as ``load_calibration`` reads a folder; bad pixels get zeros in b, c and t.
+    """Write a calibration to a folder, as ``load_calibration`` reads it; bad pixels get zeros in b, c and t.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -154,7 +160,7 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
 
 
 def load_flight_calibration(path: Path) -> Calibration:
-    """Read the calibration of a camera that is to fly.
+    """Read the calibration of a camera that is to fly, and check that the estimators know the response of its sensor.
 
     Raises:
         DetectorError: as ``load_calibration``, or the sensor has a thickness for which the estimators have no response.
@@ -169,10 +175,12 @@ def load_flight_calibration(path: Path) -> Calibration:
 
 
 def bad_pixels(a: FloatArray, b: FloatArray, c: FloatArray, t: FloatArray) -> NDArray[np.bool_]:
-    """Return which pixels (N,) have no time over threshold that is finite and rises over ``RANGE_KEV``.
+    """Return a mask (N,) of the pixels whose calibration is unusable: its time over threshold does not rise with energy, or is
+    infinite.
 
-    The slope is a + c / (E - t)^2: c = 0 is a straight line. A negative c must be outweighed at the lowest energy. Zeros in b, c
-    and t together mean that the pixel was not calibrated.
+    a, b, c, t: (N,) constants of the pixels. The slope a + c / (E - t)^2 must be positive over ``RANGE_KEV``: c = 0 is a straight
+    line; a negative c must be outweighed at the lowest energy. Zeros in b, c and t together mean that the pixel was not
+    calibrated.
     """
     finite = np.isfinite(a) & np.isfinite(b) & np.isfinite(c) & np.isfinite(t)
     with np.errstate(invalid="ignore", over="ignore"):

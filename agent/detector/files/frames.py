@@ -22,14 +22,18 @@ _ACQUIRED = re.compile(r'"Acq time"[^\n]*\n[^\n]*\n\s*([0-9.,]+)')
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """tot: (65536,) counts of 25 ns by matrix index, 0: no hit. acquisition_s: None where no description says it."""
+    """An image of the camera: time over threshold summed for each pixel, without times of the hits.
+
+    tot: (65536,) counts of 25 ns by matrix index, 0: no hit. acquisition_s: length of the exposure; None if no description states
+    it.
+    """
 
     tot: NDArray[np.int64]
     acquisition_s: float | None
 
 
 def is_frame(path: Path) -> bool:
-    """Return whether the first line of a file has a number for each column of the sensor."""
+    """Return whether a file is an image: its first line has a number for each column of the sensor."""
     with path.open("rb") as file:
         fields = file.readline(SENSOR_PIXELS * 32).split()
     try:
@@ -39,10 +43,10 @@ def is_frame(path: Path) -> bool:
 
 
 def read_frame(path: Path) -> Frame:
-    """Read the frame of time over threshold.
+    """Read an image of time over threshold from a text file of 256 lines of 256 numbers.
 
     Raises:
-        DetectorError: the file is not such a frame; names the line.
+        DetectorError: the file is not such an image; the text names the line.
     """
     if path.stat().st_size > _MAX_BYTES:
         raise DetectorError(f"{path}: larger than {_MAX_BYTES >> 20} MB; not a frame of {SENSOR_PIXELS} x {SENSOR_PIXELS} pixels")

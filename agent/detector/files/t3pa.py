@@ -35,17 +35,20 @@ Table = NDArray[np.int64]
 
 
 class T3paReader:
-    """Iterates over the pieces of a file; ``position_bytes`` of ``size_bytes`` and ``rows`` (of hits and
-    of lost data) show the progress.
+    """Reads a file of the real camera (Advacam's ``.t3pa`` or ``.t3p``) piece by piece, so that memory does not grow with the
+    file.
+
+    ``position_bytes`` of ``size_bytes`` and ``rows`` (of hits and of lost data) show the progress.
 
     Appended measurements are read one after the other, with a pause of 10 us between them; ``measurements`` counts them, and
     ``measurement`` (from 1) chooses a single one. ``notes`` names missing parts of the file: columns, or the end of its last row,
     which is ignored then.
 
-    ToA in the file may be extended, or may wrap. With ``toa_bits`` None a wrap is recognised: of 30 bits (every 26.8 s, a gap
-    that only the weakest sources leave empty) by a step back of more than half of the range; of 14 bits (every 0.41 ms) where the
-    first rows wrap several times and never exceed them. Events stay whole with 14 bits, but every pause longer than half of the
-    range loses whole periods. Rates from such a file are too high: export with the extended ToA instead.
+    The time of arrival (ToA) in the file may be extended, or may wrap when its counter is full. With ``toa_bits`` None a wrap is
+    recognised: of 30 bits (every 26.8 s, a gap that only the weakest sources leave empty) by a step back of more than half of the
+    range; of 14 bits (every 0.41 ms) if the first rows wrap several times and never exceed them. Events stay whole with 14 bits,
+    but every pause longer than half of the range loses whole periods. Rates from such a file are too high: export with the
+    extended ToA instead.
     """
 
     def __init__(
@@ -209,10 +212,10 @@ class T3paReader:
 
 
 def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
-    """The file as contiguous readouts from its first hit on; ``clock_ns`` is the UTC time of tick 0.
+    """Yield the hits of a file as contiguous readouts, from the first hit on.
 
-    The detector's clock may have run for long before the measurement began. A readout ends 1 ms before the latest hit read so
-    far, because later rows may still contain hits of that time.
+    clock_ns: UTC time of tick 0; the detector's clock may have run for long before the measurement began. A readout ends 1 ms
+    before the latest hit read so far, because later rows may still contain hits of this last millisecond.
     """
     gathering = Gathering()
     start_ns: int | None = None

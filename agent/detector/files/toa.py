@@ -26,11 +26,13 @@ _CONTEXT = 256  # hits of the call before, among which some of the same event ma
 
 
 def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return times of arrival (N,) in 25 ns steps, in the order of the readout, with misplaced hits moved by one period.
+    """Repair hits that the camera's readout put into a wrong period of its time counter.
 
-    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to hits across its own if
+    toa: (N,) times of arrival in 25 ns steps, in the order of the readout. Returns the times with misplaced hits moved by one
+    period.
 
-    - the time falls back by that period from one to the other in the order of the readout, and none across its own border was
+    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to hits across its own if -
+    the time falls back by that period from one to the other in the order of the readout, and none across its own border was
       read out nearer to it, or
     - neither has hits across its own border.
     """
@@ -46,10 +48,10 @@ def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class BorderRepair:
-    """Applies ``joined_at_borders`` to the hits of one measurement as they come; ``repaired`` counts the hits that were moved.
+    """Applies ``joined_at_borders`` to the hits of one measurement as they arrive; ``repaired`` counts the hits that were moved.
 
-    The last hits of the call before are compared with. Misplaced hits stay where the rest of their event comes with the next
-    call.
+    The last hits of the previous call are used for comparison. Misplaced hits are not moved if the rest of their event comes with
+    the next call.
     """
 
     def __init__(self) -> None:
@@ -57,7 +59,7 @@ class BorderRepair:
         self._before = np.empty(0, np.int64)
 
     def joined(self, toa: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the repaired times (N,) of the next hits, in 25 ns steps."""
+        """Return the repaired times of arrival (N,) of the next N hits, in 25 ns steps."""
         count = len(self._before)
         joined = joined_at_borders(np.concatenate((self._before, toa)))[count:]
         self.repaired += int(np.count_nonzero(joined != toa))
@@ -100,12 +102,15 @@ def _nearest(befores: list[int], place: NDArray[np.intp], time: int, rows: list[
 
 
 def wraps_in_chip(toa: NDArray[np.int64]) -> bool:
-    """Return whether the first times of a measurement (N,) are the chip's own counter, which wraps every 409.6 us."""
+    """Return whether a file's times come from the chip's own counter, which wraps every 409.6 us.
+
+    toa: (N,) first times of arrival of a measurement, in 25 ns steps.
+    """
     return bool(len(toa)) and int(toa.max()) < PERIOD and int(np.count_nonzero(np.diff(toa) < -_LARGE_STEP)) >= _MIN_WRAPS
 
 
 class Unwrapper:
-    """Continues the times of arrival of one measurement over the wraps of their counter.
+    """Makes the times of arrival of one measurement continuous, although their counter wraps.
 
     ``bits``: of the counter; None: 30 bits, recognised by a step back of more than half of that range.
     """
@@ -119,14 +124,16 @@ class Unwrapper:
 
     @property
     def extended(self) -> bool:
-        """Whether the readout has extended the chip's own counter, so that hits may be in a wrong period."""
+        """Whether the readout software has extended the chip's own counter, so that hits may be in a wrong period."""
         return self._modulus != PERIOD
 
     def unwrapped(self, toa: NDArray[np.int64], line: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the continued times (N,) of the next rows; ``line``: their line numbers (N,).
+        """Return the continuous times (N,) of the next N rows of a file, in 25 ns steps.
+
+        toa: (N,) times in the file. line: (N,) line numbers, for the errors.
 
         Raises:
-            DetectorError: a time does not fit the counter, or falls back by what is neither a wrap nor disorder.
+            DetectorError: a time exceeds the counter, or a step back is neither a wrap nor disorder.
         """
         if len(toa) == 0:
             return toa

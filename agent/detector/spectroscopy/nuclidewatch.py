@@ -15,17 +15,17 @@ LOOK_NS = 10_000_000_000
 
 
 class NuclideWatch:
-    """Recognises the nuclide every LOOK_NS, and compares it with the mission's.
+    """Recognises the nuclide in the spectrum of this drone's camera during the flight, and compares it with the mission's.
 
-    With several candidates there may be several sources, whose spectrum is that of no single nuclide. So only lines are reported
-    that no mixture of candidates explains.
+    It evaluates the spectrum every LOOK_NS. With several candidates there may be several sources, whose spectrum is that of no
+    single nuclide. So only lines are reported that no mixture of candidates explains.
 
     The nuclides in view are the reference for the camera's energy scale: the mission's nuclide, until another is recognised; of
-    several candidates the ones present. Readings from before a jump of that scale are forgotten.
+    several candidates the ones present. Energies from before a jump of that scale are forgotten.
     """
 
     def __init__(self, expected: str | tuple[str, ...]) -> None:
-        """``expected``: as in the mission."""
+        """Start with an empty spectrum. ``expected``: nuclide or candidates, as in the mission."""
         self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
         self._scale = EnergyScale(self._expected[0] if len(self._expected) == 1 else None)
@@ -35,17 +35,17 @@ class NuclideWatch:
         self._unknown_kev: tuple[int, ...] = ()
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events, by the present scale."""
+        """Add the energies (keV) of events to the spectrum; the present energy scale has been applied to them."""
         self._recogniser.add(energies_kev)
         self._scale.add(energies_kev)
 
     @property
     def scale(self) -> float:
-        """By which the energies of the calibration are to be multiplied."""
+        """Factor by which the energies of the calibration must be multiplied, since the camera's gain has drifted."""
         return self._scale.factor
 
     def look(self, now_ns: int) -> None:
-        """Evaluate again, if it is time."""
+        """Evaluate the spectrum if LOOK_NS have passed since the last evaluation."""
         if self._scale.look(now_ns):
             self._recogniser = Recogniser()
         if self._looked_ns is None:
@@ -64,13 +64,13 @@ class NuclideWatch:
 
     @property
     def message(self) -> Recognised | None:
-        """The result for the status message."""
+        """The recognised nuclide for the drone's status message; None without one."""
         found = self.recognised
         return None if found is None else Recognised(found.nuclide, found.evidence)
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Lines where the spectrum contradicts the mission's nuclide, or its lines have moved."""
+        """Lines for the operator: the spectrum contradicts the mission's nuclide, or its lines have moved."""
         return (*self._scale.problems, *self._strange)
 
     @property

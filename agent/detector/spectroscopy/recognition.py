@@ -32,9 +32,12 @@ _LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to that without them, or
-    to that with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
-    ``against``: the evidence against the nuclide in the spectrum, or None. ``gain``: mean of the readings by likelihood.
+    """The nuclide that explains a spectrum of event energies best, with its evidence.
+
+    ``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to the spectrum without them,
+    or to the spectrum with the next best nuclide, whichever is less. ``peak_events``: events in the nuclide's peaks. ``events``:
+    events in the spectrum. ``against``: a feature of the spectrum that contradicts the nuclide, in words, or None. ``gain``:
+    estimated gain of the camera relative to its calibration.
     """
 
     nuclide: str
@@ -46,12 +49,14 @@ class Recognition:
 
     @property
     def certain(self) -> bool:
-        """Whether the nuclide is recognised with certainty."""
+        """Whether the nuclide is recognised with certainty: enough evidence, enough events in its peaks, and nothing
+        against it.
+        """
         return self.against is None and self.evidence >= LEAST_EVIDENCE and self.peak_events >= LEAST_SHARE * self.events
 
 
 class Recogniser:
-    """Accumulates event energies; ``look`` evaluates them."""
+    """Collects event energies in a spectrum, and finds the nuclide that explains it."""
 
     def __init__(
         self,
@@ -59,8 +64,10 @@ class Recogniser:
         readings: tuple[Reading, ...] = _READINGS,
         counts: Array | None = None,
     ) -> None:
-        """``candidates``: the nuclides that are known; ``readings``: the ways in which the camera may read energies; ``counts``:
-        (B,) to begin with.
+        """Set up an empty spectrum, or one that begins with given counts.
+
+        ``candidates``: the nuclides that can be recognised; ``readings``: the ways in which the camera may read energies (gain
+        and charge loss); ``counts``: (B,) events in each of the B energy bins, to begin with.
         """
         self._candidates, self._readings = tuple(candidates), readings
         self._counts: Array = np.zeros(len(MIDDLES_KEV)) if counts is None else counts
@@ -74,21 +81,21 @@ class Recogniser:
 
     @property
     def counts(self) -> Array:
-        """(B,) the spectrum."""
+        """The spectrum: events in each energy bin, (B,)."""
         return self._counts
 
     @property
     def events(self) -> int:
-        """Number of events between 45 and 1600 keV."""
+        """Number of events in the spectrum, which reaches from 45 to 1600 keV."""
         return int(self._counts.sum())
 
     def best(self) -> Recognition | None:
-        """The recognised nuclide; None where none stands out, or none fits."""
+        """Return the recognised nuclide; None if no nuclide stands out, or none explains the spectrum."""
         found = self.look()
         return found if found is not None and found.certain else None
 
     def look(self) -> Recognition | None:
-        """The nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
+        """Evaluate the spectrum, and return the nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
         if self.events < LEAST_EVENTS:
             return None
         parts = _parts(self._candidates, self._readings)
@@ -115,13 +122,16 @@ class Recogniser:
         return fitted(self._counts, parts, before, _ROUNDS[0 if before is None else 1])
 
     def unknown_lines_kev(self, found: Recognition | None) -> tuple[int, ...]:
-        """Energies (keV) of the peaks in the spectrum if it contradicts ``found``, the result of the last look; else none."""
+        """Return the energies (keV) of the peaks in a spectrum that no known nuclide explains.
+
+        found: the result of the last ``look``; if the spectrum does not contradict it, there are no such peaks.
+        """
         if found is None or found.against is None:
             return ()
         return line_energies(self._counts, surroundings(), fitted)
 
     def foreign_lines_kev(self, nuclides: Sequence[str]) -> tuple[int, ...]:
-        """Energies (keV) of the peaks in the spectrum that no mixture of these nuclides explains."""
+        """Return the energies (keV) of the peaks in the spectrum that no mixture of these nuclides explains."""
         if self.events < LEAST_EVENTS:
             return ()
         parts = mixtures(tuple(nuclides), _READINGS)
@@ -129,7 +139,9 @@ class Recogniser:
         return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
 
     def present(self, nuclides: Sequence[str]) -> tuple[str, ...]:
-        """Return the nuclides that their mixture needs to explain the spectrum; the weaker ones are left out first."""
+        """Return those of the given nuclides without which their mixture does not explain the spectrum; weak ones are left out
+        first.
+        """
         if self.events < LEAST_EVENTS:
             return ()
         every = mixtures(tuple(nuclides), _READINGS)
@@ -148,10 +160,13 @@ class Recogniser:
 
 
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
-    """Largest log likelihood of each candidate (C,), and the shares (C, K) of its components (C, K, B) in the counts (B,).
+    """Fit a spectrum as a mixture of component spectra, for several candidate sets of components at once.
 
-    Expectation maximisation from ``share`` (None: equal ones): it keeps the strengths positive and their sum equal to that of the
-    counts.
+    Return the largest log likelihood of each of the C candidates (C,), and the share of each of its K components in the events
+    (C, K). Expectation maximisation: the shares stay positive and add up to 1.
+
+    counts: (B,) events in B energy bins. parts: (C, K, B) spectra of the K components of each candidate, each with sum 1. share:
+    (C, K) shares to start from; None: equal shares. rounds: number of iterations.
     """
     share = _even(parts) if share is None else share
     present = counts > 0
@@ -166,8 +181,9 @@ def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tup
 
 
 def prepare(expected: Sequence[str]) -> None:
-    """Compute now what all looks need where these nuclides are expected: at the first look it would take longer than a control
-    step.
+    """Compute tables for recognition now, before the flight: at the first evaluation they would take longer than a control step.
+
+    expected: the nuclides that the mission expects.
     """
     _parts(CANDIDATES, _READINGS)
     single_lines()
@@ -177,7 +193,12 @@ def prepare(expected: Sequence[str]) -> None:
 
 @cache
 def mixtures(nuclides: tuple[str, ...], readings: tuple[Reading, ...]) -> Array:
-    """(G, K, B): for each reading peaks and continuum of each nuclide, then the components common to all."""
+    """Return G sets of K component spectra (G, K, B) over B energy bins, one set for each way in which the camera may read
+    energies.
+
+    Each set has peaks and continuum of each nuclide, then the components common to all nuclides (background and scattered
+    photons).
+    """
     return np.concatenate((*(_read(name, readings) for name in nuclides), _common(readings)), axis=1)
 
 

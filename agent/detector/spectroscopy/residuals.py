@@ -25,8 +25,11 @@ Fitted = Callable[[Array, Array, Array | None, int], tuple[Array, Array]]
 
 
 def contradiction(counts: Array, expected: Array, lines_kev: Iterable[float]) -> str | None:
-    """Return the contradiction between the counts (B,) and the expected ones (B,) of a nuclide with these lines, as read; or
-    None.
+    """Return, in words, a peak that is measured but not expected for a nuclide, or expected but not measured; None if there is
+    none.
+
+    counts: (B,) measured events in B energy bins. expected: (B,) events by the fitted nuclide. lines_kev: the nuclide's lines, as
+    this camera reads them.
     """
     sigmas = _sigmas(counts, expected)
     more = int(sigmas.argmax())
@@ -37,8 +40,11 @@ def contradiction(counts: Array, expected: Array, lines_kev: Iterable[float]) ->
 
 
 def line_energies(counts: Array, common: Array, fitted: Fitted) -> tuple[int, ...]:
-    """Energies (keV, ascending) of the peaks in the counts (B,) that the common components (K, B) do not explain: the most
-    significant peak, then the next with this peak and its continuum among the components.
+    """Return the energies (keV, ascending) of the peaks in a spectrum that the given components do not explain.
+
+    The most significant peak is found first, then the next, with this peak and its continuum among the components.
+
+    counts: (B,) events in B energy bins. common: (K, B) K component spectra. fitted: the function for the fit.
     """
     parts, found = common, list[float]()
     while len(found) < _MOST_LINES:
@@ -56,7 +62,7 @@ def line_energies(counts: Array, common: Array, fitted: Fitted) -> tuple[int, ..
 
 
 def told(lines_kev: Iterable[int]) -> str:
-    """Energies for people: "122, 136 keV"."""
+    """Return line energies as text for people: "122, 136 keV"."""
     return f"{', '.join(map(str, lines_kev))} keV"
 
 
@@ -70,5 +76,7 @@ def _sigmas(counts: Array, expected: Array) -> Array:
 
 @cache
 def single_lines() -> Array:
-    """(B, B): for each bin the peak of a line in its middle. Computed at the first call."""
+    """Return the peaks (B, B) of single gamma lines over B energy bins: row i has a line in the middle of bin i.
+    Computed once.
+    """
     return np.array([peaks(((energy, 1.0),)) for energy in MIDDLES_KEV.tolist()])

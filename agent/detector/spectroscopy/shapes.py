@@ -33,8 +33,10 @@ _NATURAL: tuple[tuple[tuple[float, float], ...], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The energy response of a camera. gain: after its calibration, 1 is right. loss_kev: mean of the charge that is lost below
-    the pixels' thresholds, exponentially distributed; the simulated sensor's is 4, other models' of the same sensor about 8.
+    """The way in which a camera reads energies: deviation of its gain, and charge that it loses.
+
+    gain: relative to the calibration; 1 is right. loss_kev: mean of the charge below the pixels' thresholds, which is lost; it is
+    exponentially distributed. The simulated sensor loses 4 keV, other models of the same sensor about 8 keV.
     """
 
     gain: float = 1.0
@@ -45,18 +47,21 @@ NOMINAL = Reading()
 
 
 def peak_area_mm2(energy_kev: float) -> float:
-    """Effective area for full-energy events, mean over all directions."""
+    """Return the effective area (mm2) of the camera for photons that deposit their full energy, mean over all directions."""
     return float(np.exp(np.interp(np.log(energy_kev), np.log(_PEAK_KEV), np.log(_PEAK_MM2))))
 
 
 def strongest_line_kev(nuclide: str) -> float:
-    """The line of a nuclide with the most full-energy events. Raises ConfigError for an unknown nuclide."""
+    """Return the line (keV) of a nuclide that gives the most full-energy events. Raises ConfigError for an unknown nuclide."""
     photons = dict(GAMMAS.get(nuclide, ()))
     return max(lines_of(nuclide), key=lambda line: photons.get(line, 0.0) * peak_area_mm2(line))
 
 
 def peaks(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
-    """Full-energy peaks of lines (keV, photons per decay), with the sensor's efficiency."""
+    """Return the spectrum (B,) of the full-energy peaks of gamma lines, as shares of the events in B energy bins.
+
+    lines: pairs of energy (keV) and photons per decay; the sensor's efficiency at each energy is taken into account.
+    """
     shape = np.zeros(len(MIDDLES_KEV))
     for energy, photons in lines:
         area = peak_area_mm2(energy)
@@ -67,7 +72,11 @@ def peaks(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> A
 
 
 def continuum(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
-    """Recoil electrons of photons that scattered once and escaped."""
+    """Return the Compton continuum (B,) of gamma lines, as shares of the events in B energy bins.
+
+    It is the spectrum of the recoil electrons of photons that scattered once and escaped. lines: pairs of energy (keV) and
+    photons per decay.
+    """
     shape = np.zeros(len(MIDDLES_KEV))
     for energy, photons in lines:
         electron, sigma, spectrum = _recoils(energy)
@@ -88,8 +97,10 @@ def _recoils(energy_kev: float) -> tuple[Array, Array, Array]:
 
 
 def surroundings(reading: Reading = NOMINAL) -> Array:
-    """(K, B): the lines of the natural background by series; and broad humps, triangles over the logarithm of the energy that add
-    up to a constant, for scattered photons and the background's continuum.
+    """Return K spectra (K, B) that any measured spectrum may contain beside those of the source, over B energy bins.
+
+    They are the lines of the natural background, one spectrum for each decay series; and broad humps, triangles over the
+    logarithm of the energy that add up to a constant, for scattered photons and the background's continuum.
     """
     middle = np.log(MIDDLES_KEV)
     centre = np.linspace(middle[0], middle[-1], _HUMPS)
@@ -98,7 +109,9 @@ def surroundings(reading: Reading = NOMINAL) -> Array:
 
 
 def of_nuclide(lines: Sequence[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
-    """(2, B): peaks and continuum."""
+    """Return the two spectra (2, B) of a nuclide with these gamma lines over B energy bins: full-energy peaks and Compton
+    continuum.
+    """
     return np.array([peaks(lines, reading), continuum(lines, reading)])
 
 
@@ -115,7 +128,11 @@ def _normal(z: Array) -> Array:
 
 
 def lossy(above_kev: Array, sigma_kev: float, loss_kev: float) -> Array:
-    """Cumulative distribution of the energy read, less the line's: normal, less an exponentially distributed loss."""
+    """Return the probability that the energy read is below a limit: a normal distribution, shifted by an exponentially
+    distributed loss.
+
+    above_kev: the limit, less the line's energy. sigma_kev: resolution, 1 sigma. loss_kev: mean of the loss.
+    """
     z = np.maximum(above_kev / sigma_kev, -30.0)  # beyond it there is nothing, and erfcx overflows
     tail = 0.5 * np.exp(-0.5 * z**2) * erfcx((z + sigma_kev / loss_kev) / np.sqrt(2.0))
     result: Array = _normal(z) + tail

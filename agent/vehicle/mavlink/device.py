@@ -13,10 +13,12 @@ _USUAL = ("ttyACM*", "ttyUSB*", "ttyTHS*", "ttyAMA*")
 
 
 def check_device(address: str) -> None:
-    """See that the device of a serial address can be opened: MAVSDK says of any failure only that the connection failed.
+    """Check that the serial device of an address exists and can be opened; addresses of other kinds pass.
+
+    MAVSDK reports of any failure only that the connection failed.
 
     Raises:
-        VehicleError: it is missing, no device, or not permitted. Nothing is said of addresses that are not serial.
+        VehicleError: the device is missing, is no serial device, or access is not permitted.
     """
     match = _SERIAL.match(address)
     if match is None:
@@ -39,7 +41,9 @@ def check_device(address: str) -> None:
 
 
 def is_new(number: int, root: Path = Path("/")) -> bool:
-    """Whether udev has still to set a device up, with its group and mode; afterwards its database has a note.
+    """Whether the operating system (udev) has not yet set the group and mode of a device that was just connected.
+
+    Afterwards its database has a note of the device.
 
     Args:
         number: of the device, as in ``st_rdev``.
