@@ -47,7 +47,9 @@ _SURE = 100.0  # evidence above which the rest of a file cannot change the resul
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """A full-energy peak: the line, its measured centre and width, keV."""
+    """A full-energy peak in a measured spectrum: the gamma line, the measured centre and width (keV), and the events in
+    the peak.
+    """
 
     line_kev: float
     centre_kev: float
@@ -57,7 +59,7 @@ class Peak:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Summary of a file."""
+    """The numbers that ``radron-agent cones`` prints about a recording."""
 
     rows: int
     lost_rows: int
@@ -86,7 +88,9 @@ def analyse(
     *,
     progress: Callable[[int], None] = lambda position_bytes: None,
 ) -> Summary:
-    """Write the cones of a file to ``csv_path`` and summarise it; after an error no CSV is left behind.
+    """Write the Compton cones of a recording to ``csv_path``, and return a summary; after an error no CSV is left behind.
+
+    progress: called with the position in the file (bytes).
 
     Raises:
         DetectorError: the file cannot be read to its end.
@@ -146,7 +150,9 @@ def recognise(
     *,
     progress: Callable[[int], None] = lambda position_bytes: None,
 ) -> Recognition:
-    """Recognise the nuclide of a file; reads only as much of it as is needed.
+    """Recognise the nuclide in a recording's spectrum; only as much of the file is read as is needed.
+
+    progress: called with the position in the file (bytes).
 
     Raises:
         DetectorError: the file cannot be read, or no nuclide stands out.
@@ -171,7 +177,7 @@ def recognise(
 
 
 def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak | None:
-    """The strongest full-energy peak near one of the lines, in a spectrum of 2 keV bins; None with too few events.
+    """Return the strongest full-energy peak near one of the gamma lines, in a spectrum of 2 keV bins; None with too few events.
 
     Centre and width come from the moments within 1.5 times the half width of a 5 % resolution, in two passes.
     """

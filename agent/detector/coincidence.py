@@ -15,7 +15,10 @@ _MOST_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and i
 
 
 def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Cluster]]:
-    """Group clusters that are sorted by tick: a group continues while each cluster follows the previous one within the window."""
+    """Group clusters (touching pixel hits of one particle) that may come from one photon.
+
+    clusters: sorted by tick. A group continues while each cluster follows the previous one within ``window_ticks``.
+    """
     events: list[list[Cluster]] = []
     last = -(1 << 62)
     for cluster in clusters:
@@ -27,7 +30,7 @@ def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Clu
 
 
 def merge_satellites(event: list[Cluster]) -> list[Cluster]:
-    """Merge K fluorescence clusters into the clusters that they came from. Returns the result in order of time.
+    """Merge small clusters made by fluorescence with the clusters from which they came. Return the result in order of time.
 
     A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV. The photon is absorbed about 0.1 mm away, and often
     makes a small cluster of its own. Taken for a recoil electron it would yield a wrong cone; as a third cluster it would spoil a

@@ -20,9 +20,11 @@ from agent.outputs import check_output
 
 
 def run_cones(opened: Callable[[], T3paReader], csv: Path, nuclide: str, calibration: Path | None) -> None:
-    """Analyse a file, with a progress bar on stderr and the summary on stdout. Raises RadronError.
+    """Compute the Compton cones of a recording and write them as CSV, with progress on stderr and a summary on stdout. Raises
+    RadronError.
 
-    ``opened``: returns a new reader of the file; ``nuclide``: AUTO recognises it from the file's spectrum first.
+    ``opened``: returns a new reader of the recording; ``csv``: output file; ``nuclide``: name, or AUTO to recognise it from the
+    recording's spectrum first; ``calibration``: of the camera; None: typical constants.
     """
     if nuclide != AUTO:
         lines_of(nuclide)
@@ -59,7 +61,7 @@ def run_cones(opened: Callable[[], T3paReader], csv: Path, nuclide: str, calibra
 
 
 def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
-    """The summary of a file as a table for the terminal."""
+    """Return the summary of a recording as a table for the terminal."""
     table = Table(title=f"{name}, {nuclide}", show_header=False)
     live = summary.live_time_s
 

@@ -15,8 +15,10 @@ MIN_GOOD = 0.5  # share of a block's pixels with an energy by the calibration, b
 
 
 class DeadBlocks:
-    """Blocks of the sensor without a hit while the others have ``MIN_HITS`` on average. ``dead``: their number, judged anew
-    whenever as many hits have come.
+    """Finds dead blocks of the sensor (32 x 32 pixels without a hit): such a camera counts less than its calibration says.
+
+    A block is dead if it has no hit while the blocks have ``MIN_HITS`` on average. ``dead``: number of dead blocks, evaluated
+    again whenever that many hits have arrived.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -28,7 +30,7 @@ class DeadBlocks:
         self.dead = 0
 
     def add(self, index: NDArray[np.uint16]) -> None:
-        """Add hits by their matrix indices (N,)."""
+        """Add N hits by the matrix indices (N,) of their pixels."""
         self._hits += np.bincount(_block(index), minlength=BLOCKS)
         self._total += len(index)
         if self._total >= self._needed:
@@ -37,7 +39,7 @@ class DeadBlocks:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while blocks are dead, or none."""
+        """A line for the operator while blocks are dead; empty otherwise."""
         if self.dead == 0:
             return ()
         share = f"{self.dead} of {BLOCKS} blocks of the sensor"

@@ -23,7 +23,7 @@ EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
 
 @dataclass(slots=True)
 class Tally:
-    """Counts (see ``Detections``), cones in order of time, and the spectrum."""
+    """The result for a group of events: counts (see ``Detections``), Compton cones in order of time, and the energy spectrum."""
 
     hits: int = 0
     photopeak: int = 0
@@ -33,9 +33,10 @@ class Tally:
 
 
 class EventReader:
-    """Classifies events: full-energy events, coincidences, and the coincidences that make a cone.
+    """Classifies events (clusters of one photon): events with a line's full energy, coincidences, and coincidences that make a
+    cone.
 
-    An event with a saturated hit is counted, but has no energy: it is in no spectrum, no line's window, and makes no cone.
+    An event with a saturated hit is counted, but has no energy: it is in no spectrum, belongs to no line, and makes no cone.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class EventReader:
         self._mm_per_tick = thickness_mm / drift_ns * TICK_NS
 
     def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
-        """Evaluate clusters, sorted by tick, one by one."""
+        """Evaluate clusters, sorted by tick, one by one, and return counts, cones and spectrum. clock_ns: UTC time of tick 0."""
         tally = Tally()
         energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]
         if self._on_energies is not None:
@@ -65,7 +66,7 @@ class EventReader:
         return tally
 
     def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
-        """The same for many clusters: isolated ones are counted as arrays."""
+        """Evaluate many clusters with the same result as ``read_few``, faster: isolated clusters are counted as arrays."""
         gap = np.ones(len(clusters) + 1, np.bool_)
         gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
         alone = gap[:-1] & gap[1:]

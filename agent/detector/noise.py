@@ -18,7 +18,9 @@ _PIXELS = SENSOR_PIXELS**2
 
 
 class NoiseMask:
-    """The mask of one camera's noisy pixels. ``masked_hits`` counts the hits left out so far, ``pixels`` the pixels masked now.
+    """Finds the noisy pixels of one camera, which fire far more often than the mean, and leaves out their hits.
+
+    ``masked_hits`` counts the hits left out so far, ``pixels`` the pixels masked now.
 
     Time is divided into beats of 0.1 s. With m the mean number of hits of a healthy pixel in a beat, a pixel with c hits gains
     min(c, 1 + SHARE m) - SHARE m. The gain is about 1 at most, however many hits a burst has, and negative while the pixel fires
@@ -29,8 +31,8 @@ class NoiseMask:
     Noise of that kind is not detected.
 
     A healthy pixel is not masked. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
-    within minutes, and in any field 400 times as often as the others. The border of a sensor irradiated from the side is hit only
-    a few times as often.
+    within minutes, and in any field 400 times as often as the other pixels. The border of a sensor irradiated from the side is
+    hit only a few times as often.
 
     A noisy pixel is unmasked after a minute in which it was quiet, and after twice as long whenever that was too soon. Each
     masked pixel removes 1.5e-5 of the sensor's area from the counts, which is not corrected for.
@@ -49,16 +51,19 @@ class NoiseMask:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while pixels are masked, or none."""
+        """A line for the operator while pixels are masked; empty otherwise."""
         if self.pixels == 0:
             return ()
         return (f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked",)
 
     def without_noise(self, hits: PixelHits, clock_ns: int, since_ns: int) -> PixelHits:
-        """The hits, sorted by time, without hits of noisy pixels. ``clock_ns``: UTC time of tick 0.
+        """Return the hits, sorted by time, without the hits of noisy pixels.
 
-        A beat is evaluated when the next one begins, so that the result does not depend on how the hits are divided into calls.
-        Hits from before ``since_ns``, UTC, are late (or have a wrong stamp) and count in that time's beat.
+        clock_ns: UTC time of tick 0. since_ns: UTC time before which hits are late (or have a wrong stamp); they count at that
+        time.
+
+        A time interval of 0.1 s (beat) is evaluated when the next one begins, so that the result does not depend on how the hits
+        are divided into calls.
         """
         count = len(hits)
         kept: NDArray[np.bool_] | None = None

@@ -17,7 +17,7 @@ _QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 120.0, 4.0, 60.0
 
 
 class Batches:
-    """Decides when the next batch of late entries is due.
+    """Decides when log entries that arrive late are processed: in batches, at fixed times (borders) that all agents share.
 
     The results that such an entry changes take many calls to compute again, so that during a stream of late entries hardly a
     moment is complete. At a border, however, all earlier entries are taken, and all agents have the borders at the same times.
@@ -40,11 +40,11 @@ class Batches:
 
     @property
     def is_resting(self) -> bool:
-        """Whether the next call takes no batch yet, because the last batch took long."""
+        """Whether the next call does not take a batch yet, because the last batch took long."""
         return self._rest > 1
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
-        """Whether a batch is to be taken now, asked in each call; ``free``: whether a batch can be taken."""
+        """Return whether a batch must be taken now; called in each step. ``free``: whether the caller can take a batch."""
         self._elapsed_ns += max(now_ns - self._now_ns, _CALL_NS) if self._now_ns else 0
         self._now_ns = now_ns
         border = (now_ns - _AFTER_NS) // _EVERY_NS
@@ -58,15 +58,17 @@ class Batches:
         return True
 
     def took(self, calls: int) -> None:
-        """Note that the last batch has been computed, in ``calls`` calls."""
+        """Note that the last batch has been computed, in ``calls`` calls; the next batch waits for as many."""
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
-        """Return the drones, of these, with quota left for late entries."""
+        """Return those of the given drones that have quota left for late entries."""
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:
-        """Charge the quotas for late entries, by drone: seconds that they reach back."""
+        """Reduce the quotas of drones whose late entries are processed. ``reach_s``: by drone, the seconds that the entries reach
+        back.
+        """
         for drone, back_s in reach_s.items():
             quota = self._quotas.setdefault(drone, Bucket(_QUOTA_RATE, _QUOTA_S, 1e-9 * self._elapsed_ns))
             quota.charge(min(max(back_s, 0.0), _MAX_CHARGE_S))

@@ -17,19 +17,21 @@ from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 
 def told(frame: Transform) -> CarriedFrame:
-    """A frame in the launch frame, as published."""
+    """Convert a frame, relative to the drone's frame at launch, to its form in messages."""
     return CarriedFrame(frame.translation, frame.yaw_rad, frame.covariance_rows)
 
 
 def launch_from_local(carried: CarriedFrame) -> Transform:
-    """The frame that ``told`` has published."""
+    """Convert a published frame back to a transform into the drone's frame at launch."""
     covariance = None if carried.covariance is None else np.array(carried.covariance).reshape(4, 4)
     return Transform(carried.yaw_rad, carried.translation_m, covariance)
 
 
 class CarriedFrames:
-    """Puts these frames into the graph. If a drone publishes several frames of one epoch, the frame of the first entry counts,
-    for any order of arrival. A drone with two frames in one epoch is faulty anyway.
+    """Adds frames to the graph that drones with exact localisation publish after a jump of their localisation.
+
+    The drone computes such a frame from its own motion. If a drone publishes several frames of one epoch (period without a jump),
+    the frame of the first entry counts, for any order of arrival. A drone with two frames in one epoch is faulty anyway.
     """
 
     def __init__(self, mission: MissionConfig, graph: FrameGraph) -> None:
@@ -41,7 +43,7 @@ class CarriedFrames:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
-        """Take an entry of the log; each comes once."""
+        """Take an entry of the observation log; each entry comes once."""
         if entry.drone not in self._exact or entry.stamp_ns < self._earliest_ns:
             return
         if isinstance(entry, Exposure) and entry.epoch != LAUNCH_EPOCH and entry.carried is not None:
@@ -49,14 +51,15 @@ class CarriedFrames:
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget frames published before that stamp, and ignore later arrivals of that time: in an earlier flight, an epoch of
-        the same number was another frame.
+        """Forget frames published before a time stamp, and ignore entries from before it that arrive later.
+
+        In an earlier flight, an epoch of the same number was another frame.
         """
         self._earliest_ns = stamp_ns
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Take back entries that no longer count."""
+        """Remove entries that no longer count, together with their frames."""
         changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)

@@ -21,7 +21,10 @@ _HEADING_KNOWN = math.radians(60.0)  # a heading with a larger sigma counts as u
 
 
 class Drift:
-    """Variances for each drone of the mission, by its index; each a (4,) array over (x, y, z, yaw) in m^2 and rad^2."""
+    """Initial error and growth of the error of each drone's local frame, by the mission file.
+
+    Drones are given by their index in the mission. Variances are arrays (4,) for x, y, z (m^2) and yaw (rad^2).
+    """
 
     def __init__(self, mission: MissionConfig) -> None:
         frames = mission.frames
@@ -35,11 +38,13 @@ class Drift:
         self._per_m = np.outer(slam, self._adrift_per_m)
 
     def follows_satellites(self, number: int) -> bool:
-        """Whether a drone's autopilot uses satellites at the start."""
+        """Return whether a drone's autopilot uses satellites at the start."""
         return self._drones[number].localization in ("gnss", "rtk")
 
     def layout(self, number: int) -> tuple[Array, Array, bool]:
-        """The configured origin of a drone's frame: position (3,) m, variances (4,), and whether its heading is known."""
+        """Return the origin of a drone's frame by the mission file: position (3,) m, variances (4,), and whether the heading is
+        known.
+        """
         drone = self._drones[number]
         sigma_m = _EXACT if drone.is_exact else max(drone.origin_sigma_m, _EXACT)
         sigma_rad = _EXACT if drone.is_exact else max(math.radians(drone.yaw_sigma_deg), _EXACT)
@@ -47,12 +52,13 @@ class Drift:
         return np.array(drone.origin_m), np.array([sigma_m**2] * 3 + [sigma_rad**2]), known
 
     def yaw_rad(self, number: int) -> float:
-        """Heading (rad) of a drone's frame by the layout."""
+        """Return the heading (rad) of a drone's local frame in the mission frame, by the mission file."""
         return math.radians(self._drones[number].yaw_deg)
 
     def over(self, number: int, seconds: float, metres: float, adrift: bool = False) -> Array:
-        """Variances (4,) added by a time and a distance flown. ``adrift``: the drone has lost its satellites and continues by
-        SLAM.
+        """Return the variances (4,) that are added in a time (s) and on a distance flown (m).
+
+        adrift: whether the drone has lost its satellites and continues by SLAM.
         """
         place, heading = self._per_s[number] * min(seconds, _LONGEST_S)
         per_m = self._adrift_per_m if adrift else self._per_m[number]
@@ -60,13 +66,19 @@ class Drift:
         return drift
 
     def aged(self, drone: str, mission_from_local: Transform, seconds: float, place_m: Vector3) -> Transform:
-        """A frame without data for that time, while its drone may have flown on to ``place_m``, local frame."""
+        """Return a drone's frame with the larger error that it has after a time without measurements.
+
+        seconds: length of that time. place_m: position (local frame) that the drone may have reached, where the error is needed.
+        """
         seconds = min(max(seconds, 0.0), _LONGEST_S)
         variances = self.over(self._numbers[drone], seconds, seconds * _SPEED_MPS)
         return mission_from_local.blurred(place_m, variances) if variances.any() else mission_from_local
 
     def over_jumps(self, track: Track, after_ns: int, until_ns: int) -> Array:
-        """Variances (4,) added at the jumps between a track's segments, which are joined by the motion before."""
+        """Return the variances (4,) added by the jumps of a drone's localisation between two times (ns).
+
+        At a jump the track's segments before and after are joined by the motion before the jump.
+        """
         total = np.zeros(4)
         for gap_s in track.gaps_s(after_ns, until_ns):
             total[:3] += (self._frames.jump_m * (1.0 + min(gap_s, _GAP_S))) ** 2
@@ -77,15 +89,19 @@ class Drift:
         return total
 
     def since(self, numbers: Ints, seconds: Array, speed_mps: float) -> Array:
-        """Drift variance (m^2 per horizontal axis) of drones (M,) within (M,) seconds at that speed."""
+        """Return the variance (M,), m^2 per horizontal axis, by which the frames of M drones drift within a time.
+
+        numbers: (M,) indices of the drones. seconds: (M,) times. speed_mps: speed at which they fly.
+        """
         place: Array = (self._per_s[numbers, 0] + self._per_m[numbers, 0] * speed_mps) * np.abs(seconds)
         return place
 
     def compass_var(self, number: int, seconds: float) -> float | None:
-        """Variance (rad^2) of an autopilot heading that is used once every ``seconds``; None without a compass.
+        """Return the variance (rad^2) of an autopilot's heading as a measurement that is used once every ``seconds``; None
+        without a compass.
 
-        The heading wanders around the layout's value within its sigma. With random-walk variance q per second, a measurement
-        variance of sigma^4 / (q dt) yields sigma^2 in the steady state.
+        The heading wanders around the value in the mission file within its sigma. With random-walk variance q per second, a
+        measurement variance of sigma^4 / (q dt) yields sigma^2 in the steady state.
         """
         drone = self._drones[number]
         per_s = self._per_s[number, 1]

@@ -27,20 +27,23 @@ _TOO_WIDE_M = 25.0  # sigma of a position beyond which it counts as unknown
 
 
 class KeyframeEstimate(Protocol):
-    """Interface of ``Estimate``, the estimator of a swarm's frames."""
+    """Interface of an estimator that computes the frames of a swarm, one keyframe (time of an estimate) after the other."""
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """The checkpoint after keyframe ``index``."""
+        """Return the state of the estimate after keyframe ``index``, from the state ``before`` it."""
 
 
 class Estimate:
-    """Computes each checkpoint from the previous one; holds no state of its own."""
+    """The estimator of the swarm's frames: it computes the state after each keyframe (time of an estimate) from the state before.
+
+    It holds no state of its own.
+    """
 
     def __init__(self, mission: MissionConfig, intake: Intake) -> None:
         self._setting = Setting(mission, intake)
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """The checkpoint after keyframe ``index``."""
+        """Return the state of the estimate after keyframe ``index``, from the state ``before`` it."""
         keyframe = Keyframe(self._setting, before, index)
         for drone in range(len(keyframe.members)):
             _launch(keyframe, drone)

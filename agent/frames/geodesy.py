@@ -18,27 +18,32 @@ from agent.geometry import Array, Vector3
 
 
 def mission_from_geodetic(datum: DatumConfig, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector3:
-    """A place on Earth (height above the ellipsoid) in the frame of a datum: east, north, up, metres."""
+    """Convert a place on Earth (degrees; height above the ellipsoid, m) to the frame of a datum: east, north, up, metres."""
     x, y, z = mission_from_geodetics(datum, np.array([latitude_deg, longitude_deg, altitude_m])).tolist()
     return x, y, z
 
 
 def mission_from_geodetics(datum: DatumConfig, places: Array) -> Array:
-    """Places (..., 3) of latitude and longitude in degrees and height above the ellipsoid in metres, in the datum's frame."""
+    """Convert places on Earth (..., 3) to the frame of a datum (..., 3): east, north, up, metres.
+
+    places: latitude and longitude in degrees, and height above the ellipsoid in metres.
+    """
     east, north, up = pymap3d.geodetic2enu(places[..., 0], places[..., 1], places[..., 2], *_place(datum))
     return np.stack((east, north, up), axis=-1)
 
 
 def geodetic_from_mission(datum: DatumConfig, place_m: Vector3) -> Vector3:
-    """A place in the frame of a datum (east, north, up, metres) as latitude and longitude (degrees) and height above the
-    ellipsoid (metres).
+    """Convert a place in the frame of a datum (east, north, up, metres) to latitude and longitude (degrees) and height (m).
+
+    The height is above the ellipsoid.
     """
     latitude_deg, longitude_deg, altitude_m = pymap3d.enu2geodetic(*place_m, *_place(datum))
     return float(latitude_deg), float(longitude_deg), float(altitude_m)
 
 
 def mission_from_launch(mission: DatumConfig, origin: DatumConfig, launch_m: Vector3) -> tuple[Transform, float]:
-    """Transform from a vehicle's local frame into the mission frame, for an autopilot with a geodetic origin of its own.
+    """Return the transform from a vehicle's local frame into the mission frame, for an autopilot with a geodetic origin of its
+    own.
 
     The two frames have different verticals (1 mrad in 6.4 km) and, by the meridians' convergence, different norths.
 
@@ -48,8 +53,8 @@ def mission_from_launch(mission: DatumConfig, origin: DatumConfig, launch_m: Vec
         launch_m: launch place (east, north, up; metres) in the frame at ``origin``; the local frame begins there.
 
     Returns:
-        The transform of yaw and translation that is nearest, and the tilt (rad) that it leaves out: a point p of the local
-        frame is wrong by 2 sin(tilt / 2) |p| at most.
+        The transform of yaw and translation that is nearest, and the tilt (rad) that it leaves out: a point p of the local frame
+        is wrong by 2 sin(tilt / 2) |p| at most.
     """
     rotation = _ecef_from_enu(mission).T @ _ecef_from_enu(origin)
     start = mission_from_geodetic(mission, origin.latitude_deg, origin.longitude_deg, origin.altitude_m)

@@ -29,9 +29,10 @@ class _Line:
 
 
 class FrameGraph:
-    """``mission_from_local`` of every known drone and epoch, piecewise constant in time.
+    """Stores the transform from each drone's local frame into the mission frame, over time and for each epoch.
 
-    ``revision`` grows with every change, so that users of a transform can check cheaply whether it is still current.
+    An epoch is a period without a jump of the drone's localisation. The transforms are piecewise constant in time. ``revision``
+    grows with every change, so that users of a transform can check cheaply whether it is still current.
     """
 
     def __init__(self) -> None:
@@ -43,7 +44,9 @@ class FrameGraph:
 
     @classmethod
     def from_launch_layout(cls, mission: MissionConfig) -> FrameGraph:
-        """Frames known exactly from the layout of the mission file: the first epoch of each drone with exact localisation."""
+        """Return a store with the frames that the mission file gives exactly: the first epoch of each drone with exact
+        localisation.
+        """
         graph = cls()
         for drone in mission.drones:
             if drone.is_exact:
@@ -51,12 +54,15 @@ class FrameGraph:
         return graph
 
     def place(self, drone: str, epoch: int, mission_from_local: Transform) -> None:
-        """Set a frame for all times. A newer transform replaces the older one; they are not averaged."""
+        """Set the transform of one drone and epoch for all times. A newer transform replaces the older one; they are not
+        averaged.
+        """
         self.replace_from(drone, epoch, 0, [(0, mission_from_local)])
 
     def replace_from(self, drone: str, epoch: int, stamp_ns: int, known: Sequence[Known]) -> None:
-        """Replace that epoch's transforms from ``stamp_ns`` on by the given ones, in order of time. Equal values count as no
-        change.
+        """Replace the transforms of one drone and epoch from ``stamp_ns`` on. Equal values count as no change.
+
+        known: pairs of the time from which a transform holds and the transform (None: the frame is lost), in order of time.
         """
         line = self._lines.setdefault((drone, epoch), _Line())
         first = bisect_left(line.stamps_ns, stamp_ns)
@@ -80,7 +86,8 @@ class FrameGraph:
         line.changes.append((self.revision, changed_ns))
 
     def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """Transform of the local frame of that epoch at ``stamp_ns`` (None: now), or None while it is unknown.
+        """Return the transform from a drone's local frame of an epoch into the mission frame at ``stamp_ns`` (None: now); None if
+        unknown.
 
         The first known transform also holds for all times before, so that observations that waited for it can be used.
         """
@@ -92,11 +99,12 @@ class FrameGraph:
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
     def surest(self, drone: str, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
-        """The transform with the smallest error in the mission frame of a position of that epoch, reached at ``stamp_ns``, and 1
-        sigma of that place, m. Candidates are the transforms of ``stamp_ns`` and of the next seconds, although the frame may have
-        drifted by then. None while the frame is unknown.
+        """Return the transform that places a drone's position with the smallest error in the mission frame, and 1 sigma of the
+        place (m).
 
-        Until peers are seen a frame follows the launch layout, and the layout's error stays in the transforms of that time.
+        position_m: local position, reached at ``stamp_ns``. Candidates are the transforms of ``stamp_ns`` and of the next
+        seconds, although the frame may have drifted by then: until other drones are seen a frame follows the launch layout, and
+        the layout's error stays in the transforms of that period. Return None while the frame is unknown.
         """
         revision, found = self._surest.get((drone, epoch, stamp_ns), (-1, None))
         if revision != self.revision:
@@ -115,7 +123,7 @@ class FrameGraph:
         return [(stamp_ns, one) for stamp_ns, one in held if one is not None]
 
     def changes(self, revision: int) -> dict[tuple[str, int], int]:
-        """By drone and epoch: the first stamp of a transform that differs from the transform at ``revision``."""
+        """Return, by drone and epoch, the first time stamp of a transform that has changed since ``revision``."""
         found = {}
         for key, line in self._lines.items():
             newer = line.changes[bisect_right(line.changes, revision, key=lambda change: change[0]) :]

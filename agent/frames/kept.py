@@ -17,7 +17,10 @@ _LARGEST_VARIANCE = 1e10  # m^2
 
 
 class KeptTransform(Struct, frozen=True, kw_only=True):
-    """A transform as a state file holds it (``Transform``). ``covariance``: by rows; None: exact."""
+    """A transform from a local frame into the mission frame, as stored in a state file for a restarted agent.
+
+    ``covariance``: 16 numbers by rows; None: exact. A number is None if it was not finite.
+    """
 
     yaw_rad: _Number
     translation_m: tuple[_Number, _Number, _Number]
@@ -25,7 +28,7 @@ class KeptTransform(Struct, frozen=True, kw_only=True):
 
     @property
     def mission_from_local(self) -> Transform | None:
-        """As it was when it was kept; None where that cannot be a frame, as a number is not finite, or too large."""
+        """The stored transform; None if the numbers cannot be a frame, because one is not finite, or too large."""
         pose = np.array([self.yaw_rad, *self.translation_m], dtype=np.float64)
         covariance = None if self.covariance is None else np.array(self.covariance, dtype=np.float64).reshape(4, 4)
         if not (np.abs(pose) <= _LARGEST).all() or (covariance is not None and not _is_plausible(covariance)):
@@ -35,9 +38,10 @@ class KeptTransform(Struct, frozen=True, kw_only=True):
 
 
 class KeptFrame(KeptTransform, frozen=True, kw_only=True):
-    """The local frame of one epoch of a drone in the mission frame, as it was at ``stamp_ns`` (0: an older release kept it).
+    """The local frame of one epoch (period without a jump of the localisation) of a drone, as stored for a restarted agent.
 
-    ``otherwise``: the same frame by the other explanation of a jump (``localization.knownframe``); None: no such doubt.
+    ``stamp_ns``: time for which the transform holds (0: stored by an older release). ``otherwise``: the same frame by the other
+    explanation of a jump (``localization.knownframe``); None: there is no such doubt.
     """
 
     epoch: int
@@ -48,7 +52,9 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
     def of(
         cls, epoch: int, stamp_ns: int, mission_from_local: Transform | None, otherwise: Transform | None = None
     ) -> KeptFrame | None:
-        """None if the frame is unknown, or given by the mission."""
+        """Return a frame in the form to store; None if the frame is unknown, or given by the mission, so that nothing must be
+        stored.
+        """
         if mission_from_local is None or (mission_from_local.covariance is None and epoch == LAUNCH_EPOCH):
             return None
         return cls(
@@ -62,7 +68,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the values are valid for a frame."""
+        """Whether the stored values are valid for a frame."""
         return all(one is None or one.mission_from_local is not None for one in (self, self.otherwise))
 
 

@@ -56,11 +56,13 @@ class _Columns(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Sightings(_Columns):
-    """M sightings. Drones by their index in the mission; positions and directions in the continuous local frames.
+    """M relative observations between drones (sightings), as arrays.
 
-    observer, target: (M,). stamp_ns: (M,). at_observer, at_target: (M, 3) positions of the two. direction: (M, 3), of the target
-    in the observer's frame; direction_var: (M,) rad^2 of each of its two axes. range_m, range_var: (M,). An infinite variance
-    means that there is no such measurement. clock_var: (M,) m^2 of where the other drone was, by the clocks of the two.
+    Drones are given by their index in the mission; positions and directions are in the drones' local frames, made continuous over
+    jumps. observer, target: (M,) drones. stamp_ns: (M,). at_observer, at_target: (M, 3) positions of the two. direction: (M, 3)
+    unit vectors to the target in the observer's frame; direction_var: (M,) rad^2 of each of its two axes. range_m, range_var:
+    (M,) distance (m) and its variance. An infinite variance means that there is no such measurement. clock_var: (M,) m^2 by which
+    the target's position is uncertain because of the two drones' clocks.
     """
 
     observer: Ints
@@ -76,16 +78,17 @@ class Sightings(_Columns):
 
     @classmethod
     def empty(cls) -> Sightings:
-        """No sightings."""
+        """Return an empty set of sightings."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
         return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
 class Fixes(_Columns):
-    """F position fixes of drones, mission frame. drone: (F,). at: (F, 3) the track's position at that time. place, var: (F, 3).
+    """F satellite positions (fixes) of drones in the mission frame, as arrays.
 
-    inflation: (F,) factor on the variance, for the correlation with the fix before.
+    drone: (F,) indices in the mission. at: (F, 3) position by the drone's own localisation at that time. place, var: (F, 3)
+    measured position (m) and variance (m^2). inflation: (F,) factor on the variance, for the correlation with the previous fix.
     """
 
     drone: Ints
@@ -97,31 +100,34 @@ class Fixes(_Columns):
 
     @classmethod
     def empty(cls) -> Fixes:
-        """No fixes."""
+        """Return an empty set of fixes."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
         return cls(ints, ints, none, none, none, np.zeros(0))
 
 
 def turned(yaw_rad: Array, vectors: Array) -> Array:
-    """R(yaw) v for yaws (...,) and vectors (..., 3)."""
+    """Rotate vectors (..., 3) about the vertical by yaws (...,), rad."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1)
 
 
 def turned_per_yaw(rotated: Array) -> Array:
-    """Derivative of R(yaw) v by yaw, from R(yaw) v (..., 3)."""
+    """Return the derivative of a rotated vector R(yaw) v by yaw, from R(yaw) v (..., 3)."""
     return np.stack([-rotated[..., 1], rotated[..., 0], np.zeros_like(rotated[..., 0])], axis=-1)
 
 
 def sighting_residuals(
     observer: Array, target: Array, moved_observer: Array, moved_target: Array, direction: Array, range_m: Array
 ) -> tuple[Array, Array, Array]:
-    """Predicted minus measured direction (observer's frame, three components of a unit vector) and range.
+    """Return predicted minus measured direction and range of M sightings, (M, 4), and the Jacobians (M, 4, 4) by each drone's
+    pose.
 
-    observer, target: (M, 4) poses. moved_*: (M, 3) displacements since the reference time, local frames. Returns residuals (M, 4)
-    and their Jacobians by the observer's and by the target's pose, (M, 4, 4) each. A direction opposite to its prediction has a
-    residual of 2, not of 0 as it would in a tangent plane.
+    The residuals are three components of a unit vector in the observer's frame, and the range (m). A direction opposite to its
+    prediction has a residual of 2, not of 0 as it would in a tangent plane.
+
+    observer, target: (M, 4) poses x, y, z, yaw of the two drones' frames. moved_observer, moved_target: (M, 3) displacements
+    since the reference time, local frames. direction: (M, 3) and range_m: (M,) measured.
     """
     arm_o = turned(observer[:, 3], moved_observer)
     arm_t = turned(target[:, 3], moved_target)
@@ -149,7 +155,11 @@ def sighting_residuals(
 
 
 def fix_residuals(pose: Array, moved: Array, place: Array) -> tuple[Array, Array]:
-    """Predicted minus measured position (F, 3), and its Jacobian by the pose (F, 3, 4)."""
+    """Return predicted minus measured position (F, 3) of F satellite positions, and its Jacobian (F, 3, 4) by the pose of the
+    frame.
+
+    pose: (F, 4) x, y, z, yaw of the drones' frames. moved: (F, 3) displacement since the reference time. place: (F, 3) measured.
+    """
     arm = turned(pose[:, 3], moved)
     jacobian = np.zeros((len(pose), 3, 4))
     jacobian[:, :, :3] = np.eye(3)
@@ -160,9 +170,11 @@ def fix_residuals(pose: Array, moved: Array, place: Array) -> tuple[Array, Array
 def sighting_evidence(
     squared_direction: Array, direction_var: Array, squared_range: Array, range_var: Array
 ) -> tuple[Array, Array]:
-    """Log likelihoods of sightings (...,) as inliers and as outliers. Direction and range are inliers or outliers together.
+    """Return the log likelihoods of sightings (...,) as correct measurements and as outliers, such as sightings of another
+    object.
 
-    Variances: of each of the direction's two axes and of the range, infinite if not measured.
+    Direction and range of a sighting are correct or outliers together. squared_direction, squared_range: squared residuals.
+    direction_var, range_var: variances of each of the direction's two axes and of the range, infinite if not measured.
     """
     has_direction, has_range = np.isfinite(direction_var), np.isfinite(range_var)
     direction_var = np.where(has_direction, direction_var, 1.0)
@@ -178,12 +190,15 @@ def sighting_evidence(
 
 
 def fix_evidence(squared: Array, var: Array) -> tuple[Array, Array]:
-    """Log likelihoods of fixes as inliers and as outliers, from squared residuals and variances (..., 3)."""
+    """Return the log likelihoods of satellite positions as correct measurements and as outliers.
+
+    squared, var: (..., 3) squared residuals and variances (m^2).
+    """
     true = np.log(1.0 - FIX_OUTLIER_SHARE) - 0.5 * (squared / var + np.log(2.0 * np.pi * var)).sum(-1)
     return true, np.full_like(true, np.log(FIX_OUTLIER_SHARE) - 3.0 * np.log(_SPREAD_M))
 
 
 def inlier_probability(true: Array, false: Array) -> Array:
-    """Posterior probability that a datum is an inlier, from the two log likelihoods."""
+    """Return the posterior probability that a measurement is correct, from its log likelihoods as correct and as outlier."""
     weight: Array = 1.0 / (1.0 + np.exp(np.clip(false - true, -50.0, 50.0)))
     return weight

@@ -28,14 +28,16 @@ Received = tuple[Entry, bytes]  # and the bytes that it was decoded from
 
 
 class SwarmFrames:
-    """``mission_from_local`` of every drone without exact localisation, in ``graph``.
+    """Estimates the local frames of all drones without exact localisation in the mission frame, from the observation log.
 
-    The graph is a pure function of the received entries (in any order) and of the last keyframe that is due. Checkpoints are
-    kept; a late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed
-    again. The graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the
-    last minute. Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in
-    ``Batches``, with a pause in between, so that they never keep the graph from the new ones. If all drones are exact, nothing is
-    computed. Their frames after a jump are in the graph, too, as published (``carried``).
+    The result, in ``graph``, depends only on the received log entries (in any order) and on the last keyframe (time of an
+    estimate, about one a second) that is due. So all drones with equal logs have equal frames.
+
+    Intermediate states (checkpoints) are kept; a late entry rolls the estimate back to the last checkpoint before its time, and
+    the keyframes since are computed again. The graph and the suspects keep their values until that is complete, so that no drone
+    flies by frames that lack the last minute. Entries received meanwhile are processed afterwards. Entries that are late by more
+    than ``LATE_NS`` are taken in ``Batches``, with a pause in between, so that they never keep the graph from the new ones. If
+    all drones are exact, nothing is computed. Their frames after a jump are also in the graph, as published (``carried``).
     """
 
     def __init__(self, mission: MissionConfig, estimates: FrameEstimates = Estimate) -> None:
@@ -74,7 +76,9 @@ class SwarmFrames:
 
     @property
     def has_batch(self) -> bool:
-        """Whether late entries are being taken, or wait only for the next border; then much of the graph may change."""
+        """Whether a batch of late entries is being processed, or will be at its next fixed time; then much of the graph may
+        change.
+        """
         return bool(self._batch_of) or (not self._batches.is_resting and bool(self._admitted))
 
     @property
@@ -88,12 +92,14 @@ class SwarmFrames:
 
     @property
     def put_off(self) -> frozenset[str]:
-        """Drones with used-up quotas and late entries waiting for them."""
+        """Drones whose late entries wait, because the drones have used up their quota of late entries."""
         return self._late_drones - self._admitted
 
     def start(self, stamp_ns: int) -> None:
-        """Set the start of the mission: much older measurements are ignored. A later start begins anew, an earlier one is
-        ignored: an agent from an earlier flight of the mission and a restarted agent hold the same entries.
+        """Set the start of the mission (UTC, ns): much older measurements are ignored.
+
+        A later start begins again, an earlier one is ignored: an agent from an earlier flight of the mission and a restarted
+        agent hold the same entries.
         """
         if self._started_ns is not None and stamp_ns <= self._started_ns:
             return
@@ -105,7 +111,7 @@ class SwarmFrames:
         self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add an entry of the log with the bytes that it was decoded from; each once, in any order."""
+        """Add an entry of the log, together with the bytes from which it was decoded; each entry once, in any order."""
         self._carried.receive(entry)
         if self._idle or not isinstance(entry, READS):
             return
@@ -117,20 +123,20 @@ class SwarmFrames:
             self._intake.receive(entry, payload)
 
     def forget(self, identities: Sequence[EntryId]) -> None:
-        """Take entries back that are not in the log any more."""
+        """Remove entries that are not in the log any more."""
         self._carried.forget(identities)
         if not self._idle:
             self._forgotten += self._taken_in(identities)
 
     def retract(self, identities: Sequence[EntryId]) -> None:
-        """Take back entries that their drones have retracted: late ones with the next batch."""
+        """Remove entries that their drones have retracted; late entries are removed with the next batch."""
         self._carried.forget(identities)
         if not self._idle:
             for identity in self._taken_in(identities):
                 (self._retracted if self._is_late(identity.stamp_ns) else self._forgotten).append(identity)
 
     def receive_again(self, received: Sequence[Received]) -> None:
-        """Add entries that were retracted and count again."""
+        """Add entries that had been removed, and that count again."""
         again, waiting = {entry.entry_id for entry, _ in received}, {*self._retracted, *self._forgotten}
         self._retracted = [identity for identity in self._retracted if identity not in again]
         self._forgotten = [identity for identity in self._forgotten if identity not in again]
@@ -148,7 +154,7 @@ class SwarmFrames:
         return [identity for identity in identities if identity not in waiting and self._intake.holds(identity)]
 
     def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
-        """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call.
+        """Compute the keyframes that are due, and those that late entries have changed; a limited number per call.
 
         ``takes_late``: whether a batch of late entries may be taken. A caller that still processes the previous batch would begin
         again with every change far back, and never finish.
@@ -195,13 +201,15 @@ class SwarmFrames:
             self.complete_ns, self._put_ns = self._put_ns, None
 
     def suspects(self) -> Mapping[str, str]:
-        """By drone: why its frame is not trusted, or not known."""
+        """Return the drones whose frame is not trusted or not known, each with the reason in words."""
         members = zip(self._names, self._estimated, self._newest.members, strict=True)
         unknown = {name: "its frame is not known yet" for name, estimated, one in members if estimated and not one.known}
         return {**unknown, **self.contradicted()}
 
     def contradicted(self) -> Mapping[str, str]:
-        """By drone: why its frame is not trusted, as measurements contradict each other."""
+        """Return the drones whose frame is not trusted because measurements contradict each other, each with the reason
+        in words.
+        """
         members = zip(self._names, self._newest.members, strict=True)
         return {name: one.suspicion.reason for name, one in members if one.suspicion is not None}
 

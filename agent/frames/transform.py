@@ -18,10 +18,10 @@ from agent.geometry import Array, Vector3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """``a_from_b``: p_a = R(yaw_rad) p_b + translation.
+    """The transform of points from frame b to frame a (``a_from_b``): a rotation about the vertical, then a translation.
 
-    translation: metres, in frame a. yaw_rad: heading of b's x axis in a, counter-clockwise seen from above. covariance: (4, 4)
-    over the errors of (x m, y m, z m, yaw rad); None: exact.
+    p_a = R(yaw_rad) p_b + translation. translation: metres, in frame a. yaw_rad: heading of b's x axis in a, counter-clockwise
+    seen from above. covariance: (4, 4) of the errors of (x m, y m, z m, yaw rad); None: the transform is exact.
     """
 
     yaw_rad: float = 0.0
@@ -36,27 +36,27 @@ class Transform:
 
     @property
     def covariance_rows(self) -> tuple[float, ...] | None:
-        """The 16 numbers of the covariance by rows, as messages and files hold them; None: exact."""
+        """The 16 numbers of the covariance by rows, as messages and files hold them; None if the transform is exact."""
         return None if self.covariance is None else tuple(self.covariance.ravel().tolist())
 
     def rotate_direction(self, direction: Vector3) -> Vector3:
-        """A direction of frame b, expressed in frame a."""
+        """Return a direction or velocity of frame b in the axes of frame a."""
         x, y, z = direction
         return (self._cos * x - self._sin * y, self._sin * x + self._cos * y, z)
 
     def apply_point(self, point: Vector3) -> Vector3:
-        """A point of frame b, expressed in frame a."""
+        """Return a point of frame b in the coordinates of frame a (m)."""
         x, y, z = point
         tx, ty, tz = self.translation
         return (self._cos * x - self._sin * y + tx, self._sin * x + self._cos * y + ty, z + tz)
 
     def apply_points(self, points: Sequence[Vector3]) -> list[Vector3]:
-        """A list of points of frame b, expressed in frame a."""
+        """Return points of frame b in the coordinates of frame a (m)."""
         c, s, (tx, ty, tz) = self._cos, self._sin, self.translation
         return [(c * x - s * y + tx, s * x + c * y + ty, z + tz) for x, y, z in points]
 
     def rotate(self, directions: Array) -> Array:
-        """Directions or velocities (..., 3) of frame b, expressed in frame a."""
+        """Return directions or velocities (..., 3) of frame b in the axes of frame a."""
         x, y = directions[..., 0], directions[..., 1]
         turned = np.array(directions, dtype=np.float64)
         turned[..., 0] = self._cos * x - self._sin * y
@@ -64,13 +64,13 @@ class Transform:
         return turned
 
     def apply(self, points: Array) -> Array:
-        """Points (..., 3) of frame b, expressed in frame a."""
+        """Return points (..., 3) of frame b in the coordinates of frame a (m)."""
         moved = self.rotate(points)
         moved += self.translation
         return moved
 
     def inverse(self) -> Transform:
-        """``b_from_a``, with its covariance to first order."""
+        """Return the opposite transform, ``b_from_a``, with its covariance to first order."""
         x, y, z = self.translation
         back = (-self._cos * x - self._sin * y, self._sin * x - self._cos * y, -z)
         if self.covariance is None:
@@ -100,16 +100,20 @@ class Transform:
         return Transform(yaw_rad, translation, covariance)
 
     def blurred(self, point: Vector3, variances: Sequence[float] | Array) -> Transform:
-        """The same with further errors in the place and heading of a body at a point of b.
+        """Return the transform with a larger covariance: the position and heading of a body at a point of frame b get further
+        errors.
 
-        variances: (4,) of x, y, z (m^2) and yaw (rad^2), independent; the first two equal.
+        point: position of the body in frame b (m). variances: (4,) of x, y, z (m^2) and yaw (rad^2), independent; the first two
+        equal.
         """
         at_body = Transform(0.0, point)
         blurred = self @ at_body @ Transform(covariance=np.diag(variances)) @ at_body.inverse()
         return replace(self, covariance=blurred.covariance)
 
     def sigmas_at(self, point: Vector3) -> tuple[float, float]:
-        """1 sigma of the horizontal position in a of a point of b (m), and of the yaw (rad); zeros if exact."""
+        """Return 1 sigma of the horizontal position in frame a (m) of a point of frame b, and 1 sigma of the yaw (rad); zeros if
+        exact.
+        """
         if self.covariance is None:
             return 0.0, 0.0
         u, v, _ = self._turned_per_yaw(point)
@@ -119,11 +123,11 @@ class Transform:
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """1 sigma of the yaw; 0 if exact."""
+        """1 sigma of the yaw (rad); 0 if the transform is exact."""
         return 0.0 if self.covariance is None else math.sqrt(max(float(self.covariance[3, 3]), 0.0))
 
     def rotation_matrix(self) -> Array:
-        """Matrix (3, 3) that rotates directions of frame b into frame a."""
+        """Return the matrix (3, 3) that rotates directions of frame b into the axes of frame a."""
         return np.array([[self._cos, -self._sin, 0.0], [self._sin, self._cos, 0.0], [0.0, 0.0, 1.0]])
 
     def _turned_per_yaw(self, vector: Vector3) -> Vector3:
@@ -133,7 +137,7 @@ class Transform:
 
 
 def same(a: Transform | None, b: Transform | None) -> bool:
-    """Whether two transforms, or two that are not known, have the same value."""
+    """Return whether two transforms have equal values; None (unknown) equals None."""
     if a is b:
         return True
     if a is None or b is None or (a.yaw_rad, a.translation) != (b.yaw_rad, b.translation):

@@ -20,8 +20,10 @@ HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; la
 
 @dataclass(slots=True)
 class Acquisition:
-    """An acquisition of at most ``length_ns``, requested at ``called_ns``. The camera's threads set ``started_ns`` and append
-    blocks, then set ``ended_ns``; the event loop takes the blocks. All times by one clock, which is never set.
+    """One measurement of the camera, of at most ``length_ns``, requested at ``called_ns``, with the data delivered so far.
+
+    The camera's threads set ``started_ns`` and append blocks, then set ``ended_ns``; the event loop takes the blocks. All times
+    are by one clock, which is never set.
     """
 
     called_ns: int
@@ -33,27 +35,29 @@ class Acquisition:
 
 
 class Utc:
-    """UTC of times by a clock that is never set. After a step of UTC, readouts and their hits move by the step."""
+    """Converts readouts from a clock that is never set to UTC. After a step of UTC, later readouts and their hits move by the
+    step.
+    """
 
     def __init__(self, utc_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
         self._utc_ns, self._steady_ns = utc_ns, steady_ns
         self._ahead_ns: int | None = None
 
     def look(self) -> None:
-        """Look at both clocks: nothing but a step counts, so that readouts have no gaps."""
+        """Compare both clocks, and adopt a step of UTC. Smaller changes are ignored, so that readouts have no gaps."""
         ahead_ns = self._utc_ns() - self._steady_ns()
         if self._ahead_ns is None or abs(ahead_ns - self._ahead_ns) > STEP_NS:
             self._ahead_ns = ahead_ns
 
     def of(self, readout: Readout) -> Readout:
-        """The readout in UTC."""
+        """Return the readout with its times in UTC."""
         ahead_ns = self._ahead_ns or 0
         start_ns, end_ns, clock_ns = (at_ns + ahead_ns for at_ns in (readout.start_ns, readout.end_ns, readout.clock_ns))
         return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
 
 class AcquisitionReader:
-    """Turns acquisitions into readouts; ticks of all acquisitions count from the start of the first."""
+    """Turns the data of a camera's measurements into readouts; time stamps count from the start of the first measurement."""
 
     def __init__(self) -> None:
         self._clock_ns: int | None = None
@@ -62,7 +66,9 @@ class AcquisitionReader:
         self._gathering = Gathering()
 
     def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
-        """The readouts that are available now; acquisitions that have ended and are read are removed from the left."""
+        """Return the readouts that are available now; measurements that have ended and are read completely are removed from the
+        queue.
+        """
         readouts = []
         while acquisitions:
             acquisition = acquisitions[0]
@@ -97,7 +103,10 @@ class AcquisitionReader:
 
 
 def block_of(columns: list[NDArray[np.int64]], repair: BorderRepair) -> Delivery:
-    """Pixels from Pixet's ``rawPixels``: matrix index, ToA, overflow, FToA and ToT, each (N,); ``repair``: of the acquisition."""
+    """Convert a block of pixel data from the vendor's software (``rawPixels``) to hits and losses.
+
+    columns: matrix index, ToA, overflow, FToA and ToT, (N,) each for N rows. repair: the measurement's repair of misplaced times.
+    """
     index, toa, overflow, ftoa, tot = columns[:5]
     hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
     lost_ns = 25 * int(toa[(overflow != 0) & (index == LOST_END)].sum())

@@ -15,10 +15,10 @@ STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not fin
 
 
 class FeedDetector:
-    """Reads the feed at ``address`` ("host:port"), and reconnects while it is open.
+    """Receives the readouts of a simulated camera from a TCP feed at ``address`` ("host:port"), and reconnects after a fault.
 
     Readouts whose end differs from the clock by more than 2 s are dropped and counted. To the detection chain such a gap is dead
-    time. ``counters``: readouts, dropped_stale, corrupt_frames, and the link's.
+    time. ``counters``: readouts, dropped readouts (``dropped_stale``), corrupt frames, and connections.
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -31,12 +31,12 @@ class FeedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each."""
+        """Present problems of the feed, one line each."""
         problem = self._feed.problem or self._flaw
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts as they arrive, until ``close``."""
+        """Yield readouts as they arrive, until ``close`` is called."""
         async for readout in self._feed.items():
             if self._fresh(readout):
                 yield readout
@@ -68,5 +68,5 @@ class FeedDetector:
         return False
 
     async def close(self) -> None:
-        """Release the link; ``readouts`` ends."""
+        """Close the link, so that ``readouts`` ends."""
         await self._feed.close()

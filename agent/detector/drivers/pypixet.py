@@ -40,7 +40,7 @@ _NO_DEVICE = "FileDevice 0"  # listed by Pixet where no camera is connected
 
 
 def load_pypixet(folder: Path | None) -> Any:
-    """Import the vendor's module from ``folder`` (None: from Python's search path).
+    """Import ``pypixet``, the vendor's module for the camera, from ``folder`` (None: from Python's search path).
 
     Raises:
         DetectorError: the folder or the module is missing, or made for another Python.
@@ -61,7 +61,8 @@ def load_pypixet(folder: Path | None) -> Any:
 
 
 class PixetDetector:
-    """Measures with the first Timepix3 camera; a missing or lost camera is reported in ``problems``, and searched for again.
+    """Measures with the first connected Timepix3 camera; a missing or lost camera is reported in ``problems``, and searched for
+    again.
 
     All calls into the vendor's module are made on a thread of their own.
     """
@@ -81,12 +82,12 @@ class PixetDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each."""
+        """Present problems of the camera, one line each."""
         problem = self._problem
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts of about 0.2 s as they arrive, until ``close``."""
+        """Yield readouts of about 0.2 s as they arrive, until ``close`` is called."""
         if self._worker is None:  # one camera, one worker, however often its readouts are iterated
             self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
             self._worker.start()
@@ -101,7 +102,7 @@ class PixetDetector:
                 continue
 
     async def close(self) -> None:
-        """End the acquisition and release the camera; ``readouts`` ends."""
+        """End the measurement and release the camera, so that ``readouts`` ends."""
         self._closed.set()
         self._stop.set()
         if self._worker is not None:

@@ -18,8 +18,9 @@ _PIECE_BYTES = 1 << 16  # parsing holds the interpreter lock: 1 ms per piece
 
 
 class RecordedDetector:
-    """Plays ``path`` from its first hit on, in slices of 0.2 s stamped with the present time, until the end of the file, which it
-    reports.
+    """Plays a recording of the real camera (``path``, .t3pa) in real time, as if the camera measured now.
+
+    The hits come in readouts of 0.2 s with present time stamps, from the first hit to the end of the file, which is reported.
     """
 
     def __init__(self, path: Path, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -32,11 +33,11 @@ class RecordedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each."""
+        """Present problems, one line each, such as the end of the recording."""
         return () if self._problem is None else (self._problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Slices at their time, until the file ends or ``close``."""
+        """Yield readouts in real time, until the file ends or ``close`` is called."""
         slices = playback(T3paReader(self._path, piece_bytes=_PIECE_BYTES), self._clock_ns())
         while True:
             try:
@@ -61,15 +62,15 @@ class RecordedDetector:
         return True
 
     async def close(self) -> None:
-        """Close the file; ``readouts`` ends."""
+        """Stop the playback, so that ``readouts`` ends."""
         self._closed.set()
 
 
 def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Iterator[Readout]:
-    """The file's hits as contiguous readouts of ``slice_ns``, the first hit at ``start_ns`` (UTC).
+    """Yield the hits of a file as contiguous readouts of ``slice_ns``, with the first hit at ``start_ns`` (UTC).
 
-    Missing time that the file reports is subtracted from the live time of the slices that follow the report. Raises DetectorError
-    with the line that is not a row of such a file.
+    Missing time that the file reports is subtracted from the live time of the readouts that follow the report. Raises
+    DetectorError with the number of a line that is not a row of such a file.
     """
     pieces = iter(reader)
     gathering = Gathering()

@@ -21,12 +21,15 @@ _MAX_INT = np.uint64((1 << 63) - 1)
 
 
 def is_binary(start: bytes) -> bool:
-    """Return whether a file that begins so holds records rather than text."""
+    """Return whether a file that begins with these bytes holds binary records (``.t3p``) rather than text."""
     return b"\0" in start[: _RECORD.itemsize]
 
 
 def binary_tables(path: Path, file: BinaryIO) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], bool]]:
-    """The records of a file as tables (N, 6) in the order of ``table.COLUMNS``, their numbers (N,), and whether the last is torn.
+    """Yield the records of a binary file, N at a time: table (N, 6), record numbers (N,), and whether the last record is
+    incomplete.
+
+    The columns of the table are in the order of ``table.COLUMNS``.
 
     Raises:
         DetectorError: a record whose numbers are out of range: the file is of another format.

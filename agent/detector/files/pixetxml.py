@@ -28,7 +28,11 @@ MIN_BIAS_V, MAX_BIAS_V = 4.0, 1000.0  # the maker's smallest voltage, and the la
 
 @dataclass(frozen=True, slots=True)
 class PixetConfiguration:
-    """constants: a, b, c and t, (65536,) each by matrix index; masked: (65536,); bias_v: None where the file gives none."""
+    """A camera's calibration and settings, as found in the configuration file of the manufacturer's software (Pixet).
+
+    constants: a, b, c and t of the energy calibration, (65536,) each by matrix index; masked: (65536,) mask of pixels that are
+    switched off; bias_v: bias voltage (V), None if the file states none.
+    """
 
     constants: tuple[NDArray[np.float64], ...]
     masked: NDArray[np.bool_]
@@ -37,7 +41,7 @@ class PixetConfiguration:
 
 
 def read_pixet_xml(path: Path) -> PixetConfiguration:
-    """Read a camera's configuration.
+    """Read calibration, masked pixels and bias voltage of a camera from a configuration file of Pixet (XML).
 
     Raises:
         DetectorError: the file cannot be read, is no such configuration, has no calibration, or is of several chips.

@@ -30,7 +30,10 @@ _FTOA_STEPS = 32
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Delimiter of the rows (None: blanks), place of each of ``COLUMNS`` in a row (None: missing), and notes for the user."""
+    """The format of the rows in a ``.t3pa`` file: delimiter and columns.
+
+    ``delimiter``: None: blanks; ``places``: position of each of ``COLUMNS`` in a row (None: missing); ``notes``: for the user.
+    """
 
     delimiter: str | None
     places: tuple[int | None, ...]
@@ -38,18 +41,18 @@ class Layout:
 
     @property
     def numbered(self) -> bool:
-        """Whether the rows carry the index that restarts with each measurement."""
+        """Whether the rows have an index column, which restarts with each measurement."""
         return self.places[INDEX] is not None
 
     def is_row(self, text: bytes) -> bool:
-        """Whether a line has a whole number in every column."""
+        """Return whether a line has a whole number in every column."""
         fields = text.decode("latin-1").strip("\r\n").split(self.delimiter)
         places = [place for place in self.places if place is not None]
         return max(places) < len(fields) and all(fields[place].strip().lstrip("-").isdigit() for place in places)
 
 
 def find_layout(path: Path, header: bytes, row: bytes) -> Layout:
-    """Return the layout from the header line and the first row (empty: a file without rows).
+    """Return the format of a ``.t3pa`` file's rows from its header line and its first row (empty: a file without rows).
 
     Raises:
         DetectorError: a required column is missing.
@@ -77,10 +80,12 @@ def find_layout(path: Path, header: bytes, row: bytes) -> Layout:
 
 
 def parse_rows(path: Path, layout: Layout, lines: list[bytes], line: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table (N, 6) in the order of ``COLUMNS``, and each row's line number (N,); ``line``: number of the first line.
+    """Convert N lines of text to a table (N, 6) of whole numbers, columns as in ``COLUMNS``, and their line numbers (N,).
+
+    ``line``: number of the first line.
 
     Raises:
-        DetectorError: the first line that is not a row of whole numbers, or whose numbers are out of range.
+        DetectorError: names the first line that is not a row of whole numbers, or whose numbers are out of range.
     """
     return _parse(path, layout, lines, np.arange(line, line + len(lines)))
 
@@ -111,7 +116,10 @@ def _parse(
 
 
 def check_ranges(path: Path, table: NDArray[np.int64], numbers: NDArray[np.int64], what: str = "line") -> None:
-    """Raise DetectorError for the first row of a table (N, 6) whose numbers are out of range; ``numbers``: of its lines (N,)."""
+    """Raise DetectorError for the first row of a table (N, 6) whose numbers are out of range.
+
+    ``numbers``: (N,) line or record numbers, for the error. ``what``: the word for a row.
+    """
     _, matrix, toa, tot, ftoa, overflow = table.T
     rules = (
         ((matrix >= 0) & (matrix < MAX_CHIPS * CHIP_PIXELS), f"the matrix index is not in 0 .. {MAX_CHIPS * CHIP_PIXELS - 1}"),

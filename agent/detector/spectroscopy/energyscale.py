@@ -37,9 +37,10 @@ _ROUNDS = 80
 
 
 class EnergyScale:
-    """The gain of one camera in flight. ``factor``: by which the energies of the calibration are to be multiplied.
+    """Follows the drifting gain of one camera in flight by the gamma lines of the nuclides in view.
 
-    A jump by more than 6 % is followed where the nuclide is named, and has been seen without it.
+    ``factor``: factor by which the energies of the calibration must be multiplied. A jump of the gain by more than 6 % is
+    followed if the nuclide is named by the mission, and its lines have been seen without the jump.
     """
 
     def __init__(self, named: str | None) -> None:
@@ -58,8 +59,10 @@ class EnergyScale:
             mixtures((named,), FAR)
 
     def follow(self, nuclides: tuple[str, ...]) -> None:
-        """Take the lines of these nuclides for reference; none: as before. New nuclides are read with an error of their own. If
-        all are new, the former readings were of other lines than assumed, and the calibration holds.
+        """Set the nuclides whose lines are the reference for the gain; without nuclides the reference stays as it is.
+
+        New nuclides start with an uncertainty of their lines of their own. If all are new, the gain was found by wrong lines, and
+        the calibration holds.
         """
         if not nuclides or nuclides == self._nuclides:
             return
@@ -71,11 +74,13 @@ class EnergyScale:
         self._covariance[1, 1] = LINE_SIGMA**2 + (LOSS_SIGMA_KEV / max(map(strongest_line_kev, nuclides))) ** 2
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events, by the present scale."""
+        """Add the energies (keV) of events; the present factor has been applied to them."""
         self._recent.add(energies_kev)
 
     def look(self, now_ns: int) -> bool:
-        """Evaluate again, if it is time. Returns whether the scale has jumped since the look before."""
+        """Update the gain if enough time has passed and enough events have come. Return whether the gain has jumped since the
+        last update.
+        """
         if self._since_ns is None:
             self._since_ns = now_ns
         elapsed_ns = now_ns - self._since_ns  # negative: the clock was set back
@@ -118,7 +123,7 @@ class EnergyScale:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The error of the gain, if above that of cameras with a good calibration."""
+        """A line for the operator while the gain deviates by more than is usual for a calibrated camera; empty otherwise."""
         if not self._is_told:
             return ()
         off = 1.0 / self.factor - 1.0
@@ -127,11 +132,13 @@ class EnergyScale:
 
 
 def read(counts: Array, nuclides: tuple[str, ...], readings: tuple[Reading, ...], evidence: float) -> tuple[float, float] | None:
-    """Return the logarithm of the gain of a spectrum (B,) of these nuclides, and its 1 sigma: the maximum of the likelihood by
-    gain, and its curvature. ``readings``: equally spaced in it.
+    """Estimate the gain of a camera from a spectrum of known nuclides. Return the logarithm of the gain, and its 1 sigma.
 
-    None if the spectrum does not need the nuclides' peaks by this evidence, has others, or lacks some, and if the maximum is the
-    first or the last reading.
+    The gain has the maximum of the likelihood, sigma follows from the curvature. Return None if the maximum is the first or the
+    last gain tried; if the spectrum can be explained without the nuclides' peaks (log likelihood ratio below ``evidence``); if it
+    has other peaks, or lacks some.
+
+    counts: (B,) events in B energy bins. readings: the gains to try, equally spaced in the logarithm.
     """
     if counts.sum() < 1.0:
         return None
