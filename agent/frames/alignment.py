@@ -40,12 +40,13 @@ _FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # prior information that keeps ever
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """M sightings by or of one drone, with the positions of the other drones known.
+    """The measurements by which the pose of one drone is found: M sightings by or of it, and F satellite positions.
 
-    outward: (M,) true where this drone is the observer. moved: (M, 3) this drone's displacement since the reference time, in its
-    local frame. other: (M, 3) position of the other drone, mission frame. direction: (M, 3), in this drone's local frame where
-    outward, else in the mission frame. Variances as in ``Sightings``. places: (F, 3) positions of this drone by fixes, mission
-    frame; moved_place: (F, 3), its displacements at those times; place_var: (F, 3) m^2.
+    The positions of the other drones are known. outward: (M,) 1 if the drone is the observer, else 0. moved: (M, 3) displacement
+    of the drone since the reference time, in its local frame. other: (M, 3) position of the other drone, mission frame.
+    direction: (M, 3) unit vectors, in the drone's local frame if it is the observer, else in the mission frame. Variances as in
+    ``Sightings``. places: (F, 3) satellite positions of the drone, mission frame; moved_place: (F, 3) its displacements at those
+    times; place_var: (F, 3) m^2.
     """
 
     outward: Ints
@@ -61,14 +62,17 @@ class Views:
 
     @property
     def with_both(self) -> NDArray[np.bool_]:
-        """(M,) true for sightings with a direction and a range."""
+        """Mask (M,) of the sightings that have both a direction and a range."""
         return np.isfinite(self.direction_var) & np.isfinite(self.range_var)
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The best pose (4,), its covariance (4, 4) with the others' poses taken as exact, its log likelihood, the margin over the
-    next best solution of another heading or position (log likelihood ratio), and the share of sightings that it explains.
+    """The best pose of a drone found from relative observations, and how certain it is.
+
+    pose: (4,) x, y, z, yaw. covariance: (4, 4), with the other drones' poses taken as exact. evidence: log likelihood. lead: log
+    likelihood ratio to the next best solution with another heading or position. share: part of the sightings that the pose
+    explains.
     """
 
     pose: Array
@@ -79,11 +83,11 @@ class Alignment:
 
 
 def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: Array, fixes: Fixes, moving_var: Array) -> Views:
-    """Sightings by or of ``drone``, expressed from its side.
+    """Return the M sightings by or of ``drone`` from this drone's point of view, as input of ``align``.
 
     others: (M, 4) poses of the other drones at the times of the sightings; others_var: (M, 2) variances of their positions (per
-    axis) and headings. at: (3,) the reference position in the drone's continuous frame. moving_var: (M,) m^2 of drift since each
-    sighting.
+    axis) and headings. at: (3,) the drone's position in its continuous frame at the reference time. moving_var: (M,) m^2 of drift
+    since each sighting.
     """
     outward = data.observer == drone
     own = np.where(outward[:, None], data.at_observer, data.at_target)
@@ -105,7 +109,9 @@ def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: 
 
 
 def align(views: Views) -> Alignment | None:
-    """The pose that explains the data best; None without data."""
+    """Find the pose of a drone that explains its measurements best, without a prior: every heading is tried. None without
+    measurements.
+    """
     starts = _starts(views)
     if not len(starts):
         return None
@@ -132,7 +138,7 @@ def _refined(views: Views, pose: Array, widths: Sequence[float]) -> Array:
 
 
 def evidence_of(views: Views, pose: Array) -> float:
-    """Log likelihood of the data for one pose (4,) of the drone."""
+    """Return the log likelihood of the measurements for one pose (4,) of the drone."""
     return float(_fit(views, pose[None], 1.0)[2][0])
 
 

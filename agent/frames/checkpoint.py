@@ -15,8 +15,11 @@ Emission = tuple[int, int, Placement | None]  # drone, first stamp, placement of
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Reason for distrust in a drone's frame, stamp of the last keyframe with that finding, whether the suspicion is permanent,
-    and whether the other drone of the pair may be faulty instead.
+    """The reason why a drone's frame is not trusted.
+
+    ``stamp_ns``: last keyframe (time of an estimate) with that finding. ``lasting``: the suspicion is never cleared.
+    ``ambiguous``:
+    the other drone of the pair that contradicts each other may be faulty instead.
     """
 
     reason: str
@@ -27,7 +30,7 @@ class Suspicion:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """The state of one drone between keyframes."""
+    """The state of one drone's frame estimate between two keyframes (times of an estimate)."""
 
     launched: bool = False  # its layout has been used, or must not be used any more
     sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame and none contradicted it
@@ -46,7 +49,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The complete state after a keyframe, from which the next one is computed."""
+    """The complete state of the frame estimate after a keyframe (time of an estimate), from which the next one is computed."""
 
     index: int
     joint: Joint
@@ -56,6 +59,6 @@ class Checkpoint:
 
 
 def beginning(count: int) -> Checkpoint:
-    """The state before the first keyframe of a mission of ``count`` drones."""
+    """Return the state before the first keyframe, for a mission of ``count`` drones."""
     nobody = Joint(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((count, 3)), np.zeros(count))
     return Checkpoint(-1, nobody, (Member(),) * count, ())

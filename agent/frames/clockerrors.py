@@ -20,20 +20,20 @@ _Told = tuple[int, int, float]  # begin and end of an exposure, and the error in
 
 
 class ClockErrors:
-    """Clock errors of one drone, by its exposures in order of time."""
+    """The errors of one drone's clock over time, as the drone has published them with its exposures (counts of the camera)."""
 
     def __init__(self) -> None:
         self._told: list[_Told] = []
         self._wrong = 0  # number of exposures with an error
 
     def add(self, exposure: Exposure) -> None:
-        """Take the error of an exposure."""
+        """Add the clock error that is published in an exposure."""
         told = _told(exposure)
         insort(self._told, told)
         self._wrong += told[2] > 0.0
 
     def remove(self, exposure: Exposure) -> None:
-        """Remove the error of an exposure."""
+        """Remove the clock error of an exposure."""
         told = _told(exposure)
         place = bisect_left(self._told, told)
         if self._told[place : place + 1] == [told]:
@@ -41,13 +41,14 @@ class ClockErrors:
             self._wrong -= told[2] > 0.0
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard exposures that ended before that stamp."""
+        """Discard the errors of exposures that ended before a time stamp."""
         self._told = [told for told in self._told if told[1] >= stamp_ns]
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
     def reach_ns(self, exposure: Exposure) -> int:
-        """Time (ns) before a held exposure in which the result of ``at`` may depend on it. 0 if neither this exposure nor another
-        one within ``_TOLD_NS`` has an error.
+        """Return the time (ns) before an exposure in which the result of ``at`` may depend on the exposure.
+
+        Return 0 if neither this exposure nor another one within ``_TOLD_NS`` has an error.
         """
         if not self._wrong:
             return 0
@@ -55,15 +56,19 @@ class ClockErrors:
         return _LEARNED_NS + _TOLD_NS if any(error_s > 0.0 for _, _, error_s in beside) else 0
 
     def at(self, stamp_ns: int) -> float:
-        """The error (s) at a stamp, as published with the exposures of its time or of a while later; 0 without one."""
+        """Return the clock's error (s) at a time stamp, as published with the exposures of this time or a while later; 0 without
+        one.
+        """
         if not self._wrong:
             return 0.0
         learned_ns = stamp_ns + _LEARNED_NS
         return max(self._least(stamp_ns, stamp_ns), self._least(learned_ns, learned_ns + _TOLD_NS))
 
     def content(self, after_ns: int, until_ns: int) -> tuple[object, ...]:
-        """By value, all inputs of the errors in (after_ns, until_ns]; empty without errors. For simulations with results shared
-        between agents.
+        """Return all inputs of the errors in (after_ns, until_ns] as one value that can be compared and hashed; empty without
+        errors.
+
+        Simulations use the value to share results between agents: equal inputs give equal results.
         """
         if not self._wrong:
             return ()
@@ -91,7 +96,9 @@ def _begin_ns(told: _Told) -> int:
 
 
 def clock_error_s(exposure: Exposure) -> float:
-    """The error (s) published in an exposure; 0 without one."""
+    """Return the clock error (s) that is published in an exposure, computed from the position error and the speed; 0
+    without one.
+    """
     if exposure.clock_sigma_m == 0.0:
         return 0.0
     first, last = exposure.poses[0], exposure.poses[-1]

@@ -24,8 +24,10 @@ _AGREE, _DISAGREE = 0.6, 0.35  # shares of inliers
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Counts of one keyframe by observer and target: believed (N, N), the sum of the inlier probabilities; seen (N, N), the
-    number of sightings.
+    """How well the sightings between each pair of N drones agree with the estimated poses, in one keyframe (time of an estimate).
+
+    Arrays (N, N) by observer and target: believed: sum of the probabilities that the sightings are correct; seen: number of
+    sightings.
     """
 
     believed: Array
@@ -33,7 +35,10 @@ class Tally:
 
 
 def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
-    """Count the sightings of a keyframe. ``count``: number of drones in the mission."""
+    """Count the sightings of a keyframe for each pair of drones.
+
+    count: number of drones in the mission. weights: (M,) probability that each of the M sightings is correct.
+    """
     believed, seen = np.zeros((count, count)), np.zeros((count, count))
     np.add.at(believed, (sightings.observer, sightings.target), weights)
     np.add.at(seen, (sightings.observer, sightings.target), 1.0)
@@ -41,7 +46,7 @@ def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
 
 
 def without(one: Tally, drone: int) -> Tally:
-    """A copy with the counts of one drone set to zero."""
+    """Return a copy with the counts of one drone set to zero."""
     believed, seen = one.believed.copy(), one.seen.copy()
     for array in (believed, seen):
         array[drone] = array[:, drone] = 0.0
@@ -49,7 +54,7 @@ def without(one: Tally, drone: int) -> Tally:
 
 
 def agreeing(one: Tally) -> Flags:
-    """(N,) true for drones that have an agreeing pair in one keyframe."""
+    """Return a mask (N,) of the drones whose sightings agree with the estimate for at least one pair, in one keyframe."""
     both, believed = one.seen + one.seen.T, one.believed + one.believed.T
     fits: Flags = (both >= _FEWEST) & (believed >= _AGREE * both)
     confirmed: Flags = np.any(fits, axis=1)
@@ -58,8 +63,10 @@ def agreeing(one: Tally) -> Flags:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """agree, disagree: (N, N), symmetric, for pairs of drones whichever was the observer. blind: (N,) true for drones with nearly
-    all own sightings outliers.
+    """Result of comparing the sightings between N drones with the estimated poses.
+
+    agree, disagree: (N, N), symmetric masks of pairs of drones, whichever was the observer. blind: (N,) mask of drones nearly all
+    of whose own sightings are wrong.
     """
 
     agree: Flags
@@ -67,7 +74,7 @@ class Verdict:
     blind: Flags
 
     def faulty_drone(self) -> int | None:
-        """The drone with a certainly wrong frame; None without a contradiction, or without a unique culprit.
+        """Return the drone whose frame is certainly wrong; None without a contradiction, or if several drones may be the cause.
 
         The faulty drone disagrees with more drones than it agrees with, and more so than the drones in disagreement with it.
         Several faulty drones are found one after another.
@@ -80,12 +87,12 @@ class Verdict:
         return None
 
     def conflicts(self) -> list[tuple[int, int]]:
-        """Pairs of drones that disagree, each once."""
+        """Return the pairs of drones whose sightings contradict the estimate, each pair once."""
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(self.disagree))]
 
 
 def verdict(tallies: Sequence[Tally]) -> Verdict:
-    """Combine the counts of several keyframes."""
+    """Judge each pair of drones by the counts of several keyframes together."""
     believed, seen = sum(one.believed for one in tallies), sum(one.seen for one in tallies)
     assert isinstance(believed, np.ndarray)
     assert isinstance(seen, np.ndarray)

@@ -24,7 +24,7 @@ _OUTSIDE = 16.3  # chi-square of three degrees of freedom, exceeded by one in a 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A pose, and the data it was estimated from."""
+    """The pose found for a drone, with the sightings and satellite positions from which it was found."""
 
     alignment: Alignment
     seen: Sightings
@@ -32,7 +32,11 @@ class Found:
 
 
 def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
-    """Align a drone with an unknown frame, by the sightings since the loss. ``conflicting``: drones in mutual contradiction."""
+    """Find the pose of a drone whose frame is unknown by the sightings since the loss, and add it to the estimate if it is
+    certain.
+
+    ``conflicting``: drones whose sightings contradict each other.
+    """
     member = keyframe.members[drone]
     first = max(member.since, keyframe.index - keyframe.setting.window)
     found = _found(keyframe, drone, first, conflicting)
@@ -46,8 +50,8 @@ def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
 
 
 def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
-    """A drone's pose by the others' sightings since keyframe ``first`` alone, if they clearly support it and contradict its
-    present pose; else None.
+    """Return a drone's pose by other drones' sightings of it since keyframe ``first``; None unless they clearly contradict the
+    present pose.
     """
     others = keyframe.joint.without(drone)
     found = _aligned(keyframe, drone, others, first, use_own_data=False)
@@ -59,7 +63,9 @@ def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
 
 
 def insert(keyframe: Keyframe, drone: int, found: Found) -> None:
-    """Add a found pose to the joint estimate by its own data, so that its correlations with the other poses are kept."""
+    """Add a found pose to the joint estimate by the measurements behind it, so that its correlations with the other poses are
+    kept.
+    """
     alignment, seen, fixes = found.alignment, found.seen, found.fixes
     wide = keyframe.joint.with_drone(drone, alignment.pose, np.diag(_WIDE))
     doubt = keyframe.joint.with_drone(drone, alignment.pose, alignment.covariance).covariance

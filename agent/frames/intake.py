@@ -43,10 +43,10 @@ class _Bucket:
 
 
 class Intake:
-    """Holds the received measurements. Keyframe k covers the interval ((k - 1) g, k g], with the keyframe interval g.
+    """Sorts the measurements in the observation log into the inputs of the frame estimate, by keyframe (time of an estimate).
 
-    ``indices``: keyframes with any data, ascending. ``dirty``: the earliest keyframe affected by entries received since the last
-    call of ``taken``.
+    Keyframe k covers the interval ((k - 1) g, k g], with g the interval between keyframes. ``indices``: keyframes with any data,
+    ascending. ``dirty``: the earliest keyframe affected by entries received since the last call of ``taken``.
     """
 
     def __init__(self, mission: MissionConfig) -> None:
@@ -66,8 +66,9 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add an entry of the kinds ``READS``, with the bytes that it was decoded from; others are ignored. Each comes once, by
-        ``ObservationLog``.
+        """Add a log entry, together with the bytes from which it was decoded; each entry comes once.
+
+        Kinds of entries that are not in ``READS`` carry no information about frames, and are ignored.
         """
         number = self._number.get(entry.drone)
         if number is None:
@@ -89,12 +90,15 @@ class Intake:
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def holds(self, identity: EntryId) -> bool:
-        """Whether an entry was received, and not dropped since."""
+        """Return whether an entry was received, and has not been dropped since."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
         return identity in self._exposures or (bucket is not None and (identity in bucket.sightings or identity in bucket.fixes))
 
     def taken(self) -> int | None:
-        """The earliest keyframe to be recomputed, or None; the call resets it and discards the affected arrays."""
+        """Return the earliest keyframe that must be computed again, or None, and forget it until further entries arrive.
+
+        The prepared arrays of the affected keyframes are discarded.
+        """
         dirty, self.dirty = self.dirty, None
         if dirty is not None:
             for index in self.indices[bisect_left(self.indices, dirty) :]:
@@ -102,7 +106,7 @@ class Intake:
         return dirty
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard measurements before that stamp's keyframe interval, and ignore further ones."""
+        """Discard the measurements before the keyframe interval of a time stamp, and ignore later arrivals from before it."""
         index = self._index(stamp_ns)
         stamp_ns = self._earliest_ns = (index - 1) * self.grid_ns + 1
         first = bisect_left(self.indices, index)
@@ -117,19 +121,20 @@ class Intake:
         self._touch(0)
 
     def sightings(self, first: int, last: int) -> Sightings:
-        """Sightings of the keyframes ``first`` to ``last`` for which both drones' tracks are known."""
+        """Return the relative observations between drones in the keyframes ``first`` to ``last``, if both drones' tracks are
+        known.
+        """
         return Sightings.joined([self._seen(index) for index in self._between(first, last)])
 
     def fixes(self, first: int, last: int) -> Fixes:
-        """Fixes of the keyframes ``first`` to ``last``."""
+        """Return the satellite positions of drones in the keyframes ``first`` to ``last``."""
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
     def content(self, after: int, until: int) -> tuple[object, ...]:
-        """By value, all inputs of the keyframes after ``after`` up to ``until``, besides the inputs of earlier keyframes.
+        """Return all inputs of the keyframes after ``after`` up to ``until`` as one value that can be compared and hashed.
 
-        For simulations with results shared between agents.
-
-        ``after``: -1: from the first keyframe on.
+        Simulations use the value to share results between agents: equal inputs give equal results. Inputs of earlier keyframes
+        are not included. ``after``: -1: from the first keyframe on.
         """
         buckets = [self._buckets[index] for index in self._between(after + 1, until)]
         seen = frozenset(payload for bucket in buckets for payload in bucket.sightings.values())
@@ -139,7 +144,9 @@ class Intake:
         return seen, fixed, tracks, tuple(clock.content(*span_ns) for clock in self._clock_errors)
 
     def has_recent_fix(self, number: int, stamp_ns: int) -> bool:
-        """Whether a drone had a fix shortly before a stamp, or has just started."""
+        """Return whether a drone had a satellite position shortly before a time stamp, or has just started. number: index of the
+        drone.
+        """
         stamps, first_ns = self._fix_stamps[number], self.tracks[number].first_ns
         place = bisect_right(stamps, stamp_ns)
         latest_ns = stamps[place - 1] if place else first_ns
@@ -168,7 +175,7 @@ class Intake:
         return self._buckets[index]
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove entries, as far as they are held."""
+        """Remove entries; entries that are not held are ignored."""
         for identity in identities:
             self._displace(identity, self._number[identity.drone])
 

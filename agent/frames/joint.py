@@ -38,10 +38,11 @@ _WIDTHS = (25.0, 5.0)  # factors on all variances in the first iterations toward
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Poses at a reference time. drones: (n,) indices in the mission, ascending. pose: (n, 4). covariance: (4n, 4n).
+    """The joint Gaussian estimate of the poses of n drones at a reference time, with their correlations.
 
-    at: (N, 3) position of each of the mission's drones in its continuous frame at that time (zeros where unknown). far: (N,)
-    metres flown until then.
+    drones: (n,) indices in the mission, ascending. pose: (n, 4) x, y, z (m) and yaw (rad) of each drone in the mission frame; the
+    yaw is the heading of its local frame. covariance: (4n, 4n). at: (N, 3) position of each of the mission's N drones by its own
+    localisation, made continuous over jumps, at the reference time (zeros if unknown). far: (N,) metres flown until then.
     """
 
     drones: Ints
@@ -51,17 +52,20 @@ class Joint:
     far: Array
 
     def slots(self) -> Ints:
-        """(N,) row of each of the mission's drones in ``pose``; -1 for a missing drone."""
+        """Return the row in ``pose`` of each of the mission's N drones, (N,); -1 for a drone that is not in the estimate."""
         rows = np.full(len(self.at), -1, dtype=np.int64)
         rows[self.drones] = np.arange(len(self.drones))
         return rows
 
     def block(self, row: int) -> Array:
-        """Covariance (4, 4) of one drone's pose."""
+        """Return the covariance (4, 4) of the pose in one row."""
         return self.covariance[4 * row : 4 * row + 4, 4 * row : 4 * row + 4]
 
     def moved(self, at: Array, far: Array, noise: Array) -> Joint:
-        """The prediction: each drone moves to ``at`` (N, 3) along its own track. noise: (n, 4) variances added."""
+        """Return the estimate predicted to a later time: each drone moves as its own localisation says.
+
+        at: (N, 3) position of each drone by its own localisation. far: (N,) metres flown. noise: (n, 4) variances that are added.
+        """
         count = len(self.drones)
         if not count:
             return Joint(self.drones, self.pose, self.covariance, at, far)
@@ -77,7 +81,9 @@ class Joint:
         return Joint(self.drones, pose, covariance, at, far)
 
     def with_drone(self, drone: int, pose: Array, covariance: Array) -> Joint:
-        """A copy with one more drone, uncorrelated with the others."""
+        """Return a copy with one more drone, whose errors are independent of the errors in the estimate. pose: (4,). covariance:
+        (4, 4).
+        """
         row = int(np.searchsorted(self.drones, drone))
         count = len(self.drones)
         wider = np.zeros((4 * count + 4, 4 * count + 4))
@@ -87,7 +93,7 @@ class Joint:
         return Joint(np.insert(self.drones, row, drone), np.insert(self.pose, row, pose, axis=0), wider, self.at, self.far)
 
     def without(self, drone: int) -> Joint:
-        """A copy with one drone marginalised out."""
+        """Return a copy without one drone (marginalised out); the remaining poses and covariances do not change."""
         row = int(np.searchsorted(self.drones, drone))
         kept = np.delete(np.arange(len(self.covariance)), np.arange(4 * row, 4 * row + 4))
         return Joint(
@@ -95,15 +101,18 @@ class Joint:
         )
 
     def widened(self, drone: int, variances: Array) -> Joint:
-        """A copy with variances (4,) added to one drone's pose."""
+        """Return a copy in which the pose of one drone is less certain: variances (4,) are added to x, y, z (m^2) and yaw
+        (rad^2).
+        """
         covariance = self.covariance.copy()
         row = 4 * int(np.searchsorted(self.drones, drone))
         covariance[np.arange(row, row + 4), np.arange(row, row + 4)] += variances
         return Joint(self.drones, self.pose, covariance, self.at, self.far)
 
     def displaceable(self, variances: Array) -> Joint:
-        """A copy that may lie elsewhere as a whole: (4,) variances of a shift of all drones by the same, and of a turn of all
-        around their middle. Their poses relative to each other stay as certain as they are.
+        """Return a copy in which the swarm as a whole may lie elsewhere, with the drones' relative poses as certain as before.
+
+        variances: (4,) of a common shift of all drones (m^2), and of a common rotation around their middle (rad^2).
         """
         count = len(self.drones)
         modes = np.tile(np.eye(4), (count, 1))
@@ -111,7 +120,9 @@ class Joint:
         return Joint(self.drones, self.pose, self.covariance + (modes * variances) @ modes.T, self.at, self.far)
 
     def fits(self, fixes: Fixes) -> Array:
-        """(F,) probability that each of these fixes, of drones in the estimate, is no outlier here."""
+        """Return the probability (F,) that each of F satellite positions, of drones in the estimate, is correct and not an
+        outlier.
+        """
         rows = self.slots()[fixes.drone]
         residual, _ = fix_residuals(self.pose[rows], fixes.at - self.at[fixes.drone], fixes.place)
         var = self.covariance.diagonal().reshape(-1, 4)[rows, :3]
@@ -120,7 +131,9 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Corrected:
-    """A corrected estimate, and the inlier probabilities of each sighting (M,) and fix (F,)."""
+    """The estimate after a correction by measurements, with the probabilities that each sighting (M,) and each satellite position
+    (F,) was correct.
+    """
 
     joint: Joint
     sightings: Array
@@ -129,7 +142,7 @@ class Corrected:
 
 @dataclass(frozen=True, slots=True)
 class Headings:
-    """Compass measurements of local frames' headings: drone (H,), yaw_rad (H,), var (H,)."""
+    """H compass measurements of the headings of local frames: drone index (H,), yaw_rad (H,), variance (H,) in rad^2."""
 
     drone: Ints
     yaw_rad: Array
@@ -147,10 +160,11 @@ def corrected(
     headings: Headings = NO_HEADINGS,
     doubt: Array | None = None,
 ) -> Corrected:
-    """The posterior after sightings between drones in the estimate, and their fixes and headings.
+    """Correct the drones' poses by sightings (relative observations between drones), satellite positions and compass headings.
 
-    older_var: (M,) m^2 added to the uncertainty of the displacement between the two (drift since the sighting). doubt: covariance
-    for weighting the first iteration, instead of the prior's, if the prior's mean is better than its covariance states.
+    prior: the estimate before. sightings: between drones in the estimate. older_var: (M,) m^2 added to the uncertainty of the
+    distance vector between the two drones of each of M sightings (drift since the sighting). doubt: covariance for weighting the
+    first iteration, instead of the prior's, if the prior's mean is better than its covariance states.
 
     With uncertain places, as at the launch, nearly all sightings count in the first step, also false ones, and their result may
     decide which sightings are accepted from then on. A second run begins with larger variances, and therefore smaller steps; the

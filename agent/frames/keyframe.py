@@ -22,7 +22,10 @@ SPEED_MPS = 3.0  # assumed speed for the distance-dependent SLAM drift of sighti
 
 
 class Setting:
-    """Settings shared by all keyframes of a mission. exact: by drone. window: in keyframes."""
+    """The settings of a mission that every keyframe (time of a frame estimate) needs.
+
+    exact: for each drone, whether its localisation is exact. window: number of keyframes from which an unknown frame is found.
+    """
 
     def __init__(self, mission: MissionConfig, intake: Intake) -> None:
         self.names = [drone.id for drone in mission.drones]
@@ -34,12 +37,14 @@ class Setting:
 
 
 class Keyframe:
-    """Begins with the previous estimate, each drone predicted along its own track.
+    """The working state while the frames are estimated for one keyframe (time of an estimate).
 
-    stamp_ns: of the keyframe; before: index of the previous one, -1 for none; seconds: since then. flown: (N,) metres of each
-    drone since then. fixes: since then; leads_m: (F,) metres by which they lead their drones' tracks (``leads``). joint, members,
-    tallies, emissions: as in ``Checkpoint``, updated in place. drifted: (N,) m^2 of each horizontal axis, by which each track may
-    have drifted since then.
+    It begins with the previous estimate, in which each drone is predicted along its own track. stamp_ns: time of the keyframe;
+    before:
+    index of the previous keyframe, -1 if there is none; seconds: time since then. flown: (N,) metres flown by each of the N
+    drones since then. fixes: F satellite positions since then; leads_m: (F,) metres by which they run ahead of their drones'
+    tracks (``leads``). joint, members, tallies, emissions: as in ``Checkpoint``, updated in place. drifted: (N,) m^2 of each
+    horizontal axis, by which each track may have drifted since then.
     """
 
     def __init__(self, setting: Setting, before: Checkpoint, index: int) -> None:
@@ -54,17 +59,22 @@ class Keyframe:
         self.joint, self.flown, self.drifted = self._predicted(before.joint, led_m)
 
     def checkpoint(self) -> Checkpoint:
-        """The resulting checkpoint."""
+        """Return the resulting state, from which the next keyframe is computed."""
         return Checkpoint(self.index, self.joint, tuple(self.members), self.tallies, tuple(self.emissions))
 
     def adrift(self, drone: int) -> bool:
-        """Whether a drone that used satellites has probably lost them: it has no fixes, or its localisation restarted."""
+        """Return whether a drone that used satellites has probably lost them: it publishes no positions by them, or it has
+        jumped.
+        """
         if not self.drift.follows_satellites(drone):
             return False
         return self._jumped(drone) or not self.intake.has_recent_fix(drone, self.stamp_ns)
 
     def slides(self, drone: int) -> bool:
-        """Whether a drone's track slides, or has done so not long ago, or its fixes are still elsewhere."""
+        """Return whether a drone's track slides (moves away slowly, by a spoofed receiver or a lost SLAM).
+
+        A track that did so not long ago, or whose satellite positions still disagree, also counts.
+        """
         member = self.members[drone]
         if member.slid_ns is None:
             return False
@@ -72,28 +82,33 @@ class Keyframe:
         return is_elsewhere or self.stamp_ns - member.slid_ns <= round(self.config.suspect_s * 1e9)
 
     def older_var(self, seen: Sightings) -> Array:
-        """Variance (M,), m^2, of the way between the two drones of a sighting: by their drift from then to the middle of the
-        interval (see ``placement``), and by their clocks.
+        """Return the variance (M,) in m^2 of the vector between the two drones of each of M sightings, apart from the sensor's
+        error.
+
+        It comes from the drones' drift between the sighting and the middle of the interval (see ``placement``), and from their
+        clocks.
         """
         seconds = np.abs(1e-9 * (self.stamp_ns - seen.stamp_ns) - 0.5 * self.seconds)
         older: Array = self.drift.since(seen.observer, seconds, SPEED_MPS) + self.drift.since(seen.target, seconds, SPEED_MPS)
         return older + seen.clock_var
 
     def placement(self, drone: int) -> Placement:
-        """Present placement of a drone's frame. The joint estimate is about as good as if all sightings of the interval had been
-        made in its middle, so half an interval of drift is added for now.
+        """Return the present estimate of a drone's frame in the mission frame.
+
+        The joint estimate is about as good as if all sightings of the interval had been made in its middle, so half an interval
+        of drift is added for the present time.
         """
         row = int(np.searchsorted(self.joint.drones, drone))
         since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone], self.adrift(drone)))
         return Placement(self.joint.pose[row].copy(), self.joint.block(row) + since, self.joint.at[drone].copy())
 
     def emit(self, drone: int, from_ns: int, placement: Placement | None) -> None:
-        """Publish a drone's frame from a stamp on; None: unknown."""
+        """Publish a drone's frame from a time stamp on; None if it is unknown."""
         self.emissions.append((drone, from_ns, placement))
         self.members[drone] = replace(self.members[drone], known=placement is not None)
 
     def suspect(self, drone: int, reason: str, *, ambiguous: bool = False, lasting: bool = False) -> None:
-        """Mark a drone's frame as not trusted; a lasting suspicion is never cleared."""
+        """Mark a drone's frame as not trusted, with the reason; a lasting suspicion is never cleared."""
         suspicion = self.members[drone].suspicion
         if lasting or suspicion is None or not suspicion.lasting:
             suspicion = Suspicion(reason, self.stamp_ns, lasting, ambiguous)
@@ -150,5 +165,5 @@ class Keyframe:
 
 
 def listed(names: list[str]) -> str:
-    """Names as in a sentence."""
+    """Return names as in a sentence: "d1, d2 and d3"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -17,10 +17,13 @@ _FEWEST = 4  # fixes for a median place of a frame
 
 
 def leads_m(fixes: Fixes, yaw_rad: float, yaw_sigma_rad: float) -> Array:
-    """(F,) horizontal distances (m) by which fixes of one drone lead its track; 0 for fixes without a lead.
+    """Return the distances (F,) in m by which satellite positions run ahead of the drone's own track; 0 for positions that agree.
 
-    fixes: within one epoch. yaw_rad, with its 1 sigma: heading of the drone's continuous frame in the mission frame. Each fix
-    gives a place of the frame, constant while the track follows; a lead is the distance from the median of these places.
+    Such a lead shows a wrong receiver: the autopilot follows it only slowly. Each position gives a place of the drone's local
+    frame, constant while the track follows; a lead is the horizontal distance from the median of these places.
+
+    fixes: F positions of one drone within one epoch (period without a jump). yaw_rad, yaw_sigma_rad: heading of the drone's
+    continuous frame in the mission frame, and its 1 sigma.
     """
     if len(fixes) < _FEWEST:
         return np.zeros(len(fixes))

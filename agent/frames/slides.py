@@ -26,9 +26,10 @@ _ALIKE, _APART = 6.0, 16.0
 
 
 def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
-    """Add this keyframe's correction of each track, relative to ``prior``.
+    """Add this keyframe's correction of each drone's track to the track's accumulated correction, by which slides are found.
 
-    observed: (N,) drones with sightings or fixes. The drift of other tracks is still to be corrected.
+    prior: the estimate before the correction. observed: (N,) mask of drones with sightings or satellite positions; the
+    corrections of tracks without them fade slowly.
     """
     kept = math.exp(-keyframe.seconds / MEMORY_S)
     moved = keyframe.joint.pose[:, :2] - prior.pose[:, :2]
@@ -40,8 +41,10 @@ def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
 
 
 def find_slides(keyframe: Keyframe) -> None:
-    """Mark the drones with tracks that slide against the largest group of mutually steady tracks, and take back that group's
-    correction. Of equally large groups each may be sliding.
+    """Find drones whose tracks slide (move away slowly, by a spoofed receiver or a lost SLAM), and mark them.
+
+    They slide against the largest group of tracks that are steady relative to each other; the wrong correction of that group is
+    taken back. Of equally large groups each may be the sliding one.
     """
     drones = keyframe.joint.drones.tolist()
     for drone in drones:
@@ -65,7 +68,7 @@ def find_slides(keyframe: Keyframe) -> None:
 
 
 def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
-    """Reset the accumulated corrections of these drones' tracks, which have been placed by other means."""
+    """Reset the accumulated corrections of drones whose place was found again by other means."""
     rows = keyframe.joint.slots()
     for drone in drones:
         var = float(keyframe.joint.block(int(rows[drone])).diagonal()[:2].mean())

@@ -26,7 +26,10 @@ _SLOPE_NS = round(LONGEST_SLOPE_S * 1e9)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Sample:
-    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body."""
+    """A drone's position and body heading at ``stamp_ns`` by its own localisation, in its local frame of that epoch.
+
+    An epoch is a period without a jump of the localisation.
+    """
 
     stamp_ns: int
     epoch: int
@@ -36,7 +39,11 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch in one epoch, from the index of its first sample; ``gap_s``: time since the segment before."""
+    """A part of a drone's track between two jumps of its localisation, which lies in one epoch.
+
+    ``first``: index of the first sample; ``joined``: transform from the local frame to the continuous frame; ``gap_s``: time
+    since the previous segment.
+    """
 
     first: int
     stamp_ns: int
@@ -46,9 +53,11 @@ class Segment:
 
 
 class Track:
-    """Samples in order of time, and results derived from them on demand.
+    """A drone's path by its own localisation, made continuous over jumps of the localisation.
 
-    Columns of numbers, 8 bytes each: a drone's track grows by ten samples a second, and a sample as an object takes 300 bytes.
+    Positions are in the continuous frame, which is the local frame of the first segment (part between two jumps). The samples are
+    kept in order of time, in columns of numbers, 8 bytes each: a track grows by ten samples a second, and a sample as an object
+    takes 300 bytes.
     """
 
     def __init__(self) -> None:
@@ -60,9 +69,9 @@ class Track:
         self._changed_ns = ALWAYS
 
     def insert(self, sample: Sample) -> int | None:
-        """Add a sample. Returns the stamp after which the track has changed (None: nowhere).
+        """Add a sample. Return the time stamp after which the track has changed; None if it has not changed.
 
-        Of two samples of the same stamp and epoch the lesser one is kept, whichever came first.
+        Of two samples with equal stamp and epoch the lesser one is kept, for any order of arrival.
         """
         index = self._index(sample)
         held = self._sample(index) if index < len(self._stamps) else None
@@ -77,7 +86,7 @@ class Track:
         return self._before_ns(index, sample.stamp_ns)
 
     def remove(self, sample: Sample) -> int | None:
-        """Remove a sample. Returns the stamp after which the track has changed (None: it was not held)."""
+        """Remove a sample. Return the time stamp after which the track has changed; None if the sample was not in the track."""
         index = self._index(sample)
         if index == len(self._stamps) or self._sample(index) != sample:
             return None
@@ -86,44 +95,48 @@ class Track:
         return self._before_ns(index, sample.stamp_ns)
 
     def any_within(self, after_ns: int, until_ns: int) -> bool:
-        """Whether there are samples in (after_ns, until_ns]."""
+        """Return whether there are samples in the interval (after_ns, until_ns]."""
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
     def content(self, after_ns: int, until_ns: int) -> tuple[bytes, bytes, bytes]:
-        """By value, all inputs of the track in (after_ns, until_ns], besides earlier ones: also the next sample.
+        """Return all inputs of the track in (after_ns, until_ns], and the next sample, as one value that can be compared and
+        hashed.
 
-        For simulations with results shared between agents.
+        Simulations use the value to share results between agents: equal inputs give equal results. Earlier inputs are not
+        included.
         """
         first, end = bisect_right(self._stamps, after_ns), bisect_right(self._stamps, until_ns) + 1
         return self._stamps[first:end].tobytes(), self._epochs[first:end].tobytes(), self._local.content(first, end)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard the samples before that stamp."""
+        """Discard the samples before a time stamp."""
         count = bisect_left(self._stamps, stamp_ns)
         if count:
             self._delete(0, count)
             self._forget(0)
 
     def taken_changed_ns(self) -> int:
-        """The earliest stamp from which segments have changed since the last call (``ALWAYS``: none)."""
+        """Return the earliest time stamp from which segments have changed since the last call (``ALWAYS``: no change)."""
         self._join()
         changed, self._changed_ns = self._changed_ns, ALWAYS
         return changed
 
     @property
     def first_ns(self) -> int | None:
-        """Stamp of the first sample; None without samples."""
+        """Time stamp of the first sample; None without samples."""
         return self._stamps[0] if self._stamps else None
 
     @property
     def segments(self) -> list[Segment]:
-        """All segments, in order of time."""
+        """All segments (parts between two jumps of the localisation), in order of time."""
         self._join()
         return self._segments
 
     def reference(self, stamp_ns: int) -> tuple[Vector3, float] | None:
-        """Position in the continuous frame and metres flown at a stamp, or at the last sample before it without a close later
-        sample; None before the first sample.
+        """Return the drone's position in the continuous frame, and the metres flown until then, at a time stamp.
+
+        If no sample follows soon after the stamp, the values are those of the last sample before it. None before the first
+        sample.
         """
         after = bisect_right(self._stamps, stamp_ns)
         if not after:
@@ -137,7 +150,7 @@ class Track:
         return _between(self._places.vector(before), self._places.vector(after), share), flown
 
     def at(self, stamp_ns: int) -> Vector3 | None:
-        """Position in the continuous frame; None where no samples lie close enough around the stamp."""
+        """Return the drone's position in the continuous frame at a time stamp; None if no samples lie close enough around it."""
         after = bisect_left(self._stamps, stamp_ns)
         if after == len(self._stamps) or (after == 0 and self._stamps[0] != stamp_ns):
             return None
@@ -151,7 +164,8 @@ class Track:
         return _between(self._places.vector(after - 1), self._places.vector(after), share)
 
     def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
-        """Continuous frame from the local frame of that epoch at a stamp; None if the drone was not in that epoch then.
+        """Return the transform from the local frame of an epoch to the continuous frame; None if the drone was not in that epoch
+        at the stamp.
 
         The next segment counts only after the last sample before it, and so never for a stamp that ``insert`` does not name.
         """
@@ -165,13 +179,17 @@ class Track:
         return None
 
     def epoch_ns(self, stamp_ns: int) -> int:
-        """Stamp with which the segment that a stamp falls in began; 0 before the first."""
+        """Return the first time stamp of the segment (part between two jumps) that contains a stamp; 0 before the first
+        segment.
+        """
         self._join()
         index = bisect_right(self._segments, stamp_ns, key=lambda segment: segment.stamp_ns)
         return self._segments[index - 1].stamp_ns if index else 0
 
     def gaps_s(self, after_ns: int, until_ns: int) -> list[float]:
-        """Gaps (s) before the segments that begin in (after_ns, until_ns]."""
+        """Return the time gaps (s) at the jumps in the interval (after_ns, until_ns], each before the segment that follows the
+        jump.
+        """
         self._join()
         first = bisect_right(self._segments, after_ns, key=lambda segment: segment.stamp_ns)
         last = bisect_right(self._segments, until_ns, key=lambda segment: segment.stamp_ns)

@@ -26,8 +26,10 @@ S = TypeVar("S")
 
 
 class Link(Struct, frozen=True, eq=False):
-    """A state. number: unique. origin: number of the first state of its chain, which begins at ``start_ns``. before: the state
-    that precedes it, by the observations of ``step``; None for the first state.
+    """A state of an estimator that is computed in another process: it only refers to the state before and the observations since.
+
+    number: unique. origin: number of the first state of its chain, which begins at ``start_ns``. before: the state that precedes
+    it, by the observations of ``step``; None for the first state.
     """
 
     number: int
@@ -39,11 +41,11 @@ class Link(Struct, frozen=True, eq=False):
 
 
 class Task(Struct, frozen=True, eq=False):
-    """A part of the way to an answer.
+    """A piece of computation for the other process, on the way to an answer (source estimate for one question).
 
-    question: its number. start_ns: the mission's start. after: number of the starting state, held by the folder; None: the
-    initial state. links: number, step and observations of the states to be computed. at: the interval of the requested hypothesis
-    of the last state; None: another task continues the way.
+    question: number of the question. start_ns: the mission's start. after: number of the starting state, held by the other
+    process; None: the initial state. links: number, step and observations of each state to be computed. at: the interval for
+    which the source estimate of the last state is requested; None: another task continues the way.
     """
 
     question: int
@@ -54,14 +56,14 @@ class Task(Struct, frozen=True, eq=False):
 
 
 class Told(Struct, frozen=True, eq=False):
-    """An answer: the hypothesis, and the outlook of the search."""
+    """The answer of the other process: the source estimate, and the posterior of the search."""
 
     hypothesis: Hypothesis | None = None
     outlook: Outlook | None = None
 
 
 class Deferred:
-    """Stands in for an estimator that is computed elsewhere."""
+    """Stands in for a slow estimator that is computed in another process, so that the flight loop never waits for it."""
 
     def __init__(self, estimator: Estimator[Any]) -> None:
         self.estimator = estimator
@@ -76,20 +78,23 @@ class Deferred:
         self._told, self._told_of = Told(), 0  # the newest answer, and the origin of its chain
 
     def initial(self, start_ns: int | None) -> Link:
-        """As ``Estimator.initial``."""
+        """Return the state before the first observation, as ``Estimator.initial`` does."""
         number = next(self._link_numbers)
         return Link(number, number, start_ns)
 
     def step(self, state: Link, step: GridStep, observations: Sequence[Observation]) -> Link:
-        """As ``Estimator.step``, at once."""
+        """Return the state after a step, as ``Estimator.step`` does, without computing anything yet."""
         return Link(next(self._link_numbers), state.origin, state.start_ns, state, step, tuple(observations))
 
     def work(self, state: Link, observations: int) -> int:
-        """As ``Estimator.work``."""
+        """Return the cost of a step, as ``Estimator.work`` does: small, since the work is done elsewhere."""
         return _WORK
 
     def hypothesis(self, state: Link, step: GridStep) -> Hypothesis | None:
-        """Return the newest known hypothesis of the state's chain; until the question is answered, of an earlier state."""
+        """Ask for the source estimate of a state, and return the newest known one of its chain.
+
+        Until the question is answered, that is the estimate of an earlier state.
+        """
         if (state, step) != self._asked:
             self._asked = state, step
             number = next(self._question_numbers)
@@ -97,7 +102,7 @@ class Deferred:
         return self._newest(state).hypothesis
 
     def outlook(self, state: Link, step: GridStep) -> Outlook | None:
-        """Return the newest known outlook of the state's chain."""
+        """Return the newest known posterior of the search of the state's chain."""
         return self._newest(state).outlook
 
     @property
@@ -106,10 +111,9 @@ class Deferred:
         return bool(self._questions)
 
     def task(self, held: Collection[int], question: int | None = None) -> Task | None:
-        """Return the next task of an unanswered question for a folder that holds states of these numbers; None without a
-        question.
+        """Return the next piece of computation for an unanswered question; None without a question. The call changes nothing.
 
-        The default is the newest question. The call changes nothing.
+        held: numbers of the states that the other process holds. question: None: the newest question.
         """
         number = next(reversed(self._questions), None) if question is None else question
         if number is None or number not in self._questions:
@@ -129,15 +133,15 @@ class Deferred:
         return Task(number, link.start_ns, after, tuple(links), None if missing else at)
 
     def next_task(self, held: Collection[int], begun: int | None) -> Task | None:
-        """Return the next task for sequential computation. ``begun``: question of the last task, if its answer takes further
-        tasks.
+        """Return the next piece of computation for a process that computes one after the other; None without a question.
 
-        The begun question is finished first; otherwise a stream of late entries could hold back all answers.
+        begun: question of the last task, if its answer takes further tasks. It is finished first; otherwise a stream of late
+        entries could hold back all answers.
         """
         return (None if begun is None else self.task(held, begun)) or self.task(held)
 
     def take(self, question: int, told: Told) -> None:
-        """Accept an answer; ignore it if its question, or a newer one, has an answer."""
+        """Accept the answer to a question; ignore it if the question, or a newer one, has an answer already."""
         if question in self._questions:
             self._told, self._told_of = told, self._questions[question][0].origin
             self.answered_digest = self._digests[question]
@@ -149,7 +153,7 @@ class Deferred:
 
 
 class Folder(Generic[S]):
-    """Computes tasks, and holds some of the states on the way to the last one."""
+    """Computes the estimator's states in the other process, and keeps some of them for later tasks."""
 
     def __init__(self, estimator: Estimator[S]) -> None:
         self._estimator = estimator
@@ -157,11 +161,11 @@ class Folder(Generic[S]):
 
     @property
     def held(self) -> frozenset[int]:
-        """Numbers of the held states."""
+        """Numbers of the states that are kept."""
         return frozenset(number for number, _ in self._states.values())
 
     def fold(self, task: Task) -> Told | None:
-        """Compute a task; return the answer, or None if another task follows.
+        """Compute a task; return the answer to its question, or None if another task must follow.
 
         Raises:
             KeyError: the starting state is not held.
@@ -178,7 +182,7 @@ class Folder(Generic[S]):
         return Told(None if hypothesis is None else _plain(hypothesis), outlook)
 
     def answer(self, deferred: Deferred, question: int) -> Told:
-        """Compute all tasks of a question.
+        """Compute all tasks of a question, and return its answer.
 
         Raises:
             ValueError: there is no such question without an answer.

@@ -31,11 +31,11 @@ FrameKey = tuple[str, int]  # drone and epoch
 
 
 class Fusion:
-    """Keeps the log of one agent and the hypothesis that follows from it.
+    """Keeps the observation log of one agent, and computes the source estimate (hypothesis) that follows from it.
 
     Step k of the grid is [k g, (k + 1) g) UTC, g the estimator's step width or else the mission's. An observation belongs to the
-    step of its stamp. With now the time of the last ``advance`` and h the estimator's ``hold_s``, the due step is
-    floor((now - h) / g), and the hypothesis is
+    step of its stamp. With now the time of the last ``advance`` and h the estimator's ``hold_s``, the due step is floor((now - h)
+    / g), and the hypothesis is
 
         hypothesis = H(E(.. E(E(initial, Z_1), Z_2) .., Z_n), due step)
 
@@ -95,22 +95,22 @@ class Fusion:
 
     @property
     def digest(self) -> str:
-        """Digest of the log, 32 hex digits."""
+        """Hash over the content of the log, 32 hex digits."""
         return self.log.digest
 
     @property
     def hypothesis_digest(self) -> str:
-        """Digest of the log from which the hypothesis follows: an earlier log than now if another process computes it."""
+        """Hash over the log from which the source estimate follows: an earlier log than now if another process computes it."""
         return self.estimator.answered_digest if isinstance(self.estimator, Deferred) else self.digest
 
     @property
     def pending(self) -> bool:
-        """Whether the hypothesis lacks part of the log, or of the known frames; further calls of ``advance`` add it."""
+        """Whether the source estimate lacks part of the log, or of the known frames; further calls of ``advance`` add it."""
         return self.is_behind or (not self._ended and isinstance(self.estimator, Deferred) and self.estimator.waits)
 
     @property
     def is_behind(self) -> bool:
-        """As ``pending``, except for computations of another process."""
+        """Whether computations of this process are missing in the source estimate; those of another process do not count."""
         return not self._ended and (self._stale or self._waits or self._revision != self._frames.revision)
 
     @property
@@ -120,23 +120,27 @@ class Fusion:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a large replay is running, or was a moment ago: a further one has to wait."""
+        """Whether a large recomputation is running, or was a moment ago, so that a further one has to wait."""
         return not self._ended and (self._chains.is_replaying or self._batches.is_resting)
 
     def begin_ns(self, now_ns: int) -> int:
-        """Return the first of all times now with the same due step, and with it the same hypothesis."""
+        """Return the first time (UTC, ns) from which the source estimate is the one of ``now_ns``: the estimate changes with the
+        time grid.
+        """
         return (now_ns - self._hold_ns) // self._grid_ns * self._grid_ns + self._hold_ns
 
     @property
     def outlook(self) -> Outlook | None:
-        """The posterior of a search; None while there is a hypothesis of one source, or if the estimator has none."""
+        """The posterior of a search; None while there is an estimate of one source, or if the estimator does not search."""
         found = self.hypothesis is not None and self.hypothesis.watched_s is None
         if found or self._due_step == NEVER:
             return None
         return self.estimator.outlook(self.state, self._now_step)
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
-        """Return the camera's place (mission frame, m) and 1 sigma of the horizontal distance; None for an entry not fused."""
+        """Return the camera's position (mission frame, m) for a log entry, and 1 sigma of the horizontal distance; None if it is
+        not used.
+        """
         found = None
         with suppress(KeyError):  # it is not in the log
             found = self._observations.of(identity) if self.log.counts(identity) else None
@@ -146,11 +150,15 @@ class Fusion:
 
     @property
     def state(self) -> Any:
-        """The estimator's newest state."""
+        """The newest state of the estimator."""
         return self._chains.newest[1]
 
     def start(self, stamp_ns: int) -> None:
-        """Set the mission's start (the origin of a ``given`` schedule). A later start begins anew, an earlier one is ignored."""
+        """Set the mission's start (UTC, ns), which is the origin of a ``given`` schedule. Measurements from long before are
+        ignored.
+
+        A later start begins again, an earlier one is ignored.
+        """
         first_step = -(-(stamp_ns - BEFORE_START_NS) // self._grid_ns)
         if first_step > self._first_step:
             self._first_step = first_step
@@ -159,11 +167,11 @@ class Fusion:
             self._told, self._stale = (NEVER, None, NEVER), True
 
     def end(self) -> None:
-        """Keep the log only, for good: from now on there is no hypothesis and no computation."""
+        """Stop estimating for good: from now on only the log is kept."""
         self._ended, self.hypothesis, self._due_step = True, None, NEVER
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
-        """Add an entry with its received bytes; return False if the log does not accept it (see ``log.counters``)."""
+        """Add an entry to the log, with its received bytes; return False if the log does not accept it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
         if not self._ended and isinstance(entry, self.estimator.reads) and not self.log.leaves_out(entry):
@@ -196,8 +204,9 @@ class Fusion:
                 self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
-        """Remove entries that do not count any more; return the held ones. States derived from them are recomputed, many in
-        parallel to the present ones.
+        """Remove entries that do not count any more, and return those that were held.
+
+        The estimator's states since then are computed again; if there are many, in parallel to the present ones.
         """
         gone = [identity for identity in identities if self.log.forget(identity)]
         for identity in gone:
@@ -212,16 +221,19 @@ class Fusion:
         return self._due_step - LATE_NS // self._grid_ns
 
     def answered(self, question: int, told: Told) -> None:
-        """Accept the answer to a question of an estimator that is computed elsewhere; the next ``advance`` publishes it."""
+        """Accept an answer of the process that computes the estimator; the next ``advance`` publishes it. question: number of the
+        question.
+        """
         if isinstance(self.estimator, Deferred):
             self.estimator.take(question, told)
             self._told, self._stale = (NEVER, None, NEVER), True
 
     def advance(self, now_ns: int, budget: int = SLICE_UNITS, *, takes_late: bool = True) -> None:
-        """Bring the hypothesis up to the grid step of ``now_ns``, or back to it.
+        """Bring the source estimate forward to the time ``now_ns``, or back to it after a step of the clock; a limited amount of
+        work per call.
 
         ``budget``: limit in units of the estimator's work; a step is never split and at least one is computed. ``pending`` is
-        True while work is left for the next call. ``takes_late``: whether a large replay may begin.
+        True while work is left for the next call. ``takes_late``: whether a large recomputation may begin.
         """
         if self._ended:
             self.complete_ns = now_ns

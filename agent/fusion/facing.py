@@ -18,7 +18,11 @@ MEAN_STEEPNESS = 0.41  # mean of the sine of that angle
 
 
 class Facing(NamedTuple):
-    """square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the vector to the source, d the distance."""
+    """How far a camera's sensor faces a source: f, the cosine of the angle between the sensor's normal and the direction to the
+    source.
+
+    square: f^2. ahead, aside: derivatives of d^2 f^2 by x and y of the vector from the camera to the source, d the distance.
+    """
 
     square: Array
     ahead: Array
@@ -35,7 +39,8 @@ class Facing(NamedTuple):
 
             f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2.
 
-        Metres, mission frame; of any shapes.
+        twice_cos, twice_sin: C and S, means of cos 2 psi and sin 2 psi over the exposure, psi the camera's heading. Metres,
+        mission frame; arrays of any shapes.
         """
         ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
         return Facing(0.5 / distance**2 * (x * ahead + y * aside), ahead, aside)

@@ -20,11 +20,13 @@ _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
 
 
 class ConeSurface(Struct, frozen=True):
-    """One reading of a Compton cone, mission frame: the source lies at the angle theta_rad from the axis.
+    """One reading of a Compton cone, for one order of the photon's two interactions: the source lies on this surface. Mission
+    frame.
 
-    apex: c_e' of the paper (Sec. IV-A), metres. axis: unit vector, from the absorbed photon to the recoil electron. theta_rad:
-    scattering angle, eq. (3). sigma_rad: 1-sigma width of the surface (angular resolution measure, ARM). probability: of this
-    reading.
+    The source lies at the angle theta_rad from the axis. apex: position of the camera, c_e' of the paper (Sec. IV-A), metres.
+    axis:
+    unit vector, from the absorbed photon to the recoil electron. theta_rad: scattering angle, eq. (3). sigma_rad: 1-sigma width
+    of the surface (angular resolution measure, ARM). probability: of this reading.
     """
 
     stamp_ns: int
@@ -36,10 +38,11 @@ class ConeSurface(Struct, frozen=True):
 
 
 class ConeObservation(Struct, frozen=True):
-    """A Compton cone with its possible readings, one or two, in the order of their publication.
+    """A Compton cone measured by a drone, in the mission frame, with its possible readings (one or two, in the order of
+    publication).
 
     ``identity`` and ``epoch``: of the log entry; ``mission_from_local``: the transform of the publisher's local frame.
-    Sigmas: 1-sigma errors of the drone's position (of the horizontal distance) and heading.
+    ``position_sigma_m``, ``yaw_sigma_rad``: 1-sigma errors of the drone's position (horizontal distance) and heading.
     """
 
     stamp_ns: int
@@ -58,21 +61,24 @@ class ConeObservation(Struct, frozen=True):
 
     @property
     def probable(self) -> ConeSurface:
-        """The more probable reading."""
+        """The more probable reading of the cone."""
         return max(self.readings, key=lambda reading: reading.probability)
 
     @property
     def forward(self) -> ConeSurface:
-        """The reading with the smaller scattering angle: the cluster with less energy was the electron."""
+        """The reading with the smaller scattering angle, in which the cluster with less energy was the electron."""
         return min(self.readings, key=lambda reading: reading.theta_rad)
 
 
 class CountObservation(Struct, frozen=True):
-    """The counts of an exposure, and the camera's position in the middle of it, mission frame, metres.
+    """The counts of a camera during an exposure (about half a second), with the camera's position in the middle of it, mission
+    frame.
 
-    ``stamp_ns``: the exposure's end, the first time at which it is known. ``facing``: means of cos 2 psi and sin 2 psi, psi the
-    drone's heading from east; 0, 0 for an unknown heading. ``way_m``: distance between the camera's first and last position. The
-    other fields as for a cone.
+    ``stamp_ns``: the exposure's end, the first time at which it is known. ``facing``: means of cos 2 psi and sin 2 psi over the
+    exposure, psi the drone's heading from east; the sensor's sensitivity depends on the square of a cosine, so on twice the
+    angle; 0, 0 for an unknown heading. ``way_m``: distance between the camera's first and last position. ``position_sigma_m``,
+    ``yaw_sigma_rad``: 1-sigma errors of the drone's position (horizontal distance) and heading. ``identity``, ``epoch``: of the
+    log entry; ``mission_from_local``: the transform of the publisher's local frame.
     """
 
     stamp_ns: int
@@ -94,7 +100,7 @@ Observation = ConeObservation | CountObservation
 
 
 def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | None = None) -> Observation | None:
-    """Transform an entry into the mission frame; None if it holds no information about the source.
+    """Transform a log entry into an observation in the mission frame; None if it holds no information about the source.
 
     ``identity``: the entry's identity as the log holds it, so that only one object is in memory.
 
@@ -110,7 +116,9 @@ def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | Non
 
 
 def known_ns(entry: Entry) -> int:
-    """Return the stamp of an entry's observation: of an exposure its end, the first time at which it is known."""
+    """Return the time (ns) from which the measurement in an entry is known: the end of an exposure, the stamp of all other
+    entries.
+    """
     return entry.end_ns if isinstance(entry, Exposure) else entry.stamp_ns
 
 

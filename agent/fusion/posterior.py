@@ -12,12 +12,12 @@ from agent.geometry import Array
 
 
 class Posterior(Struct, frozen=True, eq=False):
-    """The distribution of the source's place, mission frame, horizontal.
+    """The probability distribution of the source's horizontal position (mission frame) as arrays of C components, for analysis.
 
     kind: ``grid``: cells of the search; ``sum``: a Gaussian sum; ``gaussian``: one Gaussian, the estimator's complete result.
-    stamp_ns: its time: the hypothesis's; of a grid the time of the request.
-    position: (C, 2) metres. weight: (C,) probabilities, adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component;
-    of a cell, which is a square of side a, a^2 / 12 per axis. none: probability that there is no source.
+    stamp_ns: time of the source estimate; of a grid the time of the request. position: (C, 2) metres. weight: (C,) probabilities,
+    adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component; for a square cell of side a, a^2 / 12 per axis. none:
+    probability that there is no source.
     """
 
     kind: Literal["grid", "sum", "gaussian"]
@@ -29,7 +29,7 @@ class Posterior(Struct, frozen=True, eq=False):
 
 
 def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
-    """Return the posterior of a fusion now; None before its estimator has one."""
+    """Return the present posterior of an estimator; None before the estimator has one."""
     hypothesis, outlook = fusion.hypothesis, fusion.outlook
     if hypothesis is not None:
         one = hypothesis.position[None, :2].copy(), np.ones(1), hypothesis.covariance[None, :2, :2].copy()

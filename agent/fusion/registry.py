@@ -28,10 +28,10 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     """Make the estimator of that name for a mission.
 
     - ``paper``: the paper's filter, with the projection rule as printed.
-    - ``paper-geometric``: the same with the geometrically correct rule.
+    - ``paper-geometric``: the paper's filter with the geometrically correct rule.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
-    - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones.
-    - ``given``: the schedule of fusion.given.
+    - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones. - ``given``:
+    the schedule of fusion.given.
     - any other: of an installed package.
 
     Raises:
@@ -42,13 +42,15 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
 
 
 def check_estimator(name: str, where: str) -> None:
-    """Raise ConfigError, naming ``where``, if there is no estimator of that name; nothing is imported for the check."""
+    """Raise ConfigError, whose text names ``where``, if no estimator has that name; nothing is imported for the check."""
     if name not in _MAKERS:
         _entry_point(name, where)
 
 
 def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
-    """Make the estimator for a process that cannot wait: slow estimators are computed elsewhere."""
+    """Make the estimator for a process that cannot wait: a slow estimator is replaced by one that is computed in another
+    process.
+    """
     estimator = estimator_named(name, mission)
     if name not in _SLOW:
         return estimator

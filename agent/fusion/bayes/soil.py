@@ -30,7 +30,13 @@ OTHER_SHARE = 0.2  # background of another origin than soil, as a share of the b
 
 @dataclass(frozen=True, slots=True)
 class SoilChannel:
-    """A kind of event. near_mm2, steep_mm2, air_mm2: effective areas. turn: see above. background_ps: per second."""
+    """Constants of one kind of event (channel of the camera's counts) for photons scattered by soil and air, and for natural
+    background.
+
+    near_mm2, steep_mm2, air_mm2: effective areas for photons scattered by soil, at a flat and at a steep view, and by air. turn:
+    relative change of the soil's part with the orientation of the sensor (formula above). background_ps: background per second
+    over soil.
+    """
 
     near_mm2: float
     steep_mm2: float
@@ -40,19 +46,26 @@ class SoilChannel:
 
 
 class SoilTable:
-    """The channels' table as arrays (C,), and the background per second over soil."""
+    """Expected counts of photons scattered by soil, air and vehicle, and of background over soil, for the C channels of
+    a camera.
+    """
 
     def __init__(self, channels: tuple[SoilChannel, ...], body_mm2: Array, alone_ps: Array) -> None:
-        """body_mm2, alone_ps: (C,) areas for photons scattered by vehicle and mount, background without soil."""
+        """Set up the table.
+
+        body_mm2, alone_ps: (C,) areas for photons scattered by vehicle and mount, and background per second without soil.
+        """
         table = np.array([(c.near_mm2, c.steep_mm2, c.air_mm2, c.turn, c.background_ps) for c in channels]).T
         self._near, self._steep, self._air, self._turn, own_ps = table
         self._body_mm2 = body_mm2
         self.background_ps: Array = own_ps + OTHER_SHARE * alone_ps
 
     def by_soil(self, fluence: Array, steepness: Array, facing: Array | float) -> Array:
-        """Return expected counts (..., C) of photons scattered by soil.
+        """Return the expected counts (..., C) of photons scattered by soil.
 
-        fluence: (...) as of ``Response.parts``, but at the image's distance. steepness, facing: (...) s and f of the image.
+        Soil scatters as if the photons came from an image of the source below the ground. fluence: (...) as of
+        ``Response.parts``, but at the image's distance. steepness, facing: (...) sine s of the image's depression below the
+        horizon, and cosine f of the sensor's orientation to the image.
         """
         turned = 1.0 + self._turn * (np.asarray(facing)[..., None] - MEAN_FACING)
         mm2 = np.maximum(self._near + self._steep * steepness[..., None], 0.0) * turned
@@ -60,12 +73,12 @@ class SoilTable:
         return result
 
     def slope(self, image: Array, distance: Array, steepness: Array) -> Array:
-        """Return derivatives (..., 3) of the logarithm of soil's scatter, without the facing, along the vector ``image`` (...,
-        3).
+        """Return the derivatives (..., 3) of the logarithm of soil's scatter along the vector ``image`` (..., 3) to the source's
+        image.
 
             -(2 + g) image / D'^2,   and along z also g / image_z,   g = steep s / (near + steep s).
 
-        distance: (...) D'.
+        The sensor's orientation is left out. distance: (...) D' to the image. steepness: (...) s.
         """
         steep = self._steep.sum() * steepness
         growing = steep / (self._near.sum() + steep)
@@ -74,7 +87,10 @@ class SoilTable:
         return result
 
     def beside_soil(self, fluence: Array, depth: Array) -> Array:
-        """Return expected counts (..., C) of photons scattered by air, vehicle and mount. depth: (...) mu D."""
+        """Return the expected counts (..., C) of photons scattered by air, vehicle and mount.
+
+        fluence: (...) as of ``Response.parts``. depth: (...) optical depth mu D of the air.
+        """
         result: Array = (self._air * depth[..., None] + self._body_mm2) * fluence[..., None]
         return result
 
