@@ -71,6 +71,8 @@ docs: $(DOCS)  ## the documentation site, readable offline: build/site/index.htm
 lint: $(DEV)  ## style, types and import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	mkdir -p .venv/names/radron
+	ln -sfn $(foreach name,agent deploy protocol sim station,$(CURDIR)/$(name)) .venv/names/radron/
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

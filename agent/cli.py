@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from agent import version
-from agent.commands import ConfigOption, command, doctor, preflight, revoke, run, status, upload, watch
-from agent.terminal import run_command
+from radron.agent import version
+from radron.agent.commands import ConfigOption, command, doctor, preflight, revoke, run, status, upload, watch
+from radron.agent.terminal import run_command
 
 _HELP = "One drone of the swarm, on board."
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -59,8 +59,8 @@ def cones(
     (reading 1) and opposite to it in reading 2; opening angle, 1 sigma and probability of both readings; the clusters' energies,
     fitted to the line; their distance.
     """
-    from agent.detector.command import run_cones  # noqa: PLC0415  scipy's import time belongs to this command alone
-    from agent.detector.files.t3pa import T3paReader  # noqa: PLC0415
+    from radron.agent.detector.command import run_cones  # noqa: PLC0415  scipy's import time belongs to this command alone
+    from radron.agent.detector.files.t3pa import T3paReader  # noqa: PLC0415
 
     run_cones(partial(T3paReader, file, toa_bits, measurement=measurement, chip=chip), csv, nuclide, calibration)
 
@@ -79,8 +79,8 @@ def inspect(
 
     Reads .t3pa and .t3p, and a frame of time over threshold (..._ToT.txt with its .dsc).
     """
-    from agent.detector.files.t3pa import T3paReader  # noqa: PLC0415  scipy's import time belongs to this command alone
-    from agent.detector.inspection_page import run_inspect  # noqa: PLC0415
+    from radron.agent.detector.files.t3pa import T3paReader  # noqa: PLC0415  scipy's import time belongs to this command alone
+    from radron.agent.detector.inspection_page import run_inspect  # noqa: PLC0415
 
     run_inspect(T3paReader(file, toa_bits, measurement=measurement, chip=chip), calibration, png, json)
 
@@ -111,9 +111,9 @@ def calibrate(
     import os  # noqa: PLC0415
     from datetime import UTC, datetime  # noqa: PLC0415
 
-    from agent.calibration.command import Order, parse_facings, run_calibrate  # noqa: PLC0415
-    from agent.calibration.plan import Source  # noqa: PLC0415
-    from agent.shell.overrides import load_drone_file  # noqa: PLC0415
+    from radron.agent.calibration.command import Order, parse_facings, run_calibrate  # noqa: PLC0415
+    from radron.agent.calibration.plan import Source  # noqa: PLC0415
+    from radron.agent.shell.overrides import load_drone_file  # noqa: PLC0415
 
     drone = load_drone_file(config, os.environ)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -133,7 +133,7 @@ def replay(
 
     Exit code 0: identical; 1: different; 2: the flight cannot be replayed (to its end).
     """
-    from agent.flight.command import run_replay  # noqa: PLC0415  belongs to this command alone
+    from radron.agent.flight.command import run_replay  # noqa: PLC0415  belongs to this command alone
 
     raise typer.Exit(run_replay(flight))
 
@@ -150,7 +150,7 @@ def audit(
     drones, and whether this drone obeyed or why it refused. Copies with the same outcome are one line. Exit code 2: not (all of)
     the flight can be read.
     """
-    from agent.flight.audit_command import run_audit  # noqa: PLC0415  belongs to this command alone
+    from radron.agent.flight.audit_command import run_audit  # noqa: PLC0415  belongs to this command alone
 
     run_audit(flight)
 
@@ -168,7 +168,7 @@ def identify(
 
     An agent identifies drag and lag in its first seconds of flight: the section gives the values that it starts from.
     """
-    from agent.flight.identify_command import run_identify  # noqa: PLC0415  belongs to this command alone
+    from radron.agent.flight.identify_command import run_identify  # noqa: PLC0415  belongs to this command alone
 
     run_identify(flight, out)
 

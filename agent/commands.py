@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from protocol.messages import Action
+from radron.protocol.messages import Action
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from agent.vehicle.interface import Finding
+    from radron.agent.vehicle.interface import Finding
 
 ConfigOption = Annotated[Path, typer.Option(metavar="DRONE.toml", help="The drone file; RADRON_ variables override it.")]
 ConnectOption = Annotated[
@@ -42,9 +42,18 @@ def run(
     0 stopped on request; 2 an error that the user can fix, in one line; 70 the agent hung or crashed: the autopilot
     took over.
     """
-    agent = [sys.executable, "-m", "agent", str(config), *(["--verbose"] if verbose else []), *(["--wait"] if wait else [])]
+    agent = [
+        sys.executable,
+        "-m",
+        "radron.agent",
+        str(config),
+        *(["--verbose"] if verbose else []),
+        *(["--wait"] if wait else []),
+    ]
     sys.stderr.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "agent.shell.supervisor", *agent])  # without this command's imports: 12 MB
+    os.execv(
+        sys.executable, [sys.executable, "-m", "radron.agent.shell.supervisor", *agent]
+    )  # without this command's imports: 12 MB
 
 
 def preflight(
@@ -57,8 +66,8 @@ def preflight(
     from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
-    from agent.preflight.check import Preflight  # noqa: PLC0415
-    from agent.shell.overrides import load_drone  # noqa: PLC0415
+    from radron.agent.preflight.check import Preflight  # noqa: PLC0415
+    from radron.agent.shell.overrides import load_drone  # noqa: PLC0415
 
     drone, mission = load_drone(config, os.environ)
     check = Preflight(drone, mission)
@@ -94,9 +103,9 @@ def doctor(
     """
     import msgspec  # noqa: PLC0415
 
-    from agent.doctor.examination import examine  # noqa: PLC0415
-    from agent.doctor.report import page  # noqa: PLC0415
-    from agent.shell.overrides import load_drone  # noqa: PLC0415
+    from radron.agent.doctor.examination import examine  # noqa: PLC0415
+    from radron.agent.doctor.report import page  # noqa: PLC0415
+    from radron.agent.shell.overrides import load_drone  # noqa: PLC0415
 
     drone, mission = load_drone(config, os.environ)
     report = asyncio.run(examine(drone, mission, wait, smart, write, lambda text: print(text, file=sys.stderr, flush=True)))
@@ -129,8 +138,8 @@ def command(
     ] = "",
 ) -> None:
     """Command a swarm, and wait until it has obeyed. Exit code 2 if a drone refuses, with its reasons."""
-    from agent.operator import groundcontrol  # noqa: PLC0415
-    from agent.operator.groundcontrol import CommandError  # noqa: PLC0415
+    from radron.agent.operator import groundcontrol  # noqa: PLC0415
+    from radron.agent.operator.groundcontrol import CommandError  # noqa: PLC0415
 
     names, left = (tuple(name for name in listed.split(",") if name) for listed in (drones, without))
     if names and left:
@@ -154,9 +163,9 @@ def upload(
     Each drone checks it, keeps it, and begins anew with it, which takes some seconds; one that refuses says why, and keeps the
     mission that it has. Exit code 0: all have it; 1: not all; 2: nothing was sent.
     """
-    from agent.config.loading import load_mission  # noqa: PLC0415
-    from agent.operator.missionupload import UploadOrder  # noqa: PLC0415
-    from agent.operator.missionupload import upload as upload_mission  # noqa: PLC0415
+    from radron.agent.config.loading import load_mission  # noqa: PLC0415
+    from radron.agent.operator.missionupload import UploadOrder  # noqa: PLC0415
+    from radron.agent.operator.missionupload import upload as upload_mission  # noqa: PLC0415
 
     _check_links(identity, insecure)
     left = tuple(name for name in without.split(",") if name)
@@ -173,7 +182,7 @@ def upload(
 
 
 def _check_links(identity: Path | None, insecure: bool) -> None:
-    from agent.operator.groundcontrol import CommandError  # noqa: PLC0415
+    from radron.agent.operator.groundcontrol import CommandError  # noqa: PLC0415
 
     if insecure == (identity is not None):
         make = "run `radron-deploy pki issue NAME --role operator`, and give the folder that it makes"
@@ -198,7 +207,7 @@ def status(
     """Print a line for each drone of a swarm, and the source that they tell. Exit code 2 if none is heard."""
     from rich.console import Console  # noqa: PLC0415
 
-    from agent.operator import overview  # noqa: PLC0415
+    from radron.agent.operator import overview  # noqa: PLC0415
 
     place = overview.place_of(swarm, connect, identity, insecure, mission)
     Console().print(overview.table(asyncio.run(overview.show(place, None))))
@@ -213,7 +222,7 @@ def watch(
     from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
-    from agent.operator import overview  # noqa: PLC0415
+    from radron.agent.operator import overview  # noqa: PLC0415
 
     place, terminal = overview.place_of(swarm, connect, identity, insecure, mission), Console()
     with suppress(KeyboardInterrupt):
@@ -246,8 +255,8 @@ def revoke(
 
     Exit code 2 if that is not in effect at every drone that is heard.
     """
-    from agent.operator.revocation import Request, RevocationError  # noqa: PLC0415
-    from agent.operator.revocation import revoke as revoke_member  # noqa: PLC0415
+    from radron.agent.operator.revocation import Request, RevocationError  # noqa: PLC0415
+    from radron.agent.operator.revocation import revoke as revoke_member  # noqa: PLC0415
 
     if nothing and last:
         raise RevocationError("--nothing and --last exclude each other: give one of them")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from agent.frames.estimate import Estimate, FrameEstimates
-from agent.fusion.registry import Estimators, estimator_named
-from protocol.codec import Read, decode_from
-from protocol.signing import SignedRoot, signed_root
+from radron.agent.frames.estimate import Estimate, FrameEstimates
+from radron.agent.fusion.registry import Estimators, estimator_named
+from radron.protocol.codec import Read, decode_from
+from radron.protocol.signing import SignedRoot, signed_root
 
 
 class Computing(NamedTuple):

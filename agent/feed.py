@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from typing import Generic, TypeVar
 
-from agent.errors import ConfigError, RadronError
+from radron.agent.errors import ConfigError, RadronError
 
 Item = TypeVar("Item")
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from agent.errors import OutputError
+from radron.agent.errors import OutputError
 
 
 def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:

@@ -10,42 +10,42 @@ from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
 
-from agent.computing import ALONE, Computing
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.readout import Readout
-from agent.frames.drift import Drift
-from agent.frames.swarm import SwarmFrames
-from agent.fusion.engine import Fusion
-from agent.fusion.estimator import Hypothesis, Outlook
-from agent.fusion.exchange import LogExchange
-from agent.fusion.posterior import Posterior
-from agent.fusion.proofs import Proofs
-from agent.localization.clocks import Clocks
-from agent.localization.ownpose import OwnPose, Whereabouts
-from agent.mission.commanding import Commanding, Verdict
-from agent.mission.executive import Executive
-from agent.mission.memory import Memory
-from agent.mission.news import News
-from agent.mission.orders import Orders
-from agent.mission.problems import Problems
-from agent.mission.reporter import Outbox
-from agent.mission.revoking import Revoking
-from agent.mission.telling import Telling
-from agent.mission.worldmodel import WorldModel
-from agent.navigation.peers.newest import Peers
-from agent.navigation.reckoning import Reckoning
-from agent.sensing.camera import Camera
-from agent.sensing.numbering import Numbering
-from agent.sensing.observer import Observer
-from agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
-from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
-from protocol.entries import Coverage, Entry
-from protocol.errors import ProtocolError
-from protocol.keys import parse_key
-from protocol.messages import AnyDroneMessage, Order, Stage, Ticket, Upload
-from protocol.revocations import Revocation, Revoked
-from protocol.signing import Trust, Verifier
+from radron.agent.computing import ALONE, Computing
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.readout import Readout
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.swarm import SwarmFrames
+from radron.agent.fusion.engine import Fusion
+from radron.agent.fusion.estimator import Hypothesis, Outlook
+from radron.agent.fusion.exchange import LogExchange
+from radron.agent.fusion.posterior import Posterior
+from radron.agent.fusion.proofs import Proofs
+from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.ownpose import OwnPose, Whereabouts
+from radron.agent.mission.commanding import Commanding, Verdict
+from radron.agent.mission.executive import Executive
+from radron.agent.mission.memory import Memory
+from radron.agent.mission.news import News
+from radron.agent.mission.orders import Orders
+from radron.agent.mission.problems import Problems
+from radron.agent.mission.reporter import Outbox
+from radron.agent.mission.revoking import Revoking
+from radron.agent.mission.telling import Telling
+from radron.agent.mission.worldmodel import WorldModel
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.reckoning import Reckoning
+from radron.agent.sensing.camera import Camera
+from radron.agent.sensing.numbering import Numbering
+from radron.agent.sensing.observer import Observer
+from radron.agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
+from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
+from radron.protocol.entries import Coverage, Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import parse_key
+from radron.protocol.messages import AnyDroneMessage, Order, Stage, Ticket, Upload
+from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.signing import Trust, Verifier
 
 
 class Step(Struct, frozen=True):

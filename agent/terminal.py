@@ -7,8 +7,8 @@ import os
 import sys
 from collections.abc import Callable
 
-from agent.errors import RadronError
-from protocol.errors import ProtocolError
+from radron.agent.errors import RadronError
+from radron.protocol.errors import ProtocolError
 
 USER_ERROR = 2  # exit code of errors that the user can fix
 _BROKEN_PIPE = 141  # as the shell has it of a process that SIGPIPE ends

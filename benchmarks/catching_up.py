@@ -18,11 +18,11 @@ import numpy as np
 import typer
 from shapely import Polygon
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.fusion.estimator import GridStep, Hypothesis
-from agent.fusion.observation import Observation
-from agent.fusion.sources.handover import FollowingEstimator
-from agent.fusion.sources.spectra import KNOWN
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.fusion.estimator import GridStep, Hypothesis
+from radron.agent.fusion.observation import Observation
+from radron.agent.fusion.sources.handover import FollowingEstimator
+from radron.agent.fusion.sources.spectra import KNOWN
 
 sys.path.append(str(Path(__file__).parent))
 

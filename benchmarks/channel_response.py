@@ -1,9 +1,9 @@
 """Count rates of a camera near a known source: ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``.
 
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
-below the horizon. Its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
-unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the area
-without scatter in the surroundings, the rest with it. edge: the area lost at the sensor's edge, fitted to areas at several
+below the horizon. Its hits go through the chain of radron.agent.detector with the default configuration. A channel's rate over
+the unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the
+area without scatter in the surroundings, the rest with it. edge: the area lost at the sensor's edge, fitted to areas at several
 headings. The numbers stand in agent/fusion/bayes/response.py.
 """
 
@@ -17,15 +17,15 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.fusion.bayes.response import edge_factor
-from agent.fusion.facing import Facing
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import nuclide
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.fusion.bayes.response import edge_factor
+from radron.agent.fusion.facing import Facing
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.truth import CameraTruth
 
 Array = NDArray[np.float64]
 

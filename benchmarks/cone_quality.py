@@ -1,8 +1,8 @@
 """Quality of the agent's cones against the true events, by gamma line:
 ``python -m benchmarks.cone_quality --interactions 1000000 Cs-137 Co-60 ...``.
 
-Photons of a nuclide from all sides go through the simulated sensor and the chain of agent.detector, with widths and probabilities
-(agent/detector/cones.py) first set at 662 keV. For each line to which a cone is assigned:
+Photons of a nuclide from all sides go through the simulated sensor and the chain of radron.agent.detector, with widths and
+probabilities (agent/detector/cones.py) first set at 662 keV. For each line to which a cone is assigned:
 
 - cones: their number; other: share of them caused by photons of another line;
 - right: of the rest, share with the energies of the photon's first scatter; of these:
@@ -21,15 +21,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.detection import ConeEvent
-from agent.detector.files.calibration import Calibration
-from agent.detector.lines import lines_of
-from sim.radiation.events import Events, simulate
-from sim.radiation.nuclides import nuclide
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.detection import ConeEvent
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.lines import lines_of
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
 

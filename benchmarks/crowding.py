@@ -24,12 +24,12 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from goals import Goal, show
 from live_flight import Seen, flight_folder, flights, fly, messages
 
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from agent.vehicle.interface import Request, VehicleCommand
-from protocol.codec import decode_from
-from protocol.keys import drone_key
-from protocol.messages import Status
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.vehicle.interface import Request, VehicleCommand
+from radron.protocol.codec import decode_from
+from radron.protocol.keys import drone_key
+from radron.protocol.messages import Status
 
 MIN_SETPOINT_HZ = 18.0  # goal
 CASES = {

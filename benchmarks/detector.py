@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import NOMINAL, Calibration
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.files.t3pa import readouts as file_readouts
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import NOMINAL, Calibration
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.files.t3pa import readouts as file_readouts
+from radron.agent.detector.readout import PixelHits, Readout
 
 EVENT_NS = 20_000
 COINCIDENCES = 0.1

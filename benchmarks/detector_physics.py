@@ -15,10 +15,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from sim.radiation.camera import Camera, CameraTruth, SourceView
-from sim.radiation.events import Events, simulate
-from sim.radiation.timepix3 import response
-from sim.radiation.transport import projected_area_mm2
+from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.transport import projected_area_mm2
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
 

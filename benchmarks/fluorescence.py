@@ -18,19 +18,19 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from agent.config.mission import DetectionConfig
-from agent.detector.clustering import cluster_many
-from agent.detector.coincidence import SATELLITE_KEV, SATELLITE_PIXELS, SATELLITE_REACH_MM, events_of
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import TICK_NS, PixelHits
-from agent.geometry import Array
-from sim.faults.cameras import amplified
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.events import simulate
-from sim.radiation.nuclides import nuclide
-from sim.radiation.surroundings import background_lines, scattered_lines
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.clustering import cluster_many
+from radron.agent.detector.coincidence import SATELLITE_KEV, SATELLITE_PIXELS, SATELLITE_REACH_MM, events_of
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import TICK_NS, PixelHits
+from radron.agent.geometry import Array
+from radron.sim.faults.cameras import amplified
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.events import simulate
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.surroundings import background_lines, scattered_lines
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
 

@@ -18,8 +18,8 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
 
 from sighted_swarm import SECOND, Drone, Flown, Sensor, fly, settle
 
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
 
 SECONDS, TRIALS = 40.0, 40
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}

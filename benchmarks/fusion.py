@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config.estimators import FusionConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.fusion.bayes.response import response_of
-from agent.fusion.engine import Fusion
-from agent.fusion.estimator import GridStep
-from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.registry import estimator_named
-from protocol.codec import encode
-from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.response import response_of
+from radron.agent.fusion.engine import Fusion
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.initial import InitialSearch
+from radron.agent.fusion.observation import ConeObservation, observe
+from radron.agent.fusion.registry import estimator_named
+from radron.protocol.codec import encode
+from radron.protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
 
 SECONDS = 120
 STEP_NS = 50_000_000  # the pilot calls at 20 Hz

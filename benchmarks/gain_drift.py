@@ -23,25 +23,25 @@ import numpy as np
 import typer
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.readout import Readout
-from agent.fusion.estimator import Hypothesis
-from agent.fusion.registry import estimator_named
-from agent.mission.worldmodel import WorldModel
-from agent.pilot import Pilot
-from agent.sensing.camera import Camera
-from agent.sensing.observer import Observer
-from protocol.codec import encode
-from protocol.entries import Entry, Exposure
-from sim.faults.cameras import amplified
-from sim.lockstep.flight import watched
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.truth import CameraTruth
-from sim.runfile import write_text
-from sim.scenario import load_scenario, override
-from sim.scoring.moment import EPOCH_NS, Moment
-from sim.scoring.score import error_m
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.readout import Readout
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.mission.worldmodel import WorldModel
+from radron.agent.pilot import Pilot
+from radron.agent.sensing.camera import Camera
+from radron.agent.sensing.observer import Observer
+from radron.protocol.codec import encode
+from radron.protocol.entries import Entry, Exposure
+from radron.sim.faults.cameras import amplified
+from radron.sim.lockstep.flight import watched
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.runfile import write_text
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.moment import EPOCH_NS, Moment
+from radron.sim.scoring.score import error_m
 
 DRIFTING, RISE, OVER_S = "d2", 0.1, 600.0
 TOLD_FROM = 0.04

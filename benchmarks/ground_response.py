@@ -15,28 +15,28 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from channel_response import CHANNELS, Source
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from support.natural import natural_flux
+from support.soil import FACINGS, HEADINGS_DEG, scattered_flux
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.fusion.bayes.soil import IMAGE_DEPTH
-from agent.fusion.facing import MEAN_FACING
-from benchmarks.channel_response import CHANNELS, Source
-from benchmarks.support.natural import natural_flux
-from benchmarks.support.soil import FACINGS, HEADINGS_DEG, scattered_flux
-from sim.radiation.electronics import Electronics
-from sim.radiation.events import Events, simulate
-from sim.radiation.ground.natural import SERIES
-from sim.radiation.nuclides import nuclide
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.fusion.bayes.soil import IMAGE_DEPTH
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.sim.radiation.electronics import Electronics
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.ground.natural import SERIES
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 Array = NDArray[np.float64]
 
 TRUTH = CameraTruth()
-EDGES_KEV = np.geomspace(30.0, 1500.0, 37)  # as in sim.radiation.ground.photons
+EDGES_KEV = np.geomspace(30.0, 1500.0, 37)  # as in radron.sim.radiation.ground.photons
 HEIGHTS_M, HORIZONTAL_M = (1.5, 2.5, 4.0), (1.5, 3.0, 6.0, 10.0, 16.0, 25.0)
 PLACES = np.array([(h, r) for h in HEIGHTS_M for r in HORIZONTAL_M])
 SOURCES_M = (0.0, 0.5, 1.0)  # heights of the source

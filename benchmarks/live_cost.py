@@ -30,9 +30,9 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from goals import Goal, show
 from live_flight import Seen, all_tracking, cone_delays_ms, flight_folder, flights, fly, messages
 
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from agent.vehicle.interface import Request, VehicleCommand
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.vehicle.interface import Request, VehicleCommand
 
 WINDOW_S = 30.0
 MOST_POINTS, MOST_RATIO = 3.0, 1.5  # goals, of a swarm of ten

@@ -25,9 +25,9 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from live_flight import flights, fly, messages
 from raw_zenoh import RawProbe
 
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from protocol.keys import parse_key
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.protocol.keys import parse_key
 
 CONE_BYTES = 406  # as published in the demo
 RAW_PERIOD_S = 0.2  # as often as a swarm of three publishes cones

@@ -18,11 +18,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sim.live.swarm import fly_live
-from sim.live.view import View
-from sim.lockstep.flight import fly
-from sim.result import Flight
-from sim.scenario import load_scenario
+from radron.sim.live.swarm import fly_live
+from radron.sim.live.view import View
+from radron.sim.lockstep.flight import fly
+from radron.sim.result import Flight
+from radron.sim.scenario import load_scenario
 
 SETTLED_S = 20.0  # after the beginning of the tracking, from which on the spacing counts
 _BEGIN, _END = "<!-- table: benchmarks/live_vs_lockstep.py -->", "<!-- end of the table -->"

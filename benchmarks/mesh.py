@@ -26,11 +26,11 @@ from goals import show as show_goals
 from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
-from protocol.identity import Role, load_identity
-from protocol.issuing import throwaway
-from protocol.keys import ROOT, drone_key
-from protocol.mesh.link import open_session
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.identity import Role, load_identity
+from radron.protocol.issuing import throwaway
+from radron.protocol.keys import ROOT, drone_key
+from radron.protocol.mesh.link import open_session
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 RATE_HZ = 50.0
 PAYLOAD_BYTES = 400  # a cone

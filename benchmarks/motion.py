@@ -16,9 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from agent.config.mission import EncirclementConfig
-from agent.motion.encirclement import Encirclement
-from agent.motion.tracker import Status, Tracker
+from radron.agent.config.mission import EncirclementConfig
+from radron.agent.motion.encirclement import Encirclement
+from radron.agent.motion.tracker import Status, Tracker
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
 

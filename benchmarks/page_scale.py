@@ -32,11 +32,11 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from large_flight import BOOT, LargeFlight, fly
 from large_page import Child, browsing, child, latencies_ms, renderer_mb, seek_ms, smoothness, snapshot_bytes
 
-from agent.config.drone import DroneConfig
-from agent.config.writing import as_toml
-from agent.flight import topics
-from agent.flight.header import FlightHeader
-from agent.flight.segment import Segment, segment_path
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.writing import as_toml
+from radron.agent.flight import topics
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.segment import Segment, segment_path
 
 FEW = 10
 FLOWN = "flown"  # file of the flight that all are made from

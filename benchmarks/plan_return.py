@@ -12,12 +12,12 @@ from math import exp
 
 import numpy as np
 
-from agent.motion.steering import RETURN_S
-from sim.campaign.faults.mission import Mission
-from sim.geometry import Array
-from sim.lockstep.flight import watched
-from sim.scenario import parse_scenario
-from sim.scoring.moment import Moment
+from radron.agent.motion.steering import RETURN_S
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.geometry import Array
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.moment import Moment
 
 SEEDS = (1080470, 1110020, 1110021, 1110022, 1110023, 1110024)
 STEP_S, NEAR_M, TIMES_S = 0.2, 8.0, (0.2, 0.4, 1.0, 2.0, 3.0, 4.0)

@@ -27,11 +27,11 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from goals import Goal, show
 from mesh import free_ports, start, stop, until
 
-from agent.shell.revoked import turn_s
-from protocol.identity import Role, load_identity
-from protocol.issuing import throwaway
-from protocol.keys import drone_key, parse_key
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.agent.shell.revoked import turn_s
+from radron.protocol.identity import Role, load_identity
+from radron.protocol.issuing import throwaway
+from radron.protocol.keys import drone_key, parse_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 SWARM, POSE_S = "benchmark", 0.05
 SETTLED_S, OPENED_S = 2.0, 10.0  # before; until all have opened their sessions anew

@@ -29,16 +29,16 @@ sys.path.append(str(Path(__file__).parent / "support"))
 from goals import Goal, show
 from mesh import MOST_DRONES, free_ports, start, stop, until
 
-from agent.fusion.proofs import Proofs
-from protocol.codec import decode_from, encode, written
-from protocol.entries import Cone, ConeOrder, Entry
-from protocol.identity import Role, load_identity
-from protocol.issuing import throwaway
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Plan, Pose, Stage, Status
-from protocol.signing import Verifier
-from protocol.trust import trust_of
+from radron.agent.fusion.proofs import Proofs
+from radron.protocol.codec import decode_from, encode, written
+from radron.protocol.entries import Cone, ConeOrder, Entry
+from radron.protocol.identity import Role, load_identity
+from radron.protocol.issuing import throwaway
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Plan, Pose, Stage, Status
+from radron.protocol.signing import Verifier
+from radron.protocol.trust import trust_of
 
 MISSION, SWARM = "0" * 16, "benchmark"
 TICK_S = 0.1  # a pose and a plan; a batch of entries every second one, a status every tenth

@@ -21,24 +21,24 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from agent.config.buildings import BuildingsConfig
-from agent.config.estimators import FusionConfig
-from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.detection import Detections
-from agent.detector.files.calibration import Calibration
-from agent.frames.transform import Transform
-from agent.fusion.estimator import Estimator, GridStep, Hypothesis
-from agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation
-from agent.fusion.registry import estimator_named
-from agent.fusion.sources.spectra import KNOWN
-from agent.fusion.sources.tracker import Track
-from protocol.entries import EntryId
-from protocol.spectrum import SpectrumBin
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.truth import CameraTruth
-from sim.scenario import load_scenario
-from sim.world.walls import Walls
+from radron.agent.config.buildings import BuildingsConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.detection import Detections
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis
+from radron.agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.fusion.sources.spectra import KNOWN
+from radron.agent.fusion.sources.tracker import Track
+from radron.protocol.entries import EntryId
+from radron.protocol.spectrum import SpectrumBin
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.scenario import load_scenario
+from radron.sim.world.walls import Walls
 
 Array = NDArray[np.float64]
 SIDE_M, LANE_M, HEIGHT_M, SPEED_MPS, RADIUS_M = 100.0, 11.0, 3.0, 3.0, 6.0

@@ -35,12 +35,12 @@ sys.path.append(str(Path(__file__).parent / "support"))
 
 from live_flight import Seen, all_tracking, flights, fly, messages
 
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from protocol.entries import Entry
-from protocol.messages import DRONE_KINDS
-from sim.figures.style import DRONES, dress, new_figure, save
-from sim.scoring.moment import Moment
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.protocol.entries import Entry
+from radron.protocol.messages import DRONE_KINDS
+from radron.sim.figures.style import DRONES, dress, new_figure, save
+from radron.sim.scoring.moment import Moment
 
 MOST_BYTES = 2000.0  # allowed growth of a process for each entry of each log in it
 FEWEST_ENTRIES = 3000  # growth of a log that is needed for a verdict
@@ -117,7 +117,7 @@ def _tolerated(series: Series, name: str) -> float:
 
 def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> None:
     """A mission in lockstep that tracks for ``seconds``."""
-    from sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+    from radron.sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
     series, due_s = Series("lockstep, one mission", seconds), 0.0
 
@@ -135,7 +135,7 @@ def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> No
 
 def short_missions(pipe: Connection, drones: int, seed: int, number: int) -> None:
     """Missions in lockstep, one after the other in the same process."""
-    from sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+    from radron.sim.lockstep.flight import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
     series = Series("lockstep, missions")
     for place in range(number):
@@ -148,7 +148,7 @@ def short_missions(pipe: Connection, drones: int, seed: int, number: int) -> Non
 
 
 def _scenario(drones: int, seconds: float) -> Any:
-    from sim.scenario import load_scenario, override  # noqa: PLC0415 - only in its own process
+    from radron.sim.scenario import load_scenario, override  # noqa: PLC0415 - only in its own process
 
     flight = {"mission.track.duration_s": seconds, **NEVER_HOME}
     return override(load_scenario("demo"), {"drones": drones, **flight})

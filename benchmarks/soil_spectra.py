@@ -7,7 +7,7 @@ by
 
     [near + h (steep + turned (f - ``MEAN_FACING``)) + air mu D] exp(-mu D) / (4 pi D^2),
 
-see agent.fusion.sources.spectra. background: the soil's own photons by ``support.natural``, 3 m above it, per second.
+see radron.agent.fusion.sources.spectra. background: the soil's own photons by ``support.natural``, 3 m above it, per second.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
+from ground_response import AZIMUTHS_DEG, EDGES_KEV, PLACES, beams, natural_lines
 from numpy.typing import NDArray
+from spectral_response import SCALE, printed, spectra
+from support.soil import FACINGS, HEADINGS_DEG, scattered_flux
 
-from agent.detector.lines import CANDIDATES
-from agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
-from benchmarks.ground_response import AZIMUTHS_DEG, EDGES_KEV, PLACES, beams, natural_lines
-from benchmarks.spectral_response import SCALE, printed, spectra
-from benchmarks.support.soil import FACINGS, HEADINGS_DEG, scattered_flux
-from protocol.spectrum import BINS
-from sim.radiation.events import Events, simulate
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import Nuclide, nuclide
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.lines import CANDIDATES
+from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
+from radron.protocol.spectrum import BINS
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import Nuclide, nuclide
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def main(
     events: Annotated[int, typer.Option(help="Of each beam.")] = 600,
     photons: Annotated[int, typer.Option(help="That are followed through soil and air, of each nuclide.")] = 100_000,
 ) -> None:
-    print('"""Written by ``benchmarks/soil_spectra.py``; see agent.fusion.sources.spectra."""\n')
+    print('"""Written by ``benchmarks/soil_spectra.py``; see radron.agent.fusion.sources.spectra."""\n')
     print("# fmt: off")
     print("SOIL: dict[str, dict[str, tuple[float, ...]]] = {")
     printed("background", of_background(100 * events, photons))

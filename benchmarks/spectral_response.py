@@ -1,7 +1,7 @@
 """Count rates of a camera for each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
 
 Photons of each line meet the simulated sensor from below the horizon, the heading turning evenly as in flight. The hits go
-through the chain of agent.detector with the default configuration, and its coarse spectra are binned as in an exposure.
+through the chain of radron.agent.detector with the default configuration, and its coarse spectra are binned as in an exposure.
 TABLES.py: agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) come from the simulated transport.
 """
 
@@ -19,19 +19,19 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.lines import CANDIDATES
-from agent.fusion.facing import MEAN_FACING
-from protocol.spectrum import BINS
-from sim.radiation.electronics import Electronics
-from sim.radiation.events import COMPLETE, Events, simulate
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import Nuclide, nuclide
-from sim.radiation.surroundings import background_lines, scattered_lines
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.lines import CANDIDATES
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.protocol.spectrum import BINS
+from radron.sim.radiation.electronics import Electronics
+from radron.sim.radiation.events import COMPLETE, Events, simulate
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import Nuclide, nuclide
+from radron.sim.radiation.surroundings import background_lines, scattered_lines
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -94,8 +94,8 @@ def areas(events: Events) -> Areas:
 
 
 def direct(line: tuple[float, float], events: int, seed: int) -> tuple[Areas, Array, float]:
-    """The areas of a line, mean of all views; the derivative (BINS,) of all events by f, see agent.fusion.sources.spectra; and
-    the area of all its interactions. All events refer to f = ``MEAN_FACING``, for any mean of the drawn views.
+    """The areas of a line, mean of all views; the derivative (BINS,) of all events by f, see radron.agent.fusion.sources.spectra;
+    and the area of all its interactions. All events refer to f = ``MEAN_FACING``, for any mean of the drawn views.
     """
     rng = np.random.default_rng(seed)
     parts, total = [], 0.0
@@ -162,9 +162,8 @@ def main(
     every: Annotated[bool, typer.Option("--every", help="All nuclides that can be recognised.")] = False,
     events: Annotated[int, typer.Option(help="Interactions of each nuclide and kind, about.")] = 200_000,
 ) -> None:
-    print(
-        '"""Written by ``benchmarks/spectral_response.py``, with 100,000 events or more; see agent.fusion.sources.spectra."""\n'
-    )
+    print('"""Written by ``benchmarks/spectral_response.py``, with 100,000 events or more; see')
+    print('radron.agent.fusion.sources.spectra."""\n')
     print("# fmt: off")
     print("TABLES: dict[str, dict[str, tuple[float, ...]]] = {")
     printed("background", of_background(2 * events))

@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.figures.spacing import WITHIN_DEG
-from sim.figures.style import dress, drone_colour, new_figure, save
-from sim.lockstep.flight import fly
-from sim.result import Flight
-from sim.scenario import load_scenario
-from sim.scoring.statistics import hypothesis_steps, settling_times
+from radron.sim.figures.spacing import WITHIN_DEG
+from radron.sim.figures.style import dress, drone_colour, new_figure, save
+from radron.sim.lockstep.flight import fly
+from radron.sim.result import Flight
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.statistics import hypothesis_steps, settling_times
 
 LAWS = ("smooth", "paper")
 SETTLED_S = 20.0  # time after a step at which only the law's unrest and the noise are left

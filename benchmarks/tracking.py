@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from agent.navigation.identification import ResponseEstimator
-from sim.lockstep.flight import fly
-from sim.result import RunResult
-from sim.scenario import load_scenario, override
+from radron.agent.navigation.identification import ResponseEstimator
+from radron.sim.lockstep.flight import fly
+from radron.sim.result import RunResult
+from radron.sim.scenario import load_scenario, override
 
 SCENARIOS = ("paper-moving-swarm", "fast-2mps", "ideal-moving-swarm")
 NOTHING = {"response.drag_ps": 0.0, "response.attitude_lag_s": 0.0, "response.derivative_gain": 0.0}
@@ -40,9 +40,9 @@ def one(job: Job) -> RunResult:
     """Fly once."""
     name, drag_ps, assume, seed = job
     if assume != "found":
-        import agent.navigation.navigator  # noqa: PLC0415  only this process is to be changed
+        import radron.agent.navigation.navigator  # noqa: PLC0415  only this process is to be changed
 
-        agent.navigation.navigator.ResponseEstimator = _AsConfigured  # type: ignore[misc]
+        radron.agent.navigation.navigator.ResponseEstimator = _AsConfigured  # type: ignore[misc]
     changes: dict[str, object] = {"vehicle.drag_ps": drag_ps}
     if assume == "none":
         changes |= NOTHING

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from agent.terminal import run_command
-from deploy.computer import command as computer
-from deploy.fleet import command as fleet
-from deploy.image import command as image
-from deploy.pki import command as pki
-from deploy.update import command as update
+from radron.agent.terminal import run_command
+from radron.deploy.computer import command as computer
+from radron.deploy.fleet import command as fleet
+from radron.deploy.image import command as image
+from radron.deploy.pki import command as pki
+from radron.deploy.update import command as update
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
 app.add_typer(pki.app, name="pki")

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from deploy.digest import digest
-from protocol.errors import ProtocolError
+from radron.deploy.digest import digest
+from radron.protocol.errors import ProtocolError
 
 CONNECT_S = 10  # a running computer answers within a second
 ALIVE_S = 5  # between two signs of life; a link is dead after the loss of three

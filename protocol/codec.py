@@ -11,12 +11,12 @@ from typing import NoReturn, TypeVar, cast
 import msgpack
 import msgspec
 
-from protocol.entries import Entry
-from protocol.errors import ProtocolError
-from protocol.keys import parse_key
-from protocol.message import Message, StationMessage
-from protocol.messages import KINDS, AnyMessage, Status
-from protocol.revocations import Revoked
+from radron.protocol.entries import Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import parse_key
+from radron.protocol.message import Message, StationMessage
+from radron.protocol.messages import KINDS, AnyMessage, Status
+from radron.protocol.revocations import Revoked
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 MAX_ENTRY_BYTES = 2 * 1024  # of a log entry, which every agent keeps in memory until the mission ends

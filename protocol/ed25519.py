@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from nacl.exceptions import BadSignatureError
 from nacl.signing import SigningKey, VerifyKey
 
-from protocol.entries import SIGNATURE_BYTES
+from radron.protocol.entries import SIGNATURE_BYTES
 
 
 class Signer:

@@ -12,10 +12,10 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-from protocol.checks import flaw_of_covariance, is_unit
-from protocol.message import DroneMessage
-from protocol.spectrum import Spectrum, is_in_order
-from protocol.units import (
+from radron.protocol.checks import flaw_of_covariance, is_unit
+from radron.protocol.message import DroneMessage
+from radron.protocol.spectrum import Spectrum, is_in_order
+from radron.protocol.units import (
     BootId,
     Certificate,
     Count,

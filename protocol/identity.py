@@ -24,10 +24,10 @@ from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import NameOID, ObjectIdentifier
 from msgspec import ValidationError, convert
 
-from protocol.access import shared_mode
-from protocol.ed25519 import PublicKey, Signer
-from protocol.errors import ProtocolError
-from protocol.units import DroneId
+from radron.protocol.access import shared_mode
+from radron.protocol.ed25519 import PublicKey, Signer
+from radron.protocol.errors import ProtocolError
+from radron.protocol.units import DroneId
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, REVOKED_FILE = "ca.pem", "certificate.pem", "key.pem", "revoked.crl"
 REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643")  # in an entry of the revocation list: its name

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
-from protocol.errors import ProtocolError
-from protocol.message import DroneMessage, Message, StationMessage
-from protocol.messages import DRONE_KINDS, STATION_KINDS
-from protocol.units import IDENTIFIER, STATION
+from radron.protocol.errors import ProtocolError
+from radron.protocol.message import DroneMessage, Message, StationMessage
+from radron.protocol.messages import DRONE_KINDS, STATION_KINDS
+from radron.protocol.units import IDENTIFIER, STATION
 
 VERSION = 2
 ROOT = f"radron/{VERSION}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from protocol.units import DroneId, Identifier, StampNs
+from radron.protocol.units import DroneId, Identifier, StampNs
 
 
 class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower):

@@ -19,12 +19,12 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
-from protocol.checks import flaw_of_covariance, is_unit
-from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting
-from protocol.message import DroneMessage, StationMessage
-from protocol.revocations import Revocation, Revoked
-from protocol.spectrum import BINS, Line
-from protocol.units import (
+from radron.protocol.checks import flaw_of_covariance, is_unit
+from radron.protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting
+from radron.protocol.message import DroneMessage, StationMessage
+from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.spectrum import BINS, Line
+from radron.protocol.units import (
     BootId,
     Certificate,
     CommandNumber,

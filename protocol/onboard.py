@@ -8,8 +8,8 @@ from typing import Literal
 
 from msgspec import Struct
 
-from protocol.messages import Stage
-from protocol.stages import ON_GROUND
+from radron.protocol.messages import Stage
+from radron.protocol.stages import ON_GROUND
 
 COMPATIBLE = "radron-nuc"  # type of computer that accepts a bundle
 REPORT_FILE = "report.json"  # in the agent's RUNTIME_DIRECTORY

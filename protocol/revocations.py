@@ -9,9 +9,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from protocol.entries import SIGNATURE_BYTES
-from protocol.message import DroneMessage, StationMessage
-from protocol.units import BootId, Certificate, Count, Identifier, StampNs
+from radron.protocol.entries import SIGNATURE_BYTES
+from radron.protocol.message import DroneMessage, StationMessage
+from radron.protocol.units import BootId, Certificate, Count, Identifier, StampNs
 
 MOST_BOOTS = 64  # of a revoked drone, with valid entries
 MOST_HELD = 16  # revocations that a drone keeps and relays

@@ -16,12 +16,12 @@ from typing import Protocol, TypeVar
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from protocol.codec import as_bytes, written
-from protocol.entries import SIGNATURE_BYTES, Credential, Entry
-from protocol.errors import ProtocolError
-from protocol.message import StationMessage
-from protocol.messages import Action, Command, Obeyed, Order, Status, Upload
-from protocol.revocations import Obeying, Revocation
+from radron.protocol.codec import as_bytes, written
+from radron.protocol.entries import SIGNATURE_BYTES, Credential, Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.message import StationMessage
+from radron.protocol.messages import Action, Command, Obeyed, Order, Status, Upload
+from radron.protocol.revocations import Obeying, Revocation
 
 MOST_IN_BATCH = 32  # entries; limits the place in a proof, and the proof's length
 MOST_ROOTS = 1024  # kept as verified

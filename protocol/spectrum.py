@@ -12,7 +12,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from protocol.units import Count
+from radron.protocol.units import Count
 
 BINS = 32
 LOWEST_KEV, HIGHEST_KEV = 40.0, 1450.0

@@ -5,7 +5,7 @@ The groups are tuples, so that their order is the same in every process.
 
 from __future__ import annotations
 
-from protocol.messages import Stage
+from radron.protocol.messages import Stage
 
 ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)  # around the found source, or around the place of its loss

@@ -17,9 +17,9 @@ import msgpack
 import msgspec
 from msgspec import Meta, Struct
 
-from protocol.codec import MAX_PAYLOAD_BYTES
-from protocol.errors import ProtocolError
-from protocol.units import BootId, Count, DroneId, MissionId
+from radron.protocol.codec import MAX_PAYLOAD_BYTES
+from radron.protocol.errors import ProtocolError
+from radron.protocol.units import BootId, Count, DroneId, MissionId
 
 BLOCK = 64  # sequence numbers; block k begins with the number k * BLOCK
 HASH_BYTES = 16
@@ -32,8 +32,8 @@ class Held(NamedTuple):
     """The log entries of one publisher (one run of a drone's agent) that a log contains.
 
     ``ranges``: first and last number of each gapless range of sequence numbers. ``cut``: the first sequence number that is
-    ignored, because two signed entries with this number contradict each other (``agent.fusion.log``). ``blocks``: for some blocks
-    of consecutive entries, number and hash, so that a peer notices different entries under equal numbers.
+    ignored, because two signed entries with this number contradict each other (``radron.agent.fusion.log``). ``blocks``: for some
+    blocks of consecutive entries, number and hash, so that a peer notices different entries under equal numbers.
     """
 
     ranges: tuple[tuple[int, int], ...] = ()

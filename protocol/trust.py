@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from protocol.identity import Identity
-from protocol.signing import Trust
+from radron.protocol.identity import Identity
+from radron.protocol.signing import Trust
 
 
 def trust_of(identity: Identity | None) -> Trust | None:

@@ -1,9 +1,9 @@
 """Python interface for scripts and notebooks: load a scenario, fly it, inspect the posterior, compare estimators, draw figures.
 
-The functions and types here, with ``sim.result.RunResult`` and ``sim.result.Trace``, are a stable interface; the rest of the
-package may change without notice. An example: ``docs/notebooks/first-flight.ipynb``.
+The functions and types here, with ``radron.sim.result.RunResult`` and ``radron.sim.result.Trace``, are a stable interface; the
+rest of the package may change without notice. An example: ``docs/notebooks/first-flight.ipynb``.
 
-    from sim import api
+    from radron.sim import api
 
     scenario = api.load("demo", {"mission.track.duration_s": 20})
     flight = api.fly(scenario, seed=3, listen=["paper"])
@@ -11,7 +11,7 @@ package may change without notice. An example: ``docs/notebooks/first-flight.ipy
     print(flight.result.error_median_m, flight.posteriors["bayes"][-1].rms_m)
     api.figures(flight)["map"].savefig("map.png")
 
-Errors in the input are raised as ``agent.errors.ConfigError``.
+Errors in the input are raised as ``radron.agent.errors.ConfigError``.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from agent.errors import ConfigError
-from sim.geometry import Array
-from sim.lockstep.flight import fly as _fly
-from sim.lockstep.world import TICK_NS
-from sim.result import Flight, RunResult, Trace
-from sim.scenario import Scenario, load_scenario, override, shipped
-from sim.scoring.moment import EPOCH_NS
+from radron.agent.errors import ConfigError
+from radron.sim.geometry import Array
+from radron.sim.lockstep.flight import fly as _fly
+from radron.sim.lockstep.world import TICK_NS
+from radron.sim.result import Flight, RunResult, Trace
+from radron.sim.scenario import Scenario, load_scenario, override, shipped
+from radron.sim.scoring.moment import EPOCH_NS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sim.scoring.moment import Moment
+    from radron.sim.scoring.moment import Moment
 
 __all__ = ["Flown", "Posterior", "compare", "figures", "fly", "load", "save", "scenarios", "summary"]
 
@@ -169,7 +169,7 @@ def compare(flight: Flown) -> dict[str, dict[str, float | None]]:
 
 def summary(flight: Flown) -> str:
     """One sentence: the source estimate, its 1-sigma radius, and its distance from the truth."""
-    from sim.campaign.report import sentence  # noqa: PLC0415  (Matplotlib waits until it is needed)
+    from radron.sim.campaign.report import sentence  # noqa: PLC0415  (Matplotlib waits until it is needed)
 
     return sentence(flight.result, flight.trace)
 
@@ -178,7 +178,7 @@ def figures(flight: Flown) -> dict[str, Figure]:
     """The standard figures as Matplotlib figures: ``map``, ``spacing``; where there is a source, ``error`` and ``posterior``; of
     several ``sources``.
     """
-    from sim.campaign.report import flight_figures  # noqa: PLC0415
+    from radron.sim.campaign.report import flight_figures  # noqa: PLC0415
 
     return flight_figures(_as_flight(flight))
 
@@ -189,8 +189,8 @@ def save(flight: Flown, folder: str | Path) -> list[Path]:
     Raises:
         ConfigError: the folder cannot be made or written to.
     """
-    from sim.campaign.report import write_flight  # noqa: PLC0415
-    from sim.runfile import make_folder  # noqa: PLC0415
+    from radron.sim.campaign.report import write_flight  # noqa: PLC0415
+    from radron.sim.runfile import make_folder  # noqa: PLC0415
 
     make_folder(Path(folder))
     return write_flight(Path(folder), _as_flight(flight))

@@ -6,16 +6,16 @@ import os
 
 import typer
 
-from agent import version
-from agent.terminal import run_command
-from sim.commands.consistency import consistency
-from sim.commands.faults import faults
-from sim.commands.flights import campaign, run, scenarios, table
-from sim.commands.ground import ground
-from sim.live.command import live
-from sim.live.faults.command import live_faults
-from sim.px4test.command import px4_test
-from sim.radiation.hits import hits
+from radron.agent import version
+from radron.agent.terminal import run_command
+from radron.sim.commands.consistency import consistency
+from radron.sim.commands.faults import faults
+from radron.sim.commands.flights import campaign, run, scenarios, table
+from radron.sim.commands.ground import ground
+from radron.sim.live.command import live
+from radron.sim.live.faults.command import live_faults
+from radron.sim.px4test.command import px4_test
+from radron.sim.radiation.hits import hits
 
 _HELP = "The simulated world: radiation, detectors, vehicles, radio."
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # unless set: matrices are small, and Ctrl-C must reach the main thread

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from protocol.messages import Source as Found
+from radron.protocol.messages import Source as Found
 
 
 class RunResult(Struct, frozen=True, kw_only=True):
@@ -36,7 +36,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
             time (of a run that ends before: its last tracking sample). region: probability of the smallest region
             of the posterior, as a Gaussian, that contains the truth: at most 0.9 where the truth is in the 90 % region.
         bound_median_m, bound_relative_median_m: bounds of error_median_m and error_relative_median_m for the
-            trajectories flown (``sim.scoring.bound``).
+            trajectories flown (``radron.sim.scoring.bound``).
 
     Estimated frames, of the first drone (None, or empty, if all are exact):
         best_position_error_m: median error, while tracking, of the drone with the best localisation, against the mission
@@ -48,7 +48,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
             its median before, if that is more); at most 60; None without event.
 
     All sources of the first drone's last estimate against all true ones at that time, matched one to one
-    (``sim.scoring.sourcescore``); None with a given hypothesis, and for a listening estimator:
+    (``radron.sim.scoring.sourcescore``); None with a given hypothesis, and for a listening estimator:
         sources_true, sources_found: numbers of true and of estimated sources. number_right: both are equal and all are matched.
         false_sources: estimated ones without a match. nuclides_right: matches with the right nuclide.
         matched_error_median_m, matched_error_p90_m, height_error_median_m: of the matches, horizontal, and of the estimated
@@ -166,13 +166,13 @@ class Trace:
     hypothesis_m: (T, N, 3) of each drone, NaN without one. covariance_m2: (T, 2, 2) of the first drone's posterior, NaN
     without one; sigma_m: (T,) its RMS. activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's
     hypothesis, NaN where the estimator does not give them. bound_m: (T,) least median error for the trajectories flown so far
-    (``sim.scoring.bound``), NaN without a source, and with several. own_error_m, own_bound_m: (T,) error in the first vehicle's
-    own frame, NaN where unknown; and its bound. source_bq: true activity of the source that is nearest to the estimate at the
-    end, None without one. spacing_error_deg: (T, N), of the n drones that track at a time, two or more, the signed deviation
-    from 360/n of the gap to the next one, counter-clockwise around the hypothesis; NaN for the others. judged: (T,) index of
-    the drone that is called the first one above: drone 0 as long as its agent lives, then the first one whose agent does.
-    truths: all true sources. estimates: as the first drone published them, each source with its nuclide. left_m, glare_m: (C,
-    2) places where a search for several sources has not excluded a further one at the end: places still to be searched,
+    (``radron.sim.scoring.bound``), NaN without a source, and with several. own_error_m, own_bound_m: (T,) error in the first
+    vehicle's own frame, NaN where unknown; and its bound. source_bq: true activity of the source that is nearest to the estimate
+    at the end, None without one. spacing_error_deg: (T, N), of the n drones that track at a time, two or more, the signed
+    deviation from 360/n of the gap to the next one, counter-clockwise around the hypothesis; NaN for the others. judged: (T,)
+    index of the drone that is called the first one above: drone 0 as long as its agent lives, then the first one whose agent
+    does. truths: all true sources. estimates: as the first drone published them, each source with its nuclide. left_m, glare_m:
+    (C, 2) places where a search for several sources has not excluded a further one at the end: places still to be searched,
     and places beside sources that outshine it.
     """
 

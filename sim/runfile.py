@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from agent.errors import ConfigError, OutputError
-from agent.outputs import check_output, replacing
+from radron.agent.errors import ConfigError, OutputError
+from radron.agent.outputs import check_output, replacing
 
 Line = Mapping[str, Any]
 

@@ -14,25 +14,25 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.drone import ResponseConfig
-from agent.config.loading import convert, merged, read_toml, with_files
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError
-from agent.fusion.registry import check_estimator
-from sim.faults.kinds import AnyFault, check_faults, read_faults
-from sim.radiation.camera import CameraTruth
-from sim.radiation.nuclides import NUCLIDES
-from sim.radiation.truth import GroundTruth
-from sim.vehicle.multirotor import MultirotorTruth
-from sim.world.launch import StartTruth
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import check_vehicles
-from sim.world.owncameras import OwnCamera
-from sim.world.radio import RadioTruth
-from sim.world.sightings import SightingTruth
-from sim.world.sourcetruth import LONGEST_S, Duration, RandomSourcesTruth, SourceTruth
-from sim.world.terrain import TerrainTruth
-from sim.world.walls import WallTruth
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.loading import convert, merged, read_toml, with_files
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.registry import check_estimator
+from radron.sim.faults.kinds import AnyFault, check_faults, read_faults
+from radron.sim.radiation.camera import CameraTruth
+from radron.sim.radiation.nuclides import NUCLIDES
+from radron.sim.radiation.truth import GroundTruth
+from radron.sim.vehicle.multirotor import MultirotorTruth
+from radron.sim.world.launch import StartTruth
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import check_vehicles
+from radron.sim.world.owncameras import OwnCamera
+from radron.sim.world.radio import RadioTruth
+from radron.sim.world.sightings import SightingTruth
+from radron.sim.world.sourcetruth import LONGEST_S, Duration, RandomSourcesTruth, SourceTruth
+from radron.sim.world.terrain import TerrainTruth
+from radron.sim.world.walls import WallTruth
 
 COMING_HOME_S = 300.0  # return and landing, with a large reserve
 _ABREAST_M, _INSIDE_M = 5.0, 3.0  # between added launch places, and from them to the fence

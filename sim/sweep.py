@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
 
-from agent.errors import ConfigError
+from radron.agent.errors import ConfigError
 
 if TYPE_CHECKING:
-    from sim.scenario import Scenario
+    from radron.sim.scenario import Scenario
 
 Value = float | str
 Sweep = Mapping[str, tuple[Value, ...]]  # parameter -> its values, in the order given
@@ -68,7 +68,7 @@ def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | No
     Raises:
         ConfigError: an unknown scenario, key or value; two scenarios of one name.
     """
-    from sim.scenario import load_scenario, override  # noqa: PLC0415  (the physics behind it takes a second to load)
+    from radron.sim.scenario import load_scenario, override  # noqa: PLC0415  (the physics behind it takes a second to load)
 
     found: list[Case] = []
     for name in names:

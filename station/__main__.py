@@ -1,5 +1,5 @@
-"""``python -m station``."""
+"""``python -m radron.station``."""
 
-from station.cli import main
+from radron.station.cli import main
 
 main()

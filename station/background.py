@@ -18,12 +18,12 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from agent.config.geojson import read_features
-from agent.config.mission import DatumConfig, MissionConfig
-from agent.errors import RadronError
-from agent.frames.geodesy import mission_from_geodetics
-from agent.inputs import read_bytes
-from station.picture.frame import Point, TileLevels
+from radron.agent.config.geojson import read_features
+from radron.agent.config.mission import DatumConfig, MissionConfig
+from radron.agent.errors import RadronError
+from radron.agent.frames.geodesy import mission_from_geodetics
+from radron.agent.inputs import read_bytes
+from radron.station.picture.frame import Point, TileLevels
 
 MAX_LAYER_BYTES = 30_000_000
 MAX_POINTS = 300_000  # of all layers together

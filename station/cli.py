@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agent import version
-from agent.terminal import run_command
+from radron.agent import version
+from radron.agent.terminal import run_command
 
 if TYPE_CHECKING:
     from starlette.routing import WebSocketRoute
 
-    from agent.config.mission import MissionConfig
-    from protocol.signing import Verifier
-    from station.hub import Hub
-    from station.viewers.tak import Tak
-    from station.web.guard import Guard
-    from station.web.serving import Doors, Place
+    from radron.agent.config.mission import MissionConfig
+    from radron.protocol.signing import Verifier
+    from radron.station.hub import Hub
+    from radron.station.viewers.tak import Tak
+    from radron.station.web.guard import Guard
+    from radron.station.web.serving import Doors, Place
 
 # Unless set: the log is folded in one thread with small matrices, as on board, and other threads of BLAS would only wait busily.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -87,14 +87,14 @@ def serve(
     ] = None,
 ) -> None:
     """Show a swarm in a browser, live, until SIGINT."""
-    from agent.config.loading import load_mission  # noqa: PLC0415  imports of a second belong to the command that needs them
-    from protocol.identity import load_identity  # noqa: PLC0415
-    from protocol.mesh.session import MeshConfig  # noqa: PLC0415
-    from protocol.signing import Verifier  # noqa: PLC0415
-    from station.background import background  # noqa: PLC0415
-    from station.findings.ondemand import reports  # noqa: PLC0415
-    from station.live import follow  # noqa: PLC0415
-    from station.web.serving import Place, StationError  # noqa: PLC0415
+    from radron.agent.config.loading import load_mission  # noqa: PLC0415  imports of a second belong to the command that needs them
+    from radron.protocol.identity import load_identity  # noqa: PLC0415
+    from radron.protocol.mesh.session import MeshConfig  # noqa: PLC0415
+    from radron.protocol.signing import Verifier  # noqa: PLC0415
+    from radron.station.background import background  # noqa: PLC0415
+    from radron.station.findings.ondemand import reports  # noqa: PLC0415
+    from radron.station.live import follow  # noqa: PLC0415
+    from radron.station.web.serving import Place, StationError  # noqa: PLC0415
 
     if insecure == (identity is not None):
         raise StationError(
@@ -131,11 +131,11 @@ def open_records(
     identity: Signer = None,
 ) -> None:
     """Show recorded flights of one mission in a browser, with a time slider, until SIGINT."""
-    from protocol.identity import load_identity  # noqa: PLC0415
-    from station.background import background  # noqa: PLC0415
-    from station.findings.ondemand import reports  # noqa: PLC0415
-    from station.replay import Records, play  # noqa: PLC0415
-    from station.web.serving import Place  # noqa: PLC0415
+    from radron.protocol.identity import load_identity  # noqa: PLC0415
+    from radron.station.background import background  # noqa: PLC0415
+    from radron.station.findings.ondemand import reports  # noqa: PLC0415
+    from radron.station.replay import Records, play  # noqa: PLC0415
+    from radron.station.web.serving import Place  # noqa: PLC0415
 
     records = Records(flights)
     hub = _hub(records.mission, records.verifier, replay=True, judges_exposures=records.judges_exposures)
@@ -160,10 +160,10 @@ def report(
     """
     from rich.console import Console  # noqa: PLC0415
 
-    from agent.flight.progress import progress_bar  # noqa: PLC0415
-    from protocol.identity import load_identity  # noqa: PLC0415
-    from station.findings.command import write_report  # noqa: PLC0415
-    from station.findings.facts import gather  # noqa: PLC0415
+    from radron.agent.flight.progress import progress_bar  # noqa: PLC0415
+    from radron.protocol.identity import load_identity  # noqa: PLC0415
+    from radron.station.findings.command import write_report  # noqa: PLC0415
+    from radron.station.findings.facts import gather  # noqa: PLC0415
 
     own = load_identity(identity) if identity is not None else None
     with progress_bar(Console(stderr=True), "reading the records") as progress:
@@ -181,8 +181,8 @@ def verify(
     authority: Annotated[Path, typer.Option(metavar="ca.pem", help="The certificate of the swarm's authority.")],
 ) -> None:
     """See that the findings of a mission are as a member of the swarm has signed them; exit code 2 if not."""
-    from station.findings.seal import others  # noqa: PLC0415
-    from station.findings.seal import verify as verified  # noqa: PLC0415
+    from radron.station.findings.seal import others  # noqa: PLC0415
+    from radron.station.findings.seal import verify as verified  # noqa: PLC0415
 
     seal = verified(folder, authority)
     print(seal.digest, end="")
@@ -201,10 +201,10 @@ def export(
     """Write recorded flights of one mission as an MCAP file that Foxglove opens, and the layout for it (OUT.layout.json)."""
     from rich.console import Console  # noqa: PLC0415
 
-    from agent.flight.progress import progress_bar  # noqa: PLC0415
+    from radron.agent.flight.progress import progress_bar  # noqa: PLC0415
 
     _require("foxglove", "foxglove")
-    from station.viewers.record import export as write  # noqa: PLC0415
+    from radron.station.viewers.record import export as write  # noqa: PLC0415
 
     with progress_bar(Console(stderr=True), "reading the records") as progress:
         written, flaws = write(flights, foxglove, progress)
@@ -214,7 +214,7 @@ def export(
 
 
 def _require(option: str, library: str) -> None:
-    from station.web.serving import StationError  # noqa: PLC0415
+    from radron.station.web.serving import StationError  # noqa: PLC0415
 
     if find_spec(library) is None:
         raise StationError(f"--{option}: {library} is not installed; install radron with its extra: radron[station,{option}]")
@@ -223,10 +223,10 @@ def _require(option: str, library: str) -> None:
 def _foxglove_doors(hub: Hub, layout_file: Path) -> Doors:
     """Return the doors with Foxglove's socket; the layout is written when the socket is served."""
     _require("foxglove", "foxglove")
-    from agent.outputs import replacing  # noqa: PLC0415
-    from station.viewers.layout import layout  # noqa: PLC0415
-    from station.viewers.live import LiveFoxglove  # noqa: PLC0415
-    from station.web.foxglove import door  # noqa: PLC0415
+    from radron.agent.outputs import replacing  # noqa: PLC0415
+    from radron.station.viewers.layout import layout  # noqa: PLC0415
+    from radron.station.viewers.live import LiveFoxglove  # noqa: PLC0415
+    from radron.station.web.foxglove import door  # noqa: PLC0415
 
     about = hub.picture.about(replay=False)
     outlet = LiveFoxglove(hub)
@@ -242,7 +242,7 @@ def _foxglove_doors(hub: Hub, layout_file: Path) -> Doors:
 
 def _tak(hub: Hub, url: str) -> Tak:
     _require("tak", "pytak")
-    from station.viewers.tak import Tak  # noqa: PLC0415
+    from radron.station.viewers.tak import Tak  # noqa: PLC0415
 
     outlet = Tak(hub.picture, url, hub.tell)
     hub.outlets.append(outlet)
@@ -250,16 +250,16 @@ def _tak(hub: Hub, url: str) -> Tak:
 
 
 def _hub(mission: MissionConfig, verifier: Verifier | None, replay: bool, *, judges_exposures: bool = True) -> Hub:
-    from agent.fusion.registry import deferred_named, estimator_named  # noqa: PLC0415
-    from station.hub import Hub  # noqa: PLC0415
-    from station.picture.picture import Picture  # noqa: PLC0415
+    from radron.agent.fusion.registry import deferred_named, estimator_named  # noqa: PLC0415
+    from radron.station.hub import Hub  # noqa: PLC0415
+    from radron.station.picture.picture import Picture  # noqa: PLC0415
 
     estimators = estimator_named if replay else deferred_named
     return Hub(Picture(mission, verifier, estimators, judges_exposures=judges_exposures), replay)
 
 
 async def _serve(hub: Hub, place: Place, work: Callable[[], Awaitable[None]], doors: Doors | None = None) -> None:
-    from station.web.serving import Serving  # noqa: PLC0415
+    from radron.station.web.serving import Serving  # noqa: PLC0415
 
     serving = Serving(hub, place, doors)
     print(f"radron-station: {serving.shown()}", flush=True)

@@ -9,17 +9,17 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from agent.config.mission import MissionConfig
-from agent.operator import missionupload
-from agent.operator.groundcontrol import CommandError, Order, carry_out, station_name
-from agent.operator.missionupload import UploadOrder
-from agent.operator.statuses import Statuses
-from protocol.elapsed import elapsed_s
-from protocol.errors import ProtocolError
-from protocol.identity import Identity, Role
-from protocol.mesh.session import Mesh
-from protocol.messages import Action
-from protocol.trust import trust_of
+from radron.agent.config.mission import MissionConfig
+from radron.agent.operator import missionupload
+from radron.agent.operator.groundcontrol import CommandError, Order, carry_out, station_name
+from radron.agent.operator.missionupload import UploadOrder
+from radron.agent.operator.statuses import Statuses
+from radron.protocol.elapsed import elapsed_s
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Identity, Role
+from radron.protocol.mesh.session import Mesh
+from radron.protocol.messages import Action
+from radron.protocol.trust import trust_of
 
 Tell = Callable[[str, bool, str], None]  # a line, whether it is a refusal or failure, and ``command`` or ``upload``
 

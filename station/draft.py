@@ -13,15 +13,15 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.launchplaces import check_launch_places
-from agent.config.loading import convert
-from agent.config.mission import MissionConfig
-from agent.config.writing import as_toml
-from agent.errors import ConfigError, RadronError
-from protocol.units import DroneId
-from station.picture.frame import Checked, Editor, Field, Flaw, Launch, Point, Value
-from station.picture.picture import corners
-from station.picture.swarmlog import SwarmLog
+from radron.agent.config.launchplaces import check_launch_places
+from radron.agent.config.loading import convert
+from radron.agent.config.mission import MissionConfig
+from radron.agent.config.writing import as_toml
+from radron.agent.errors import ConfigError, RadronError
+from radron.protocol.units import DroneId
+from radron.station.picture.frame import Checked, Editor, Field, Flaw, Launch, Point, Value
+from radron.station.picture.picture import corners
+from radron.station.picture.swarmlog import SwarmLog
 
 KEYS = (
     "name",

@@ -10,15 +10,15 @@ import msgspec
 from msgspec import Raw
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from protocol.messages import Action
-from station.background import Background
-from station.draft import editor
-from station.outbox import GAVE_WAY, Page
-from station.picture.frame import ConeCurve, Event, Frame, Raster, Spectra
-from station.picture.history import CONES_MS, History
-from station.picture.overview import Row
-from station.picture.picture import Picture
+from radron.agent.config.mission import MissionConfig
+from radron.protocol.messages import Action
+from radron.station.background import Background
+from radron.station.draft import editor
+from radron.station.outbox import GAVE_WAY, Page
+from radron.station.picture.frame import ConeCurve, Event, Frame, Raster, Spectra
+from radron.station.picture.history import CONES_MS, History
+from radron.station.picture.overview import Row
+from radron.station.picture.picture import Picture
 
 encode = msgspec.json.Encoder().encode
 

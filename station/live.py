@@ -11,12 +11,12 @@ from contextlib import AsyncExitStack
 
 import structlog
 
-from agent.shell.folding import Folding
-from protocol.mesh.recovery import recover
-from protocol.mesh.session import Mesh, MeshConfig
-from station.commander import Commander, may_command
-from station.hub import Hub
-from station.picture.picture import Picture
+from radron.agent.shell.folding import Folding
+from radron.protocol.mesh.recovery import recover
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.station.commander import Commander, may_command
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
 
 SHOW_S = 0.1  # interval of the frames
 

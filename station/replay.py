@@ -9,14 +9,14 @@ from pathlib import Path
 from time import monotonic
 from typing import NamedTuple
 
-from agent.errors import FlightRecordError
-from agent.flight.reader import RecordedFlight
-from agent.flight.topics import MESSAGE, PUBLICATION, decode_message
-from protocol.errors import ProtocolError
-from protocol.identity import Authority
-from protocol.signing import Verifier
-from station.hub import Hub
-from station.picture.history import FRAME_MS
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.topics import MESSAGE, PUBLICATION, decode_message
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Authority
+from radron.protocol.signing import Verifier
+from radron.station.hub import Hub
+from radron.station.picture.history import FRAME_MS
 
 HEARD_NS = 2_000_000_000  # a drone heard within this time counts as alive: records hold no liveliness tokens
 KNOWN_NS = 30_000_000_000

@@ -4,12 +4,15 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("protocol", "agent", "sim", "station", "deploy")
+FOLDERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
@@ -29,7 +32,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, target = folder / "source", folder / "installed"
     for package in PACKAGES:
         shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     run(*pip, "wheel", ".", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, cwd=source)
@@ -41,20 +44,30 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_module_of_the_tree_is_in_the_wheel(installed: Path) -> None:
     for package in PACKAGES:
         expected = {path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")}
-        assert expected == {path.relative_to(installed) for path in (installed / package).rglob("*.py")}
+        place = installed / "radron"
+        assert expected == {path.relative_to(place) for path in (place / package).rglob("*.py")}
+    assert not [package for package in PACKAGES if (installed / package).exists()]
 
 
 def test_it_is_imported_from_outside_the_tree(installed: Path, tmp_path: Path) -> None:
     names = ", ".join(PACKAGES)
-    code = f"import {names}, agent.pilot, sim.lockstep.flight\nfor module in ({names}): print(module.__file__)"
+    code = f"from radron import {names}; import radron.sim.lockstep.flight\nfor module in ({names}): print(module.__file__)"
     places = run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=str(installed)).split()
-    assert places == [str(installed / package / "__init__.py") for package in PACKAGES]
+    assert places == [str(installed / "radron" / package / "__init__.py") for package in PACKAGES]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_tests_know_each_module_by_one_name(package: str) -> None:
+    """With the root on the path, a test could change `agent.x`, a second module beside the tested `radron.agent.x`."""
+    assert FOLDERS[f"radron.{package}"] == package
+    assert find_spec(f"radron.{package}") is not None
+    assert find_spec(package) is None, "run the tests by the command pytest, not by python -m pytest"
 
 
 def test_the_shipped_scenarios_are_inside(installed: Path) -> None:
     shipped = sorted(path.name for path in (ROOT / "sim/scenarios").glob("*.toml"))
     assert "demo.toml" in shipped
-    assert sorted(path.name for path in (installed / "sim/scenarios").iterdir() if path.suffix == ".toml") == shipped
+    assert sorted(path.name for path in (installed / "radron/sim/scenarios").iterdir() if path.suffix == ".toml") == shipped
 
 
 @pytest.mark.parametrize("command", ["radron-agent", "radron-sim"])

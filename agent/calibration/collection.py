@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.clustering import Clusters, cluster_many
-from agent.detector.detection import ConeEvent
-from agent.detector.files.calibration import PIXELS, Calibration
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, Recogniser
-from agent.detector.spectroscopy.shapes import Reading
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.clustering import Clusters, cluster_many
+from radron.agent.detector.detection import ConeEvent
+from radron.agent.detector.files.calibration import PIXELS, Calibration
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, TICK_NS, PixelHits, Readout
+from radron.agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, Recogniser
+from radron.agent.detector.spectroscopy.shapes import Reading
 
 BLOCKS = 4  # along each side of the sensor
 MIN_COARSE_EVENTS = 1000  # singles that show the line's place to 2 %

@@ -9,20 +9,20 @@ from pathlib import Path
 from msgspec import Struct
 from rich.console import Console
 
-from agent.calibration.collection import Collection
-from agent.calibration.facing import Facing, check_facings, parse_facing
-from agent.calibration.folder import check_folder, save
-from agent.calibration.measuring import BACKGROUND_S, BackgroundCount, file_readouts, measure_background, measure_facing
-from agent.calibration.page import table, verdict
-from agent.calibration.plan import Source, plan
-from agent.calibration.result import Result, evaluate
-from agent.config.drone import DroneConfig
-from agent.config.mission import DetectionConfig
-from agent.detector.drivers import open_detector
-from agent.detector.files.calibration import Calibration, load_flight_calibration
-from agent.detector.readout import Detector
-from agent.detector.spectroscopy.shapes import strongest_line_kev
-from agent.errors import ConfigError, DetectorError
+from radron.agent.calibration.collection import Collection
+from radron.agent.calibration.facing import Facing, check_facings, parse_facing
+from radron.agent.calibration.folder import check_folder, save
+from radron.agent.calibration.measuring import BACKGROUND_S, BackgroundCount, file_readouts, measure_background, measure_facing
+from radron.agent.calibration.page import table, verdict
+from radron.agent.calibration.plan import Source, plan
+from radron.agent.calibration.result import Result, evaluate
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.drivers import open_detector
+from radron.agent.detector.files.calibration import Calibration, load_flight_calibration
+from radron.agent.detector.readout import Detector
+from radron.agent.detector.spectroscopy.shapes import strongest_line_kev
+from radron.agent.errors import ConfigError, DetectorError
 
 
 class Order(Struct, frozen=True):

@@ -10,11 +10,11 @@ import numpy as np
 from msgspec import Struct
 from scipy.special import ndtr
 
-from agent.calibration.collection import MIN_PAIR_KEV
-from agent.calibration.likelihood import fitted
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from agent.detector.sensor import DRIFT_NS, ELECTRON_KEV, TRACK_KEV, TRACK_MM, TRACK_POWER, attenuation_per_mm
-from agent.geometry import Array
+from radron.agent.calibration.collection import MIN_PAIR_KEV
+from radron.agent.calibration.likelihood import fitted
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from radron.agent.detector.sensor import DRIFT_NS, ELECTRON_KEV, TRACK_KEV, TRACK_MM, TRACK_POWER, attenuation_per_mm
+from radron.agent.geometry import Array
 
 SYSTEMATIC = 0.03  # relative: of the assumed transport
 MIN_PAIRS = 150

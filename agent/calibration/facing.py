@@ -6,8 +6,8 @@ import math
 
 from msgspec import Struct
 
-from agent.errors import ConfigError
-from agent.geometry import Vector3
+from radron.agent.errors import ConfigError
+from radron.agent.geometry import Vector3
 
 MIN_FACINGS = 3
 MIN_APART_DEG = 20.0  # facings nearer to each other leave a rotation about them undetermined

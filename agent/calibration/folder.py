@@ -9,11 +9,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.calibration.collection import Collection, block_of_pixels
-from agent.calibration.page import draw, verdict
-from agent.calibration.result import Result, goals
-from agent.detector.files.calibration import PIXELS, Calibration, write_calibration
-from agent.errors import OutputError
+from radron.agent.calibration.collection import Collection, block_of_pixels
+from radron.agent.calibration.page import draw, verdict
+from radron.agent.calibration.result import Result, goals
+from radron.agent.detector.files.calibration import PIXELS, Calibration, write_calibration
+from radron.agent.errors import OutputError
 
 HISTORY = "history.csv"
 _COLUMNS = ("stamp", "verdict", "nuclide", "live_s", "gain", "gain_sigma", "drift_ns", "drift_sigma_ns", "roll_deg", "pitch_deg",

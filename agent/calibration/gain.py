@@ -6,12 +6,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from agent.calibration.collection import BLOCKS
-from agent.calibration.likelihood import fitted
-from agent.detector.lines import GAMMAS
-from agent.detector.sensor import energy_variance
-from agent.detector.spectroscopy.shapes import lossy, peak_area_mm2, strongest_line_kev
-from agent.geometry import Array
+from radron.agent.calibration.collection import BLOCKS
+from radron.agent.calibration.likelihood import fitted
+from radron.agent.detector.lines import GAMMAS
+from radron.agent.detector.sensor import energy_variance
+from radron.agent.detector.spectroscopy.shapes import lossy, peak_area_mm2, strongest_line_kev
+from radron.agent.geometry import Array
 
 SYSTEMATIC = 0.003  # relative: the peak's shape is not known any better
 MIN_PEAK_EVENTS = 100  # fewer do not show a peak

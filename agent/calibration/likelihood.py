@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 
 def fitted(cost: Callable[[Array], float], start: Array, steps: Array) -> tuple[Array, Array]:

@@ -6,16 +6,16 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
-from agent.calibration.collection import Collection
-from agent.calibration.facing import Facing
-from agent.calibration.plan import is_enough
-from agent.calibration.result import Background
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.files.t3pa import T3paReader, readouts
-from agent.detector.readout import Detector, Readout
-from agent.errors import DetectorError
+from radron.agent.calibration.collection import Collection
+from radron.agent.calibration.facing import Facing
+from radron.agent.calibration.plan import is_enough
+from radron.agent.calibration.result import Background
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.files.t3pa import T3paReader, readouts
+from radron.agent.detector.readout import Detector, Readout
+from radron.agent.errors import DetectorError
 
 BACKGROUND_S = 300.0
 MAX_SILENCE_S = 15.0  # of a camera; its readouts come five times a second

@@ -9,11 +9,11 @@ from msgspec import Struct
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from agent.calibration.facing import Facing
-from agent.calibration.likelihood import hessian
-from agent.detector.detection import ConeEvent
-from agent.detector.imaging import cone_log_likelihood
-from agent.geometry import Array, Vector3
+from radron.agent.calibration.facing import Facing
+from radron.agent.calibration.likelihood import hessian
+from radron.agent.detector.detection import ConeEvent
+from radron.agent.detector.imaging import cone_log_likelihood
+from radron.agent.geometry import Array, Vector3
 
 PRIOR_DEG = 10.0  # 1 sigma of each angle by which the camera may be turned against the drone file
 MIN_CONES = 50  # at each facing

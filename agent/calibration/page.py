@@ -9,10 +9,10 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from agent.calibration.collection import BLOCKS, Collection
-from agent.calibration.result import Result, goals
-from agent.detector.readout import SENSOR_PIXELS
-from agent.detector.spectroscopy.shapes import strongest_line_kev
+from radron.agent.calibration.collection import BLOCKS, Collection
+from radron.agent.calibration.result import Result, goals
+from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.agent.detector.spectroscopy.shapes import strongest_line_kev
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ import math
 
 from msgspec import Struct
 
-from agent.calibration.collection import BLOCKS, Collection
-from agent.detector.lines import GAMMAS
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from agent.detector.sensor import attenuation_per_mm
-from agent.detector.spectroscopy.shapes import peak_area_mm2, strongest_line_kev
-from agent.errors import ConfigError
+from radron.agent.calibration.collection import BLOCKS, Collection
+from radron.agent.detector.lines import GAMMAS
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from radron.agent.detector.sensor import attenuation_per_mm
+from radron.agent.detector.spectroscopy.shapes import peak_area_mm2, strongest_line_kev
+from radron.agent.errors import ConfigError
 
 HITS_PER_PIXEL = 8.0  # one healthy pixel in 3,000 has none of them: 22 are masked in vain
 PEAK_EVENTS = 40 * BLOCKS * BLOCKS  # 3 % in each block: the resolution is 2.5 %, and the peak is found beside a continuum

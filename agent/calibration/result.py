@@ -7,16 +7,16 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from agent.calibration.collection import BLOCKS, Collection, block_of_pixels
-from agent.calibration.depth import Drift, fit_drift
-from agent.calibration.facing import Facing
-from agent.calibration.gain import Gain, fit_blocks, fit_gain
-from agent.calibration.orientation import Orientation, fit_orientation
-from agent.calibration.plan import HITS_PER_PIXEL, Source
-from agent.detector.files.calibration import MAX_BAD_SHARE, PIXELS
-from agent.detector.inspection import NOISY
-from agent.detector.spectroscopy.shapes import strongest_line_kev
-from agent.geometry import Vector3
+from radron.agent.calibration.collection import BLOCKS, Collection, block_of_pixels
+from radron.agent.calibration.depth import Drift, fit_drift
+from radron.agent.calibration.facing import Facing
+from radron.agent.calibration.gain import Gain, fit_blocks, fit_gain
+from radron.agent.calibration.orientation import Orientation, fit_orientation
+from radron.agent.calibration.plan import HITS_PER_PIXEL, Source
+from radron.agent.detector.files.calibration import MAX_BAD_SHARE, PIXELS
+from radron.agent.detector.inspection import NOISY
+from radron.agent.detector.spectroscopy.shapes import strongest_line_kev
+from radron.agent.geometry import Vector3
 
 GAIN_GOAL, BLOCK_GOAL, DRIFT_GOAL, ORIENTATION_GOAL_DEG, BACKGROUND_GOAL = 0.01, 0.03, 0.05, 1.0, 0.10
 MAX_GAIN_OFF = 0.4  # relative; a camera further off is defect, or its calibration belongs to another

@@ -6,10 +6,10 @@ import asyncio
 import time
 from pathlib import Path
 
-from agent.clock.handover import Told, Valid, hand_over, text
-from agent.clock.systemtime import WAIT_S, overheard_time
-from agent.config.drone import VehicleConfig
-from agent.vehicle.mavlink.exposure import exposure
+from radron.agent.clock.handover import Told, Valid, hand_over, text
+from radron.agent.clock.systemtime import WAIT_S, overheard_time
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.vehicle.mavlink.exposure import exposure
 
 
 def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float = WAIT_S) -> str:

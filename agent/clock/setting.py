@@ -11,8 +11,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from agent.clock.handover import TIME_FILE, Told, Valid, taken, text
-from agent.errors import RadronError
+from radron.agent.clock.handover import TIME_FILE, Told, Valid, taken, text
+from radron.agent.errors import RadronError
 
 TOLD = Path("/run/radron-agent") / TIME_FILE
 CERTIFICATE = Path("/run/credstore/certificate.pem")

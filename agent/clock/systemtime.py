@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import struct
 
-from agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
-from agent.vehicle.mavlink.overhearing import overhear
+from radron.agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
+from radron.agent.vehicle.mavlink.overhearing import overhear
 
 WAIT_S = 3.0  # three messages
 _SYSTEM_TIME, _CRC_EXTRA, _PAYLOAD_BYTES = 2, 137, 12

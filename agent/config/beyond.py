@@ -7,7 +7,7 @@ from math import atan2, degrees, isfinite
 
 from shapely import Point, Polygon
 
-from agent.config.mission import AreaConfig
+from radron.agent.config.mission import AreaConfig
 
 OUTSIDE = "source outside the fence"
 

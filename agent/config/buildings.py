@@ -11,10 +11,10 @@ from msgspec import Meta, Struct
 from shapely import Polygon
 from shapely.validation import explain_validity
 
-from agent.config.geojson import Feature, read_features
-from agent.config.section import Coordinate, FileName, NonNegative, Positive, Section
-from agent.errors import ConfigError
-from agent.inputs import read_bytes
+from radron.agent.config.geojson import Feature, read_features
+from radron.agent.config.section import Coordinate, FileName, NonNegative, Positive, Section
+from radron.agent.errors import ConfigError
+from radron.agent.inputs import read_bytes
 
 Material = Literal["concrete", "brick", "wood", "glass", "steel"]
 Point = tuple[Coordinate, Coordinate]

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from agent.config.section import Degrees, NonNegative, Section
-from protocol.units import DroneId, Identifier
+from radron.agent.config.section import Degrees, NonNegative, Section
+from radron.protocol.units import DroneId, Identifier
 
 PARAMETER = "^[A-Z][A-Z0-9_]{0,15}$"  # of PX4
 ParameterName = Annotated[str, Meta(pattern=PARAMETER)]

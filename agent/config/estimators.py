@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from agent.config.section import Activity, Coordinate, NonNegative, Positive, Section
-from protocol.units import Identifier
+from radron.agent.config.section import Activity, Coordinate, NonNegative, Positive, Section
+from radron.protocol.units import Identifier
 
 
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):

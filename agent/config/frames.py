@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from agent.config.section import NonNegative, Positive, Section
+from radron.agent.config.section import NonNegative, Positive, Section
 
 
 class FramesConfig(Section, frozen=True, kw_only=True):

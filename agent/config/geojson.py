@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from agent.errors import ConfigError
-from agent.inputs import text_of
+from radron.agent.errors import ConfigError
+from radron.agent.inputs import text_of
 
 MAX_DISTANCE_DEG = 1.0  # from the mission's datum to the nearest feature: 111 km
 MAX_SHARE_SWAPPED = 0.1  # of that distance, with latitude and longitude swapped: then they are

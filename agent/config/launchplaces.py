@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 from math import hypot
 
-from agent.config.mission import DroneInMission, MissionConfig
-from agent.errors import ConfigError
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.agent.errors import ConfigError
 
 
 def check_launch_places(mission: MissionConfig, where: str) -> None:

@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from agent.config.buildings import read_buildings
-from agent.config.drone import PARAMETER
-from agent.config.mission import MAX_GRID_BYTES, MissionConfig
-from agent.errors import ConfigError
-from agent.inputs import read_bytes, read_text
-from protocol.units import STATION
+from radron.agent.config.buildings import read_buildings
+from radron.agent.config.drone import PARAMETER
+from radron.agent.config.mission import MAX_GRID_BYTES, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.inputs import read_bytes, read_text
+from radron.protocol.units import STATION
 
 T = TypeVar("T")
 

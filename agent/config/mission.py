@@ -14,13 +14,13 @@ from msgspec import Meta
 from shapely import Point, Polygon
 from shapely.validation import explain_validity
 
-from agent.config.buildings import BuildingsConfig
-from agent.config.estimators import FusionConfig
-from agent.config.frames import FramesConfig
-from agent.config.section import Activity, Coordinate, Degrees, FileName, NonNegative, Positive, Section, content_of
-from agent.config.sizes import check_names, check_sizes
-from agent.errors import ConfigError
-from protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
+from radron.agent.config.buildings import BuildingsConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.frames import FramesConfig
+from radron.agent.config.section import Activity, Coordinate, Degrees, FileName, NonNegative, Positive, Section, content_of
+from radron.agent.config.sizes import check_names, check_sizes
+from radron.agent.errors import ConfigError
+from radron.protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
 
 Corner = tuple[Coordinate, Coordinate]
 SourceHeight = Annotated[float, Meta(ge=0.0, le=50.0)]

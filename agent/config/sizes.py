@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agent.errors import ConfigError
+from radron.agent.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agent.config.mission import MissionConfig
+    from radron.agent.config.mission import MissionConfig
 
 MIN_SEPARATION_M, MAX_SEPARATION_M = 1.0, 100.0  # below it, the vehicles' own size and the errors of their positions decide
 MIN_RADIUS_M, MAX_RADIUS_M = 1.0, 1000.0  # of a circle around a source

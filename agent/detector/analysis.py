@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.detection import ConeEvent, Detections
-from agent.detector.files.calibration import Calibration
-from agent.detector.files.t3pa import T3paReader, readouts
-from agent.detector.imaging import Direction, DirectionScan
-from agent.detector.lines import CANDIDATES, lines_of
-from agent.detector.spectroscopy.recognition import Recogniser, Recognition
-from agent.detector.spectroscopy.residuals import told
-from agent.errors import DetectorError
-from agent.outputs import replacing
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.detection import ConeEvent, Detections
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.files.t3pa import T3paReader, readouts
+from radron.agent.detector.imaging import Direction, DirectionScan
+from radron.agent.detector.lines import CANDIDATES, lines_of
+from radron.agent.detector.spectroscopy.recognition import Recogniser, Recognition
+from radron.agent.detector.spectroscopy.residuals import told
+from radron.agent.errors import DetectorError
+from radron.agent.outputs import replacing
 
 # Times in ns since the detector's clock was reset; camera frame (x along the rows, y up, z the outward normal). The axis is that
 # of reading 1 (cluster 1 is the electron), from the absorbed photon to the electron. Reading 2 has its opposite.

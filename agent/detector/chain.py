@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.clustering import FEW, cluster_few, cluster_many
-from agent.detector.deadblocks import DeadBlocks
-from agent.detector.detection import Detections
-from agent.detector.events import EnergySink, EventReader, Tally
-from agent.detector.files.calibration import Calibration
-from agent.detector.noise import NoiseMask
-from agent.detector.readout import TICK_NS, PixelHits, Readout
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.clustering import FEW, cluster_few, cluster_many
+from radron.agent.detector.deadblocks import DeadBlocks
+from radron.agent.detector.detection import Detections
+from radron.agent.detector.events import EnergySink, EventReader, Tally
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.noise import NoiseMask
+from radron.agent.detector.readout import TICK_NS, PixelHits, Readout
 
 _HOLD_NS = 1_000_000  # longest part of a readout that is held back, however dense the hits are
 _AHEAD_NS = 1e9  # hits stamped further ahead of their readout have a wrong clock

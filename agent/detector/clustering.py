@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from agent.detector.readout import PIXEL_PITCH_MM, SATURATED_TOT, SENSOR_PIXELS, PixelHits
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SATURATED_TOT, SENSOR_PIXELS, PixelHits
 
 FEW = 500  # up to this number of hits the event-by-event algorithm is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge

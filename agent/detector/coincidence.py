@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from agent.detector.clustering import Cluster
+from radron.agent.detector.clustering import Cluster
 
 # K fluorescence of Cd (23.0-26.1 keV) and Te (27.2-31.0 keV), widened by the resolution and by charge lost below the threshold.
 # Its attenuation length in CdTe is 0.07-0.12 mm, so that hardly any travels further than ten of them.

@@ -10,13 +10,13 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from agent.config.mission import AUTO, DetectionConfig
-from agent.detector.analysis import Summary, analyse, recognise
-from agent.detector.files.calibration import PIXELS, Calibration, load_calibration
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.lines import lines_of
-from agent.detector.spectroscopy.residuals import told
-from agent.outputs import check_output
+from radron.agent.config.mission import AUTO, DetectionConfig
+from radron.agent.detector.analysis import Summary, analyse, recognise
+from radron.agent.detector.files.calibration import PIXELS, Calibration, load_calibration
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.lines import lines_of
+from radron.agent.detector.spectroscopy.residuals import told
+from radron.agent.outputs import check_output
 
 
 def run_cones(opened: Callable[[], T3paReader], csv: Path, nuclide: str, calibration: Path | None) -> None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.detector.detection import ConeEvent
-from agent.detector.sensor import DOPPLER_MOMENTUM, ELECTRON_KEV, attenuation_per_mm, energy_variance, position_variance
+from radron.agent.detector.detection import ConeEvent
+from radron.agent.detector.sensor import DOPPLER_MOMENTUM, ELECTRON_KEV, attenuation_per_mm, energy_variance, position_variance
 
 ORDER_FLOOR = 0.03  # least probability of each order, for effects that the weights do not model
 SIGMA_MAX_RAD = 0.35

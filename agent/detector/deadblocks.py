@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import SENSOR_PIXELS
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import SENSOR_PIXELS
 
 SIDE = 32  # pixels; a side of the sensor has 8 blocks
 BLOCKS = (SENSOR_PIXELS // SIDE) ** 2

@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.readout import PixelHits, Readout
 
 LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time, 25 ns steps
 

@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from protocol.spectrum import SpectrumBin
+from radron.protocol.spectrum import SpectrumBin
 
 
 class ConeEvent(Struct, frozen=True):

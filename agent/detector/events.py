@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.clustering import Cluster, Clusters
-from agent.detector.coincidence import events_of, merge_satellites
-from agent.detector.cones import Line, cone_event
-from agent.detector.detection import ConeEvent
-from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
-from agent.detector.sensor import DRIFT_NS
-from agent.detector.spectrum import CoarseSpectrum
-from agent.detector.windows import Windows, candidates_of
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.clustering import Cluster, Clusters
+from radron.agent.detector.coincidence import events_of, merge_satellites
+from radron.agent.detector.cones import Line, cone_event
+from radron.agent.detector.detection import ConeEvent
+from radron.agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
+from radron.agent.detector.sensor import DRIFT_NS
+from radron.agent.detector.spectrum import CoarseSpectrum
+from radron.agent.detector.windows import Windows, candidates_of
 
 EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from agent.detector.detection import ConeEvent
+from radron.agent.detector.detection import ConeEvent
 
 MOST_CONES = 5000  # more take time and improve less than the spacing of the fine grid
 _GRID = 4000  # directions on the sphere, 3 degrees apart

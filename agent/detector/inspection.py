@@ -9,14 +9,14 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.clustering import Clusters, cluster_many
-from agent.detector.files.calibration import Calibration
-from agent.detector.files.frames import read_frame
-from agent.detector.files.t3pa import T3paReader, readouts
-from agent.detector.readout import SATURATED_TOT, SENSOR_PIXELS, TICK_NS, PixelHits
-from agent.detector.spectroscopy.recognition import Recogniser
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.clustering import Clusters, cluster_many
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.files.frames import read_frame
+from radron.agent.detector.files.t3pa import T3paReader, readouts
+from radron.agent.detector.readout import SATURATED_TOT, SENSOR_PIXELS, TICK_NS, PixelHits
+from radron.agent.detector.spectroscopy.recognition import Recogniser
 
 MIN_HITS_PER_PIXEL = 10.0  # mean below which a pixel without hits says nothing: at 10 it is one healthy pixel in 22,000
 NOISY = 20.0  # times as many hits as the mean pixel

@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from agent.detector.files.calibration import Calibration, load_calibration
-from agent.detector.files.frames import is_frame
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.inspection import BIN_KEV, Inspection, inspect_frame, inspect_hits
-from agent.detector.readout import SENSOR_PIXELS
-from agent.errors import DetectorError
-from agent.outputs import check_output, replacing
+from radron.agent.detector.files.calibration import Calibration, load_calibration
+from radron.agent.detector.files.frames import is_frame
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.inspection import BIN_KEV, Inspection, inspect_frame, inspect_hits
+from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.agent.errors import DetectorError
+from radron.agent.outputs import check_output, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

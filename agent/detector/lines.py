@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agent.errors import ConfigError
+from radron.agent.errors import ConfigError
 
 # keV and photons per decay, from the evaluated decay data of the Decay Data Evaluation Project
 # (http://www.lnhb.fr/nuclear-data/), rounded to 10 eV; lines above 50 keV. annihilation photons: two for each positron.

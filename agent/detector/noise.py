@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS, PixelHits
+from radron.agent.detector.readout import SENSOR_PIXELS, PixelHits
 
 BEAT_NS = 100_000_000  # a burst falls within one beat, or two
 SHARE = 400  # rate limit of a pixel, in multiples of the mean of all pixels

@@ -7,7 +7,7 @@ from hashlib import blake2b
 
 from msgspec.structs import replace
 
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.readout import PixelHits, Readout
 
 KEPT = 64  # readouts that the present one is compared with: 13 s of them
 LEAST_PIXELS = 3  # of a readout that is compared

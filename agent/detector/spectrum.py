@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.spectrum import BINS, HIGHEST_KEV, LOWEST_KEV, SpectrumBin
+from radron.protocol.spectrum import BINS, HIGHEST_KEV, LOWEST_KEV, SpectrumBin
 
 _LOW_ROOT = sqrt(LOWEST_KEV)
 _PER_ROOT = BINS / (sqrt(HIGHEST_KEV) - _LOW_ROOT)

@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from agent.config.mission import AUTO, DetectionConfig
-from agent.detector.cones import Line
-from agent.detector.lines import CANDIDATES, lines_of
-from agent.detector.sensor import energy_variance
+from radron.agent.config.mission import AUTO, DetectionConfig
+from radron.agent.detector.cones import Line
+from radron.agent.detector.lines import CANDIDATES, lines_of
+from radron.agent.detector.sensor import energy_variance
 
 _REACH = 3.0  # sigmas of the resolution
 _SAME_LINE = 0.03  # relative distance within which a line of another nuclide makes cones of the same energy

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import DetectorError
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import DetectorError
 
 VERSION = 1
 MAXIMUM_HITS = 1_000_000  # per frame: more than twice what a MiniPIX can deliver in 0.2 s

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from agent.doctor.report import Check, Verdict
+from radron.agent.doctor.report import Check, Verdict
 
 HOT_C, TOO_HOT_C = 80.0, 95.0  # an Intel NUC slows down from about 95 degrees on
 BOOT_S = 90.0

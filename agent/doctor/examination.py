@@ -8,17 +8,17 @@ from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.doctor.computer import computer
-from agent.doctor.reach import reach
-from agent.doctor.report import Check, Report, Setting
-from agent.preflight.background import Background
-from agent.preflight.check import Preflight
-from agent.preflight.chrony import NAME as CHRONY
-from agent.preflight.corrections import Corrections
-from agent.vehicle.demands import demands_of
-from agent.vehicle.interface import Finding
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.doctor.computer import computer
+from radron.agent.doctor.reach import reach
+from radron.agent.doctor.report import Check, Report, Setting
+from radron.agent.preflight.background import Background
+from radron.agent.preflight.check import Preflight
+from radron.agent.preflight.chrony import NAME as CHRONY
+from radron.agent.preflight.corrections import Corrections
+from radron.agent.vehicle.demands import demands_of
+from radron.agent.vehicle.interface import Finding
 
 _AREAS = {name: "swarm" for name in ("mission", "return layer", "certificate", "revoked", "state", "mesh")}
 _AREAS |= {"flight records": "computer", "clock": "clock", CHRONY: "clock"}

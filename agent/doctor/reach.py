@@ -6,7 +6,7 @@ import asyncio
 import re
 from asyncio.subprocess import DEVNULL, PIPE, STDOUT
 
-from agent.doctor.report import Check
+from radron.agent.doctor.report import Check
 
 PINGS, INTERVAL_S = 25, 0.2
 SLOW_MS, LOSSY = 100.0, 0.05  # the drones plan with poses that are 0.1 s old; they miss nothing at this loss

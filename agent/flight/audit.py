@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 import msgspec
 
-from agent.errors import FlightRecordError
-from agent.flight import topics
-from agent.flight.reader import RecordedCall, RecordedFlight
-from agent.mission.commanding import Verdict
-from protocol.codec import decode_from
-from protocol.errors import ProtocolError
-from protocol.identity import Authority, Peer, utc
-from protocol.keys import Key, parse_key
-from protocol.messages import STATION_KINDS, Action, AnyMessage, AnyOrder, Command, Order, Upload
-from protocol.revocations import Revocation, Revoked
-from protocol.signing import Member
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedCall, RecordedFlight
+from radron.agent.mission.commanding import Verdict
+from radron.protocol.codec import decode_from
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Authority, Peer, utc
+from radron.protocol.keys import Key, parse_key
+from radron.protocol.messages import STATION_KINDS, Action, AnyMessage, AnyOrder, Command, Order, Upload
+from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.signing import Member
 
 UNTOLD = "the record does not say what became of it (it lists a bounded number of refused commands a second)"
 _TAKEN = "taken over"  # an upload, unless the agent could not keep it

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from agent.errors import FlightRecordError
-from agent.flight.audit import Audited, audit, mission_of
-from agent.flight.progress import progress_bar
-from agent.flight.reader import REMOVED, UNFINISHED, RecordedFlight
-from agent.outputs import printable
-from protocol.identity import utc
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.audit import Audited, audit, mission_of
+from radron.agent.flight.progress import progress_bar
+from radron.agent.flight.reader import REMOVED, UNFINISHED, RecordedFlight
+from radron.agent.outputs import printable
+from radron.protocol.identity import utc
 
 
 def run_audit(path: Path) -> None:

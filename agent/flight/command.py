@@ -7,9 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from agent.flight.progress import progress_bar
-from agent.flight.reader import UNFINISHED
-from agent.flight.replay import ReplayReport, replay
+from radron.agent.flight.progress import progress_bar
+from radron.agent.flight.reader import UNFINISHED
+from radron.agent.flight.replay import ReplayReport, replay
 
 IDENTICAL, DIFFERENT, UNUSABLE = 0, 1, 2  # exit codes
 

@@ -9,18 +9,18 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from agent.computing import Computing
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.files.calibration import calibration_files
-from agent.errors import ConfigError, FlightRecordError
-from agent.fusion.countstables import tables_version
-from agent.fusion.registry import deferred_named, estimator_named
-from agent.mission.memory import Memory
-from agent.mission.uploads import Origin
-from agent.pilot import Pilot
-from protocol.keys import VERSION
-from protocol.signing import Trust
+from radron.agent.computing import Computing
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.files.calibration import calibration_files
+from radron.agent.errors import ConfigError, FlightRecordError
+from radron.agent.fusion.countstables import tables_version
+from radron.agent.fusion.registry import deferred_named, estimator_named
+from radron.agent.mission.memory import Memory
+from radron.agent.mission.uploads import Origin
+from radron.agent.pilot import Pilot
+from radron.protocol.keys import VERSION
+from radron.protocol.signing import Trust
 
 _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
 

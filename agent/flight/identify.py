@@ -1,8 +1,8 @@
 """Identification of a vehicle's response to setpoints from a recorded flight.
 
-Drag comes from the tilt (``agent.navigation.drag``), under agent or pilot alike. Dead time and attitude lag are fitted: a cascade
-with PX4's default gains, given the vehicle's setpoints and localisation, is to tilt like the vehicle. The fit is least squares of
-the thrust acceleration, on a grid that is refined once.
+Drag comes from the tilt (``radron.agent.navigation.drag``), under agent or pilot alike. Dead time and attitude lag are fitted: a
+cascade with PX4's default gains, given the vehicle's setpoints and localisation, is to tilt like the vehicle. The fit is least
+squares of the thrust acceleration, on a grid that is refined once.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.drone import ResponseConfig
-from agent.errors import FlightRecordError
-from agent.flight.response_records import SHORTEST_S, Piece, ResponseRecords
-from agent.geometry import Array
-from agent.navigation.drag import DragFilter
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.response_records import SHORTEST_S, Piece, ResponseRecords
+from radron.agent.geometry import Array
+from radron.agent.navigation.drag import DragFilter
 
 _DOUBT_PS = 1.0  # prior 1 sigma of the drag: uninformative
 _KNOWN_PS = 0.15  # 1 sigma of the drag above which it counts as not found

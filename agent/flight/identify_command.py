@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from agent.config.drone import ResponseConfig
-from agent.errors import FlightRecordError
-from agent.flight.identify import Identified, identify
-from agent.flight.progress import progress_bar
-from agent.flight.reader import RecordedFlight
-from agent.flight.response_records import Piece, read
-from agent.outputs import check_output, replacing
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.identify import Identified, identify
+from radron.agent.flight.progress import progress_bar
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.response_records import Piece, read
+from radron.agent.outputs import check_output, replacing
 
 _READING = 0.5  # share of the work
 

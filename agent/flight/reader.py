@@ -9,12 +9,12 @@ from typing import NamedTuple
 import msgspec
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata
 
-from agent.errors import FlightRecordError
-from agent.flight.header import FlightHeader, Recording
-from agent.flight.mcapfile import DAMAGE, UnfinishedError, items, messages
-from agent.flight.segment import HEADER
-from agent.flight.topics import OUT
-from agent.inputs import refuse_stream
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.header import FlightHeader, Recording
+from radron.agent.flight.mcapfile import DAMAGE, UnfinishedError, items, messages
+from radron.agent.flight.segment import HEADER
+from radron.agent.flight.topics import OUT
+from radron.agent.inputs import refuse_stream
 
 _Raw = tuple[int, str, memoryview, int, int]  # sequence, topic, data, log and publish time
 

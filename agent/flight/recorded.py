@@ -8,18 +8,18 @@ from typing import ParamSpec, TypeVar
 
 import msgspec
 
-from agent.detector.readout import Readout
-from agent.flight import topics
-from agent.flight.topics import Sink
-from agent.frames.swarm import SwarmFrames
-from agent.fusion.deferred import Told
-from agent.fusion.estimator import Hypothesis, Outlook
-from agent.mission.commanding import Verdict
-from agent.mission.memory import Memory
-from agent.pilot import Pilot, Step
-from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
-from protocol.messages import Stage, Ticket, Upload
-from protocol.revocations import Revocation
+from radron.agent.detector.readout import Readout
+from radron.agent.flight import topics
+from radron.agent.flight.topics import Sink
+from radron.agent.frames.swarm import SwarmFrames
+from radron.agent.fusion.deferred import Told
+from radron.agent.fusion.estimator import Hypothesis, Outlook
+from radron.agent.mission.commanding import Verdict
+from radron.agent.mission.memory import Memory
+from radron.agent.pilot import Pilot, Step
+from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
+from radron.protocol.messages import Stage, Ticket, Upload
+from radron.protocol.revocations import Revocation
 
 MOST_REFUSED = 20  # commands recorded with their reason, in each second: a flood must not fill a record
 

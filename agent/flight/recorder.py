@@ -11,9 +11,9 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import NamedTuple
 
-from agent.errors import FlightRecordError
-from agent.flight.header import FlightHeader
-from agent.flight.segment import Segment, prune, segment_path
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.segment import Segment, prune, segment_path
 
 SEGMENT_BYTES = 64_000_000  # at most, and at most a quarter of the limit, so that old records are removed in small portions
 MOST_WAITING_BYTES = 32_000_000  # minutes of flight; if the disk stalls for longer, records are lost

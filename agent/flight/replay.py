@@ -10,15 +10,15 @@ from tempfile import TemporaryDirectory
 import msgspec
 from msgspec import Struct
 
-from agent.errors import FlightRecordError, RadronError
-from agent.flight import topics
-from agent.flight.reader import FlightRecord, RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.signatures import RecordedSignatures
-from agent.fusion.deferred import Deferred, Folder, Told
-from agent.pilot import Pilot
-from protocol.errors import ProtocolError
-from protocol.identity import Authority
+from radron.agent.errors import FlightRecordError, RadronError
+from radron.agent.flight import topics
+from radron.agent.flight.reader import FlightRecord, RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.signatures import RecordedSignatures
+from radron.agent.fusion.deferred import Deferred, Folder, Told
+from radron.agent.pilot import Pilot
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Authority
 
 Answer = Callable[[int], Told]  # to a question of the estimator
 _SHOWN = 200  # characters of a result in a report

@@ -10,15 +10,15 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from agent.errors import FlightRecordError
-from agent.flight import topics
-from agent.flight.reader import FlightRecord, RecordedFlight
-from agent.geometry import Array
-from agent.navigation.drag import horizontal_thrust
-from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand, VehicleState
-from protocol.codec import decode_from
-from protocol.errors import ProtocolError
-from protocol.messages import Plan
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import topics
+from radron.agent.flight.reader import FlightRecord, RecordedFlight
+from radron.agent.geometry import Array
+from radron.agent.navigation.drag import horizontal_thrust
+from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand, VehicleState
+from radron.protocol.codec import decode_from
+from radron.protocol.errors import ProtocolError
+from radron.protocol.messages import Plan
 
 _GAP_NS = 1_000_000_000  # a longer gap between setpoints begins another piece
 SHORTEST_S = 5.0  # shorter pieces are ignored

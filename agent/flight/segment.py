@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-from agent.flight.header import FlightHeader
-from agent.flight.topics import ENCODINGS
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.topics import ENCODINGS
 
 HEADER = "radron"  # name of the metadata record that every segment begins with
 OWNER_ONLY = 0o600  # the header holds the key of this boot's nonces

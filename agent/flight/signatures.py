@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 from msgspec import UNSET
 
-from agent.flight import topics
-from protocol.codec import decode_from
-from protocol.entries import SIGNATURE_BYTES, Entry
-from protocol.errors import ProtocolError
-from protocol.message import Message
-from protocol.messages import Status
-from protocol.revocations import Revoked
-from protocol.signing import Authority, Member, Trust
+from radron.agent.flight import topics
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import SIGNATURE_BYTES, Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.message import Message
+from radron.protocol.messages import Status
+from radron.protocol.revocations import Revoked
+from radron.protocol.signing import Authority, Member, Trust
 
 _NONE = bytes(SIGNATURE_BYTES)
 

@@ -14,11 +14,11 @@ from typing import Protocol
 import msgpack
 import msgspec
 
-from agent.detector.readout import Readout
-from agent.detector.wire import Unpacker, pack
-from agent.errors import DetectorError, FlightRecordError
-from agent.fusion.estimator import Hypothesis
-from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.wire import Unpacker, pack
+from radron.agent.errors import DetectorError, FlightRecordError
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
 
 VEHICLE = "in/vehicle"  # JSON: telemetry
 DETECTOR = "in/detector"  # readout as in agent/detector/wire.py

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.frames.residuals import (
+from radron.agent.frames.residuals import (
     NEAREST_M,
     Fixes,
     Ints,
@@ -27,7 +27,7 @@ from agent.frames.residuals import (
     turned,
     turned_per_yaw,
 )
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 HEADINGS = 16
 _FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # start positions around the others where there are only ranges

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from protocol.bucket import Bucket
+from radron.protocol.bucket import Bucket
 
 LATE_NS = 5_000_000_000  # entries that change older results than this wait for a batch
 _EVERY_NS = 2_000_000_000  # mostly longer than a batch takes to be computed

@@ -1,7 +1,7 @@
 """Frames of drones with exactly known localisation after a jump, carried on by the drones' own motion.
 
 The mission gives the frame of the first epoch. The drone publishes the pose of each later frame in the first one, with every
-exposure of that epoch (``agent.localization.knownframe``). These frames are therefore a function of the log, too.
+exposure of that epoch (``radron.agent.localization.knownframe``). These frames are therefore a function of the log, too.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
-from agent.frames.transform import Transform
-from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 
 def told(frame: Transform) -> CarriedFrame:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.consistency import Tally
-from agent.frames.joint import Joint
-from agent.frames.placement import Placement
+from radron.agent.frames.consistency import Tally
+from radron.agent.frames.joint import Joint
+from radron.agent.frames.placement import Placement
 
 Emission = tuple[int, int, Placement | None]  # drone, first stamp, placement of its continuous frame
 

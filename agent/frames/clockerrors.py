@@ -11,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from math import dist
 
-from protocol.entries import LONGEST_EXPOSURE_NS, Exposure
+from radron.protocol.entries import LONGEST_EXPOSURE_NS, Exposure
 
 # A status a second and its answer, with some of them lost; and the time, two exposures and more, in which all must state it.
 _LEARNED_NS, _TOLD_NS = 4_000_000_000, 1_200_000_000

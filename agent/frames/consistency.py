@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.frames.residuals import Sightings
-from agent.geometry import Array
+from radron.agent.frames.residuals import Sightings
+from radron.agent.geometry import Array
 
 Flags = NDArray[np.bool_]
 

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from agent.config.frames import FramesConfig
-from agent.config.mission import DroneInMission, MissionConfig
-from agent.frames.residuals import Ints
-from agent.frames.tracks import LONGEST_SLOPE_S, Track
-from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
+from radron.agent.config.frames import FramesConfig
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.agent.frames.residuals import Ints
+from radron.agent.frames.tracks import LONGEST_SLOPE_S, Track
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Vector3
 
 _LONGEST_S = 60.0  # longest interval without data with drift added in one step
 _GAP_S = 10.0  # the same for the gap of a jump

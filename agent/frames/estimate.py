@@ -8,18 +8,18 @@ from typing import Protocol
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.frames.checkpoint import Checkpoint
-from agent.frames.consistency import KEYFRAMES, tally, verdict
-from agent.frames.finding import find
-from agent.frames.graph import LAUNCH_EPOCH
-from agent.frames.intake import Intake
-from agent.frames.joint import NO_HEADINGS, Headings, corrected
-from agent.frames.judgement import clear_suspicions, judge
-from agent.frames.keyframe import Keyframe, Setting
-from agent.frames.placement import Placement
-from agent.frames.residuals import FIX_OUTLIER_SHARE
-from agent.frames.slides import find_slides, note_moves, place_anew
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.checkpoint import Checkpoint
+from radron.agent.frames.consistency import KEYFRAMES, tally, verdict
+from radron.agent.frames.finding import find
+from radron.agent.frames.graph import LAUNCH_EPOCH
+from radron.agent.frames.intake import Intake
+from radron.agent.frames.joint import NO_HEADINGS, Headings, corrected
+from radron.agent.frames.judgement import clear_suspicions, judge
+from radron.agent.frames.keyframe import Keyframe, Setting
+from radron.agent.frames.placement import Placement
+from radron.agent.frames.residuals import FIX_OUTLIER_SHARE
+from radron.agent.frames.slides import find_slides, note_moves, place_anew
 
 _RETRY = 3  # keyframes between attempts to align a lost frame
 _ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 30 ms, during which the flight loop waits

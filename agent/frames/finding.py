@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agent.frames.alignment import Alignment, Views, align, evidence_of, views_of
-from agent.frames.joint import Joint, corrected
-from agent.frames.keyframe import SPEED_MPS, Keyframe
-from agent.frames.placement import Placement
-from agent.frames.residuals import Fixes, Ints, Sightings, turned
-from agent.frames.slides import place_anew
-from agent.geometry import Array
+from radron.agent.frames.alignment import Alignment, Views, align, evidence_of, views_of
+from radron.agent.frames.joint import Joint, corrected
+from radron.agent.frames.keyframe import SPEED_MPS, Keyframe
+from radron.agent.frames.placement import Placement
+from radron.agent.frames.residuals import Fixes, Ints, Sightings, turned
+from radron.agent.frames.slides import place_anew
+from radron.agent.geometry import Array
 
 _MOST_VIEWS = 120  # most sightings used in an alignment; of more, every n-th
 _FEWEST_VIEWS = 4

@@ -12,9 +12,9 @@ import numpy as np
 import pymap3d
 from scipy.spatial.transform import Rotation
 
-from agent.config.mission import DatumConfig
-from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
+from radron.agent.config.mission import DatumConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Vector3
 
 
 def mission_from_geodetic(datum: DatumConfig, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector3:

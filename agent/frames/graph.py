@@ -7,9 +7,9 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform, same
-from agent.geometry import Vector3
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.transform import Transform, same
+from radron.agent.geometry import Vector3
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
 

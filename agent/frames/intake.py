@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.frames.clockerrors import ClockErrors
-from agent.frames.geodesy import mission_from_geodetic
-from agent.frames.residuals import Fixes, Sightings
-from agent.frames.tracks import Sample, Track
-from agent.geometry import yaw_of
-from protocol.codec import decode_as
-from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.clockerrors import ClockErrors
+from radron.agent.frames.geodesy import mission_from_geodetic
+from radron.agent.frames.residuals import Fixes, Sightings
+from radron.agent.frames.tracks import Sample, Track
+from radron.agent.geometry import yaw_of
+from radron.protocol.codec import decode_as
+from radron.protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
 READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
 _MOST = 64  # measurements of a kind and drone that count in a keyframe: a member may publish a minute's for one moment

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.residuals import (
+from radron.agent.frames.residuals import (
     Fixes,
     Ints,
     Sightings,
@@ -25,7 +25,7 @@ from agent.frames.residuals import (
     turned,
     turned_per_yaw,
 )
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 # Most iterations, and the number of full steps; later steps are halved, as they may oscillate. Three are usual, and 15 for drones
 # in one row with directions only: bearings hardly determine distances, but seem to during the iteration.

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.frames.consistency import Verdict, agreeing, without
-from agent.frames.finding import aligned_better, insert
-from agent.frames.joint import Joint, corrected
-from agent.frames.keyframe import Keyframe, listed
-from agent.frames.residuals import Fixes, Sightings
-from agent.frames.slides import FEWEST, MEMORY_S, place_anew
+from radron.agent.frames.consistency import Verdict, agreeing, without
+from radron.agent.frames.finding import aligned_better, insert
+from radron.agent.frames.joint import Joint, corrected
+from radron.agent.frames.keyframe import Keyframe, listed
+from radron.agent.frames.residuals import Fixes, Sightings
+from radron.agent.frames.slides import FEWEST, MEMORY_S, place_anew
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes

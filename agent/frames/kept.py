@@ -7,9 +7,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from agent.frames.graph import LAUNCH_EPOCH
-from agent.frames.transform import Transform
-from agent.geometry import Array
+from radron.agent.frames.graph import LAUNCH_EPOCH
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
 
 _Number = float | None  # JSON has finite numbers only: others become null
 _LARGEST = np.array([7.0, 1e5, 1e5, 1e5])  # of a yaw (rad) and a translation (m): the limit of positions in messages

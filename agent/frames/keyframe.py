@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.frames.checkpoint import Checkpoint, Emission, Suspicion
-from agent.frames.drift import Drift
-from agent.frames.intake import Intake
-from agent.frames.joint import Joint
-from agent.frames.leads import leads_m
-from agent.frames.placement import Placement
-from agent.frames.residuals import Fixes, Sightings
-from agent.geometry import Array
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.checkpoint import Checkpoint, Emission, Suspicion
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.intake import Intake
+from radron.agent.frames.joint import Joint
+from radron.agent.frames.leads import leads_m
+from radron.agent.frames.placement import Placement
+from radron.agent.frames.residuals import Fixes, Sightings
+from radron.agent.geometry import Array
 
 _SLIDE_MPS = 1.0  # of a track that slides: spoofed, or by a SLAM that has lost its way
 SPEED_MPS = 3.0  # assumed speed for the distance-dependent SLAM drift of sightings that are older than the keyframe

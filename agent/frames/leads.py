@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.frames.residuals import Fixes, turned
-from agent.geometry import Array
+from radron.agent.frames.residuals import Fixes, turned
+from radron.agent.geometry import Array
 
 _LEAD_M = 1.0  # corrections of a filter stay below it
 _SIGMAS = 3.0  # of the heading

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.transform import Transform
-from agent.geometry import Array
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

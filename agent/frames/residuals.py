@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 Ints = NDArray[np.int64]
 

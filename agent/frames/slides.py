@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.frames.consistency import Flags
-from agent.frames.joint import Joint
-from agent.frames.keyframe import Keyframe, listed
-from agent.geometry import Array
+from radron.agent.frames.consistency import Flags
+from radron.agent.frames.joint import Joint
+from radron.agent.frames.keyframe import Keyframe, listed
+from radron.agent.geometry import Array
 
 FEWEST = 2  # tracks with the same correction
 MEMORY_S = 15.0  # time constant of a track's accumulated correction

@@ -6,17 +6,17 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from itertools import chain, zip_longest
 
-from agent.config.mission import MissionConfig
-from agent.frames.batches import LATE_NS, Batches
-from agent.frames.carried import CarriedFrames
-from agent.frames.checkpoint import Checkpoint, beginning
-from agent.frames.estimate import Estimate, FrameEstimates
-from agent.frames.graph import FrameGraph, Known
-from agent.frames.intake import READS, Intake
-from agent.frames.placement import Placement
-from agent.frames.tracks import ALWAYS, Segment
-from agent.frames.transform import Transform
-from protocol.entries import Entry, EntryId
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.batches import LATE_NS, Batches
+from radron.agent.frames.carried import CarriedFrames
+from radron.agent.frames.checkpoint import Checkpoint, beginning
+from radron.agent.frames.estimate import Estimate, FrameEstimates
+from radron.agent.frames.graph import FrameGraph, Known
+from radron.agent.frames.intake import READS, Intake
+from radron.agent.frames.placement import Placement
+from radron.agent.frames.tracks import ALWAYS, Segment
+from radron.agent.frames.transform import Transform
+from radron.protocol.entries import Entry, EntryId
 
 BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
 _PORTION = 50  # entries taken back per call of ``advance``: 10 ms

@@ -2,9 +2,9 @@
 
 At a jump of the localisation a new epoch begins, while the vehicle itself continues at its velocity. The stretches between jumps,
 here *segments*, are therefore joined to a *continuous* track in the frame of the first segment. Within an epoch the frame stays
-constant, even at a jump of the samples. A drone begins a new epoch at every jump that it detects (``agent.localization.jumps``).
-Other jumps are false samples, as a malicious drone's, or the correction of a drifted position. Everything is a function of the
-samples alone, for any order of arrival.
+constant, even at a jump of the samples. A drone begins a new epoch at every jump that it detects
+(``radron.agent.localization.jumps``). Other jumps are false samples, as a malicious drone's, or the correction of a drifted
+position. Everything is a function of the samples alone, for any order of arrival.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from array import array
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
-from agent.frames.transform import Transform
-from agent.geometry import Vector3
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Vector3
 
 _FASTEST_MPS = 25.0  # faster than any vehicle of the swarm
 _LONGEST_GAP_NS = 1_000_000_000  # longest gap between samples across which positions are interpolated

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from agent.geometry import Array, Vector3
+from radron.agent.geometry import Array, Vector3
 
 
 @dataclass(frozen=True, slots=True, eq=False)

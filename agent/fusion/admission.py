@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from protocol.bucket import Bucket
-from protocol.entries import Credential, Entry
+from radron.protocol.bucket import Bucket
+from radron.protocol.entries import Credential, Entry
 
 RATE, RATE_BESIDE = 100.0, 20.0  # entries a second: of three cameras; and for each other drone in view
 BURST = 6_000.0  # a minute's; entries missed during a lost link come at once

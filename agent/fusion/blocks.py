@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from hashlib import blake2b
 from itertools import cycle, islice
 
-from protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
+from radron.protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
 
 Publisher = tuple[str, str]  # drone, boot
 Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # number and bytes of each entry in a range, in order

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from agent.frames.batches import Batches
-from agent.fusion.checkpoints import thin, undo
-from agent.fusion.timeline import Timeline
+from radron.agent.frames.batches import Batches
+from radron.agent.fusion.checkpoints import thin, undo
+from radron.agent.fusion.timeline import Timeline
 
 NEVER = -1  # before every step
 # Limit of a replay in a call: 4 ms, in units of ``Estimator.work``, plus a multiple of the present chain's work: it does finish.

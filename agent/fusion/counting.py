@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from agent.fusion.blocks import Publisher
-from agent.fusion.overlaps import Overlaps
-from agent.fusion.retractions import Retractions
-from agent.fusion.sequences import Range
-from protocol.entries import Coverage, Entry, EntryId, Exposure, Retraction
+from radron.agent.fusion.blocks import Publisher
+from radron.agent.fusion.overlaps import Overlaps
+from radron.agent.fusion.retractions import Retractions
+from radron.agent.fusion.sequences import Range
+from radron.protocol.entries import Coverage, Entry, EntryId, Exposure, Retraction
 
 Held = Callable[[Publisher, Iterable[Range]], Iterator[EntryId]]  # the held entries of a publisher with these numbers
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 from functools import cache
 
-from agent.fusion.bayes.response import RESPONSES
-from agent.fusion.bayes.soil import SOIL
-from agent.fusion.sources.soiltables import SOIL as SOIL_SPECTRA
-from agent.fusion.sources.tables import TABLES
+from radron.agent.fusion.bayes.response import RESPONSES
+from radron.agent.fusion.bayes.soil import SOIL
+from radron.agent.fusion.sources.soiltables import SOIL as SOIL_SPECTRA
+from radron.agent.fusion.sources.tables import TABLES
 
 
 @cache

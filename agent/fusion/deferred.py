@@ -15,9 +15,9 @@ from typing import Any, Generic, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.fusion.checkpoints import thin, undo
-from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
-from agent.fusion.observation import Observation
+from radron.agent.fusion.checkpoints import thin, undo
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.observation import Observation
 
 MOST_OBSERVATIONS = 100  # in a task: its transfer takes a few milliseconds
 _WORK = 2  # of a step here, in units of ``Estimator.work``

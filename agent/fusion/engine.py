@@ -6,21 +6,21 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, cast
 
-from agent.config.mission import MissionConfig
-from agent.frames.batches import LATE_NS, Batches
-from agent.frames.graph import FrameGraph
-from agent.frames.swarm import BEFORE_START_NS
-from agent.fusion.chains import NEVER, Chains
-from agent.fusion.deferred import Deferred, Told
-from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
-from agent.fusion.lateness import Late, Latecomers
-from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.observation import CountObservation, known_ns, observe
-from agent.fusion.observations import Observations
-from agent.fusion.registry import estimator_named
-from agent.fusion.timeline import Timeline
-from agent.geometry import Vector3
-from protocol.entries import AnyEntry, Entry, EntryId
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.batches import LATE_NS, Batches
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.swarm import BEFORE_START_NS
+from radron.agent.fusion.chains import NEVER, Chains
+from radron.agent.fusion.deferred import Deferred, Told
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.lateness import Late, Latecomers
+from radron.agent.fusion.log import ObservationLog, Outcome
+from radron.agent.fusion.observation import CountObservation, known_ns, observe
+from radron.agent.fusion.observations import Observations
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.fusion.timeline import Timeline
+from radron.agent.geometry import Vector3
+from radron.protocol.entries import AnyEntry, Entry, EntryId
 
 RECOUNTED = 250  # entries that begin or cease to count in a call of ``advance``: some milliseconds
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms

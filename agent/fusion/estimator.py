@@ -11,9 +11,9 @@ import numpy as np
 from msgspec import Struct, field
 from numpy.typing import NDArray
 
-from agent.fusion.observation import Observation
-from agent.geometry import Point2
-from protocol.entries import AnyEntry
+from radron.agent.fusion.observation import Observation
+from radron.agent.geometry import Point2
+from radron.protocol.entries import AnyEntry
 
 S = TypeVar("S")
 

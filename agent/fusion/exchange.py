@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
-from agent.fusion.log import ObservationLog
-from protocol.errors import ProtocolError
-from protocol.keys import drone_key
-from protocol.summary import decode_summary, encode_summary
+from radron.agent.fusion.log import ObservationLog
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import drone_key
+from radron.protocol.summary import decode_summary, encode_summary
 
 MOST_ENTRIES = 500  # of one answer; the peer requests further ones
 MOST_BYTES = 1_000_000

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 MEAN_FACING = 0.565  # mean of f over all headings, the source 5 to 45 degrees below the horizon
 MEAN_STEEPNESS = 0.41  # mean of the sine of that angle

@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from agent.config.estimators import GivenHypothesisConfig
-from agent.errors import ConfigError
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook
-from agent.fusion.observation import Observation
-from agent.terrain.ground import LEVEL, Ground
-from protocol.entries import AnyEntry
+from radron.agent.config.estimators import GivenHypothesisConfig
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from radron.agent.fusion.observation import Observation
+from radron.agent.terrain.ground import LEVEL, Ground
+from radron.protocol.entries import AnyEntry
 
 _NS = 1_000_000_000
 

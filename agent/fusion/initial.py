@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from shapely import Point, Polygon, contains_xy
 
-from agent.fusion.observation import ConeSurface
-from agent.geometry import Array
-from agent.terrain.ground import LEVEL, Ground
+from radron.agent.fusion.observation import ConeSurface
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import LEVEL, Ground
 
 GRID_PITCH_M = 2.0
 _TINY_M = 1e-9  # floor of ``across``, for a finite gradient on a cone's axis

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from agent.frames.batches import Batches
-from protocol.entries import AnyEntry, EntryId
+from radron.agent.frames.batches import Batches
+from radron.protocol.entries import AnyEntry, EntryId
 
 _LONGEST_STRIDE = 16  # steps
 _CALLS_A_STEP = 4  # without new due steps, as after the flight: calls that a batch waits for each of its steps

@@ -13,13 +13,13 @@ from itertools import chain, islice, zip_longest
 from operator import attrgetter
 from typing import TypeVar
 
-from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
-from agent.fusion.counting import Counting
-from agent.fusion.records import Contradiction, Record
-from agent.fusion.sequences import Range, SequenceSet
-from protocol.codec import decode_as
-from protocol.entries import MAX_EXPOSURE_NS, Entry, EntryId, Exposure
-from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
+from radron.agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
+from radron.agent.fusion.counting import Counting
+from radron.agent.fusion.records import Contradiction, Record
+from radron.agent.fusion.sequences import Range, SequenceSet
+from radron.protocol.codec import decode_as
+from radron.protocol.entries import MAX_EXPOSURE_NS, Entry, EntryId, Exposure
+from radron.protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
@@ -57,8 +57,8 @@ class ObservationLog:
     begins with an empty log and must be able to get all of it. After a late entry all later grid steps are recomputed. Memory:
     three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking). The payloads are 8 kB/s or 30
     MB per hour, with all indices about 65 MB per hour: 1.1 kB for each entry. An estimator computed elsewhere (``sources``) holds
-    a kilobyte more. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory`` warns the operator
-    before memory runs out.
+    a kilobyte more. A single entry is bounded by ``radron.protocol.codec.MAX_ENTRY_BYTES``; ``radron.agent.shell.memory`` warns
+    the operator before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:

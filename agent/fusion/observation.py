@@ -10,10 +10,10 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from agent.frames.transform import Transform
-from agent.geometry import Vector3, yaw_of
-from protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
-from protocol.spectrum import Spectrum, SpectrumBin
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Vector3, yaw_of
+from radron.protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
+from radron.protocol.spectrum import Spectrum, SpectrumBin
 
 _SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
 _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction

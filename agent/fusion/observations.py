@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import cast
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.log import ObservationLog
-from agent.fusion.observation import Observation, observe
-from protocol.entries import AnyEntry, EntryId
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.fusion.log import ObservationLog
+from radron.agent.fusion.observation import Observation, observe
+from radron.protocol.entries import AnyEntry, EntryId
 
 MOST_HELD = 512  # half a minute of three drones: the usual reach of replays; a kilobyte each
 

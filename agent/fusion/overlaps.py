@@ -12,8 +12,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from operator import itemgetter
 
-from agent.fusion.sequences import SequenceSet
-from protocol.entries import EntryId
+from radron.agent.fusion.sequences import SequenceSet
+from radron.protocol.entries import EntryId
 
 _Span = tuple[int, int, EntryId]  # begin and end of an exposure, UTC, ns
 _end_ns = itemgetter(1)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.config.estimators import PaperEstimatorConfig
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook
-from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import ConeObservation, ConeSurface, Observation
-from agent.fusion.projection import Rule, project
-from agent.geometry import Vector3
-from protocol.entries import AnyEntry, Cone
+from radron.agent.config.estimators import PaperEstimatorConfig
+from radron.agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from radron.agent.fusion.initial import InitialSearch
+from radron.agent.fusion.observation import ConeObservation, ConeSurface, Observation
+from radron.agent.fusion.projection import Rule, project
+from radron.agent.geometry import Vector3
+from radron.protocol.entries import AnyEntry, Cone
 
 _NS = 1e9
 BEYOND_M = 200.0  # margin around the area: twice the distance at which a camera detects a source

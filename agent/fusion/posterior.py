@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
-from agent.fusion.engine import Fusion
-from agent.geometry import Array
+from radron.agent.fusion.engine import Fusion
+from radron.agent.geometry import Array
 
 
 class Posterior(Struct, frozen=True, eq=False):

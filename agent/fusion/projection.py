@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from agent.geometry import Vector3
+from radron.agent.geometry import Vector3
 
 Rule = Literal["paper", "geometric"]
 _NEGLIGIBLE_M = 1e-9

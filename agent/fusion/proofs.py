@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 
-from protocol.codec import as_bytes
-from protocol.entries import Credential, Entry
-from protocol.messages import Status
-from protocol.signing import Trust, Verifier, sign_entries, sign_status
+from radron.protocol.codec import as_bytes
+from radron.protocol.entries import Credential, Entry
+from radron.protocol.messages import Status
+from radron.protocol.signing import Trust, Verifier, sign_entries, sign_status
 
 MOST_UNPROVEN = 500  # entries of a drone that wait for its certificate; more are left to the log query
 TOLD_NS = 10_000_000_000  # duration of the report on forgeries

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from protocol.codec import decode_as
-from protocol.entries import Entry
+from radron.protocol.codec import decode_as
+from radron.protocol.entries import Entry
 
 
 class Record(Struct, frozen=True):

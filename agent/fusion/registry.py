@@ -11,13 +11,13 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agent.fusion.estimator import Estimator
-    from agent.fusion.paper import PaperEstimator
-    from agent.fusion.projection import Rule
+    from radron.agent.fusion.estimator import Estimator
+    from radron.agent.fusion.paper import PaperEstimator
+    from radron.agent.fusion.projection import Rule
 
 Estimators = Callable[[str, MissionConfig], "Estimator[Any]"]  # as ``estimator_named``
 GROUP = "radron.estimators"  # of entry points
@@ -54,7 +54,7 @@ def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     estimator = estimator_named(name, mission)
     if name not in _SLOW:
         return estimator
-    from agent.fusion.deferred import Deferred  # noqa: PLC0415  names are checked before anything heavy is imported
+    from radron.agent.fusion.deferred import Deferred  # noqa: PLC0415  names are checked before anything heavy is imported
 
     return Deferred(estimator)
 
@@ -90,9 +90,9 @@ def _installed(point: EntryPoint, mission: MissionConfig) -> Estimator[Any]:
 def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
     from shapely import Polygon  # noqa: PLC0415  names are checked before anything heavy is imported
 
-    from agent.fusion.initial import InitialSearch  # noqa: PLC0415
-    from agent.fusion.paper import PaperEstimator  # noqa: PLC0415
-    from agent.terrain.ground import Ground  # noqa: PLC0415
+    from radron.agent.fusion.initial import InitialSearch  # noqa: PLC0415
+    from radron.agent.fusion.paper import PaperEstimator  # noqa: PLC0415
+    from radron.agent.terrain.ground import Ground  # noqa: PLC0415
 
     ground = Ground.from_config(mission)
     return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m), ground), rule, name)
@@ -101,7 +101,7 @@ def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
 def _bayes(mission: MissionConfig) -> Estimator[Any]:
     from shapely import Polygon  # noqa: PLC0415
 
-    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  other estimators save its memory
+    from radron.agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  other estimators save its memory
 
     return BayesEstimator(mission, Polygon(mission.area.polygon_m))
 
@@ -109,14 +109,14 @@ def _bayes(mission: MissionConfig) -> Estimator[Any]:
 def _sources(mission: MissionConfig) -> Estimator[Any]:
     from shapely import Polygon  # noqa: PLC0415
 
-    from agent.fusion.sources.handover import FollowingEstimator  # noqa: PLC0415
+    from radron.agent.fusion.sources.handover import FollowingEstimator  # noqa: PLC0415
 
     return FollowingEstimator(mission, Polygon(mission.area.polygon_m))
 
 
 def _given(mission: MissionConfig) -> Estimator[Any]:
-    from agent.fusion.given import GivenEstimator  # noqa: PLC0415
-    from agent.terrain.ground import Ground  # noqa: PLC0415
+    from radron.agent.fusion.given import GivenEstimator  # noqa: PLC0415
+    from radron.agent.terrain.ground import Ground  # noqa: PLC0415
 
     if mission.fusion.given is None:
         raise ConfigError("estimator 'given' needs fusion.given.schedule in the mission")

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from agent.fusion.blocks import Publisher
-from agent.fusion.sequences import Range, SequenceSet
-from protocol.entries import Retraction
+from radron.agent.fusion.blocks import Publisher
+from radron.agent.fusion.sequences import Range, SequenceSet
+from radron.protocol.entries import Retraction
 
 
 class Retractions:

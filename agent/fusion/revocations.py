@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from protocol.entries import Entry, EntryId
-from protocol.revocations import MOST_HELD, Obeying, Revocation
-from protocol.signing import Verifier
+from radron.protocol.entries import Entry, EntryId
+from radron.protocol.revocations import MOST_HELD, Obeying, Revocation
+from radron.protocol.signing import Verifier
 
 MOST_REFUSED = 20  # in a second, of one member; each costs a third of a millisecond
 

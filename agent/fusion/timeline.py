@@ -8,7 +8,7 @@ from math import ceil
 
 from msgspec import Struct
 
-from protocol.entries import EntryId
+from radron.protocol.entries import EntryId
 
 MOST_OBSERVATIONS = 64  # of a drone in a step; cameras yield ten times fewer
 MAX_EXPOSURES_PS = 6  # exposures of a drone in a second, and two more: three cameras'; each takes milliseconds of a search

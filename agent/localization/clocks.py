@@ -34,8 +34,8 @@ from typing import TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.lasting import begun
-from protocol.messages import Plan, Pose, Status
+from radron.agent.lasting import begun
+from radron.protocol.messages import Plan, Pose, Status
 
 N = TypeVar("N", bound=Pose | Plan | Status)
 

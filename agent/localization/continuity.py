@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from agent.frames.transform import Transform
-from agent.geometry import Quaternion, Vector3, yaw_of
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Quaternion, Vector3, yaw_of
 
 # 1 sigma of the assumptions on the two poses and the motion between them: position of each axis, and heading.
 POSES_M, POSES_RAD = 0.3, 0.03  # the two poses; a filter that was reset slides for a moment

@@ -7,8 +7,8 @@ from collections import deque
 from math import remainder, tau
 from typing import NamedTuple
 
-from agent.geometry import Quaternion, Vector3, blended, yaw_of
-from agent.vehicle.interface import VehicleState
+from radron.agent.geometry import Quaternion, Vector3, blended, yaw_of
+from radron.agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
 # Telemetry further apart than this gives no rate; nor does telemetry that is nearer together: its clock may have been set back.
@@ -28,7 +28,7 @@ class PastPose(NamedTuple):
 class PoseHistory:
     """Telemetry of the last seconds, interpolated at an event's time (a later pose would act as a bias of the heading).
 
-    Written by the own pose alone (``agent.localization.ownpose``); everybody else only asks.
+    Written by the own pose alone (``radron.agent.localization.ownpose``); everybody else only asks.
     """
 
     def __init__(self) -> None:

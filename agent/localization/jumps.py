@@ -7,8 +7,8 @@ from math import degrees, dist, remainder, tau
 
 from msgspec.structs import replace
 
-from agent.geometry import yaw_of
-from agent.vehicle.interface import VehicleState
+from radron.agent.geometry import yaw_of
+from radron.agent.vehicle.interface import VehicleState
 
 JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
 HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly

@@ -6,9 +6,9 @@ from math import dist, hypot, remainder, sqrt, tau
 
 import msgspec
 
-from agent.frames.transform import Transform
-from agent.localization.continuity import carried_on, spread
-from agent.vehicle.interface import VehicleState
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.continuity import carried_on, spread
+from radron.agent.vehicle.interface import VehicleState
 
 # Two places, and two headings, nearer to each other than this are one: the error of continuity after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1

@@ -1,26 +1,26 @@
 """The own local frames, one for each epoch, in the mission frame: by the log, by continuity, or as known before.
 
 A jump of the localisation does not move the drone. Until the log yields an estimate of the new epoch's frame, the frame that
-continues the motion is used (``agent.localization.continuity``). After a restart of the agent, or if none of its entries counts
-any more, the frame known before is used. All of these drift. A frame that the mission gives exactly is known so for its first
-epoch only (``agent.localization.knownframe``). Later frames are published with their measurements (``carried``), so that all
-drones place these alike.
+continues the motion is used (``radron.agent.localization.continuity``). After a restart of the agent, or if none of its entries
+counts any more, the frame known before is used. All of these drift. A frame that the mission gives exactly is known so for its
+first epoch only (``radron.agent.localization.knownframe``). Later frames are published with their measurements (``carried``), so
+that all drones place these alike.
 """
 
 from __future__ import annotations
 
-from agent.config.mission import DroneInMission
-from agent.frames.carried import told
-from agent.frames.drift import Drift
-from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform
-from agent.geometry import Vector3
-from agent.localization.continuity import carried_on
-from agent.localization.knownframe import KnownFrame
-from agent.localization.untold import Untold
-from agent.vehicle.interface import VehicleState
-from protocol.entries import CarriedFrame
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.carried import told
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Vector3
+from radron.agent.localization.continuity import carried_on
+from radron.agent.localization.knownframe import KnownFrame
+from radron.agent.localization.untold import Untold
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.entries import CarriedFrame
 
 _EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
 

@@ -12,21 +12,21 @@ from math import hypot, isfinite
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.mission import DroneInMission
-from agent.frames.drift import Drift
-from agent.frames.graph import FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform
-from agent.geometry import Vector3, yaw_of
-from agent.localization.clocks import Clocks
-from agent.localization.history import PoseHistory
-from agent.localization.jumps import JumpDetector
-from agent.localization.ownframes import OwnFrames
-from agent.localization.resting import Resting
-from agent.motion.reference import PeerState
-from agent.vehicle.grounded import Grounded
-from agent.vehicle.interface import VehicleState
-from protocol.entries import CarriedFrame, Entry, Sighting
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Vector3, yaw_of
+from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.history import PoseHistory
+from radron.agent.localization.jumps import JumpDetector
+from radron.agent.localization.ownframes import OwnFrames
+from radron.agent.localization.resting import Resting
+from radron.agent.motion.reference import PeerState
+from radron.agent.vehicle.grounded import Grounded
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.entries import CarriedFrame, Entry, Sighting
 
 SET_BACK = 5  # as many messages in a row older than known, but newer than each other: a backward clock step
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
@@ -57,7 +57,7 @@ class OwnPose:
 
     ``history``: telemetry of the last seconds, with the epoch of each; only this class adds to it. ``is_unplaced``: the heading
     of the local frame in the mission frame is not known yet: this drone has neither seen another drone nor been seen. The
-    sequence of its frames: ``agent.localization.ownframes``.
+    sequence of its frames: ``radron.agent.localization.ownframes``.
     """
 
     def __init__(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from agent.frames.swarm import SwarmFrames
-from agent.localization.clocks import Clocks
-from agent.localization.ownpose import LocalFrame, OwnPose
-from agent.vehicle.interface import VehicleState
+from radron.agent.frames.swarm import SwarmFrames
+from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.ownpose import LocalFrame, OwnPose
+from radron.agent.vehicle.interface import VehicleState
 
 UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame beyond which the drone reports it
 NO_PLACE = "where it is in the mission frame is not known: its localisation has jumped while its agent was down"

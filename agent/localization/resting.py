@@ -6,8 +6,8 @@ from math import dist
 
 from msgspec.structs import replace
 
-from agent.geometry import Vector3
-from agent.vehicle.interface import VehicleState
+from radron.agent.geometry import Vector3
+from radron.agent.vehicle.interface import VehicleState
 
 # A standing receiver's position wanders by a metre or two (multipath, the constellation). With spoofing, or a diverging filter,
 # it moves on and on. This limit and the stated errors avoid false alarms.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.frames.drift import Drift
-from agent.frames.transform import Transform
-from agent.vehicle.interface import VehicleState
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.transform import Transform
+from radron.agent.vehicle.interface import VehicleState
 
 
 class Untold(Struct, frozen=True):

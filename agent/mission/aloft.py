@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.lasting import since
-from agent.mission.positionloss import NEAR_GROUND_M
-from agent.vehicle.interface import VehicleState
+from radron.agent.lasting import since
+from radron.agent.mission.positionloss import NEAR_GROUND_M
+from radron.agent.vehicle.interface import VehicleState
 
 SHOWN_NS = 500_000_000  # telemetry over this time must agree
 _GAP_NS = 500_000_000  # after a longer gap it begins anew

@@ -13,14 +13,14 @@ from enum import StrEnum
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.lasting import begun, since
-from agent.mission.flight import Flight
-from agent.mission.transitions import REQUESTS
-from agent.vehicle.grounded import STILL_NS
-from agent.vehicle.interface import FlightMode, Request, VehicleState
-from agent.vehicle.requests import TARGETS
-from protocol.messages import Stage
-from protocol.stages import DESCENDING, STEERED
+from radron.agent.lasting import begun, since
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.transitions import REQUESTS
+from radron.agent.vehicle.grounded import STILL_NS
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleState
+from radron.agent.vehicle.requests import TARGETS
+from radron.protocol.messages import Stage
+from radron.protocol.stages import DESCENDING, STEERED
 
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass

@@ -11,8 +11,8 @@ from math import hypot
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.lasting import since
-from agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.lasting import since
+from radron.agent.vehicle.interface import FlightMode, VehicleState
 
 _STILL_MPS = 0.5
 # A vehicle that has just become slow still leans against its way. An autopilot commanded to hold then continues with that

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from agent.localization.ownpose import OwnPose
-from agent.mission.executive import Executive
-from agent.mission.orders import Orders
-from agent.mission.problems import Problems
-from agent.mission.uploads import Ground, Uploads
-from agent.navigation.peers.newest import Peers
-from protocol.messages import Action, AnyOrder, Command, Status, Upload
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.mission.executive import Executive
+from radron.agent.mission.orders import Orders
+from radron.agent.mission.problems import Problems
+from radron.agent.mission.uploads import Ground, Uploads
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.messages import Action, AnyOrder, Command, Status, Upload
 
 UNPLACED = "its heading is not known, and it has neither seen another drone nor been seen by one yet"
 DISPLACED = (

@@ -8,32 +8,32 @@ from math import dist, inf
 
 from msgspec import Struct
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Hypothesis
-from agent.localization.knownframe import LARGEST_DOUBT_M
-from agent.localization.ownpose import OwnPose
-from agent.mission.aloft import Aloft
-from agent.mission.authority import MODES, is_failsafe
-from agent.mission.memory import Memory
-from agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
-from agent.mission.remembering import Remembering
-from agent.mission.reserve import Reserve
-from agent.mission.situation import Situation
-from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
-from agent.mission.worldmodel import WorldModel
-from agent.navigation.focus import focus, have_had_turns, looks
-from agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
-from agent.navigation.moment import Moment
-from agent.navigation.navigator import Navigator
-from agent.navigation.peers.newest import Peers
-from agent.navigation.reckoning import Reckoning
-from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
-from agent.navigation.unheard.crossing import low_m
-from agent.vehicle.interface import Request, VehicleCommand, VehicleState
-from protocol.entries import Coverage
-from protocol.messages import Action, Plan, Stage
-from protocol.stages import ON_GROUND, RETURNING, SEARCHING
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.localization.knownframe import LARGEST_DOUBT_M
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.mission.aloft import Aloft
+from radron.agent.mission.authority import MODES, is_failsafe
+from radron.agent.mission.memory import Memory
+from radron.agent.mission.problems import LOW_BATTERY, TELEMETRY_AGE_NS
+from radron.agent.mission.remembering import Remembering
+from radron.agent.mission.reserve import Reserve
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
+from radron.agent.mission.worldmodel import WorldModel
+from radron.agent.navigation.focus import focus, have_had_turns, looks
+from radron.agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
+from radron.agent.navigation.moment import Moment
+from radron.agent.navigation.navigator import Navigator
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.reckoning import Reckoning
+from radron.agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
+from radron.agent.navigation.unheard.crossing import low_m
+from radron.agent.vehicle.interface import Request, VehicleCommand, VehicleState
+from radron.protocol.entries import Coverage
+from radron.protocol.messages import Action, Plan, Stage
+from radron.protocol.stages import ON_GROUND, RETURNING, SEARCHING
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer

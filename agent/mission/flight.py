@@ -5,14 +5,14 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.mission.braking import Braking
-from agent.mission.memory import Memory
-from agent.mission.positionloss import PositionLoss
-from agent.mission.standing import StandingArmed
-from agent.mission.transitions import REASONS, TABLE, TO_REST, Event
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Action, Stage
-from protocol.stages import DESCENDING, STEERED, TAKING_PART
+from radron.agent.mission.braking import Braking
+from radron.agent.mission.memory import Memory
+from radron.agent.mission.positionloss import PositionLoss
+from radron.agent.mission.standing import StandingArmed
+from radron.agent.mission.transitions import REASONS, TABLE, TO_REST, Event
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import DESCENDING, STEERED, TAKING_PART
 
 
 class Flight(Struct, frozen=True):

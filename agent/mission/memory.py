@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.frames.kept import KeptFrame
-from agent.geometry import Vector3
-from agent.navigation.home import KeptHome, Launch
-from agent.navigation.identification import FoundResponse
-from agent.navigation.unheard.lastnews import LastNews
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Stage
-from protocol.stages import DESCENDING, ON_GROUND
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.geometry import Vector3
+from radron.agent.navigation.home import KeptHome, Launch
+from radron.agent.navigation.identification import FoundResponse
+from radron.agent.navigation.unheard.lastnews import LastNews
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Stage
+from radron.protocol.stages import DESCENDING, ON_GROUND
 
 REFRESH_NS = 5_000_000_000
 OLDEST_NS = 120_000_000_000  # after this long the vehicle is down, or on another flight

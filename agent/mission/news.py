@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from agent.fusion.proofs import Proofs
-from agent.localization.clocks import Clocks
-from agent.mission.problems import TWIN_NS, Problems
-from agent.mission.revoking import Revoking
-from agent.navigation.peers.newest import FUTURE_NS, NEWS, OLDEST_NS, Peers, is_present
-from protocol.message import Message
-from protocol.messages import AnyDroneMessage, Estimate, Frame, Plan, Pose, Status
+from radron.agent.fusion.proofs import Proofs
+from radron.agent.localization.clocks import Clocks
+from radron.agent.mission.problems import TWIN_NS, Problems
+from radron.agent.mission.revoking import Revoking
+from radron.agent.navigation.peers.newest import FUTURE_NS, NEWS, OLDEST_NS, Peers, is_present
+from radron.protocol.message import Message
+from radron.protocol.messages import AnyDroneMessage, Estimate, Frame, Plan, Pose, Status
 
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from hashlib import blake2b
 
-from protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Obeyed, Order, Ticket
-from protocol.signing import Verifier
+from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Obeyed, Order, Ticket
+from radron.protocol.signing import Verifier
 
 NONCE_NS = 500_000_000  # a nonce is published for this long, and valid until MAX_ORDER_AGE_NS after it was first published
 START_AGE_NS = 10_000_000_000  # by its stamp, the mission's beginning: a start by a clock that differs more is refused

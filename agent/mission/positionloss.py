@@ -15,7 +15,7 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.vehicle.interface import FlightMode, VehicleState
 
 HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
 _LONGEST_STEP_NS = 1_000_000_000

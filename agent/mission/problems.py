@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Status
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Status
 
 TELEMETRY_AGE_NS = 1_000_000_000  # telemetry further from now is not flown by
 TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after this long

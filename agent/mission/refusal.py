@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from agent.mission.flight import Flight
-from agent.mission.situation import Situation
-from agent.mission.transitions import TABLE
-from protocol.messages import Action, Stage
-from protocol.stages import FLYING, ON_GROUND
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.transitions import TABLE
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import FLYING, ON_GROUND
 
 
 def refusal(action: Action, flight: Flight, situation: Situation, *, released: bool) -> str | None:

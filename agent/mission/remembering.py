@@ -7,15 +7,15 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
-from agent.frames.kept import KeptFrame
-from agent.localization.ownpose import OwnPose
-from agent.mission.memory import Memory
-from agent.mission.stages import Mission
-from agent.navigation.navigator import Navigator
-from agent.navigation.peers.newest import Peers
-from agent.navigation.unheard.contact import Wall
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Stage
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.mission.memory import Memory
+from radron.agent.mission.stages import Mission
+from radron.agent.navigation.navigator import Navigator
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.unheard.contact import Wall
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Stage
 
 
 class Remembering:

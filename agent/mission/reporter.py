@@ -8,16 +8,16 @@ from typing import TypeVar
 
 from msgspec import UNSET, Struct
 
-from agent.frames.transform import Transform
-from agent.fusion.engine import Fusion
-from agent.fusion.estimator import Exclusion, Hypothesis
-from agent.navigation.peers.newest import NEWS
-from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.codec import written
-from protocol.errors import ProtocolError
-from protocol.keys import key_of
-from protocol.message import Message
-from protocol.messages import MOST_SOURCES, Estimate, Frame, Pose, Source, Status
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.engine import Fusion
+from radron.agent.fusion.estimator import Exclusion, Hypothesis
+from radron.agent.navigation.peers.newest import NEWS
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.codec import written
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import key_of
+from radron.protocol.message import Message
+from radron.protocol.messages import MOST_SOURCES, Estimate, Frame, Pose, Source, Status
 
 M = TypeVar("M", bound=Message)
 MAX_SENT = 100  # messages that are remembered: of four seconds

@@ -6,9 +6,9 @@ from collections.abc import Collection, Mapping
 
 from msgspec import Struct
 
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Status
-from protocol.stages import ON_GROUND, RETURNING
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Status
+from radron.protocol.stages import ON_GROUND, RETURNING
 
 _URGENT = 0.5  # of the reserve: with less at landing a drone does not wait for others
 _SPENT = 0.2  # of the reserve: with less at landing a drone lands on the spot

@@ -10,18 +10,18 @@ from __future__ import annotations
 from collections import Counter
 from typing import cast
 
-from agent.fusion.blocks import Publisher
-from agent.fusion.records import Contradiction
-from agent.fusion.revocations import Revocations
-from agent.mission.commanding import Verdict
-from agent.mission.executive import Executive
-from agent.mission.problems import Problems
-from agent.mission.worldmodel import WorldModel
-from agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_NS
-from agent.navigation.peers.newest import Peers
-from protocol.entries import Coverage, Entry
-from protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
-from protocol.signing import Trust, Verifier, sign_obeying
+from radron.agent.fusion.blocks import Publisher
+from radron.agent.fusion.records import Contradiction
+from radron.agent.fusion.revocations import Revocations
+from radron.agent.mission.commanding import Verdict
+from radron.agent.mission.executive import Executive
+from radron.agent.mission.problems import Problems
+from radron.agent.mission.worldmodel import WorldModel
+from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_NS
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.entries import Coverage, Entry
+from radron.protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
+from radron.protocol.signing import Trust, Verifier, sign_obeying
 
 _MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, because some may be implausible
 PERIOD_NS = 1_000_000_000  # of passing them on: also to drones that join, or whose link returns

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.config.mission import TrackConfig
-from agent.mission.flight import Flight
-from agent.mission.situation import Situation
-from agent.mission.transitions import Event
-from protocol.messages import Stage
-from protocol.stages import SEARCHING
+from radron.agent.config.mission import TrackConfig
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.transitions import Event
+from radron.protocol.messages import Stage
+from radron.protocol.stages import SEARCHING
 
 _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 

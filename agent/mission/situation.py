@@ -6,7 +6,7 @@ from math import inf
 
 from msgspec import Struct
 
-from agent.vehicle.interface import VehicleState
+from radron.agent.vehicle.interface import VehicleState
 
 
 class Situation(Struct, frozen=True):

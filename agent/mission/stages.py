@@ -6,21 +6,21 @@ from math import inf
 
 from msgspec.structs import replace
 
-from agent.config.mission import SurveyConfig, TrackConfig
-from agent.lasting import since
-from agent.mission.authority import MODES, Authority, View, is_cut_short, is_elsewhere, is_failsafe
-from agent.mission.authority import Event as Handover
-from agent.mission.flight import Flight
-from agent.mission.memory import REFRESH_NS, Memory
-from agent.mission.positionloss import NEAR_GROUND_M
-from agent.mission.refusal import refusal
-from agent.mission.searching import Searching
-from agent.mission.situation import Situation
-from agent.mission.transitions import REQUESTS, TABLE, Event
-from agent.navigation.home import KeptHome
-from agent.vehicle.interface import FlightMode, Request, VehicleState
-from protocol.messages import Action, Stage
-from protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
+from radron.agent.config.mission import SurveyConfig, TrackConfig
+from radron.agent.lasting import since
+from radron.agent.mission.authority import MODES, Authority, View, is_cut_short, is_elsewhere, is_failsafe
+from radron.agent.mission.authority import Event as Handover
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.memory import REFRESH_NS, Memory
+from radron.agent.mission.positionloss import NEAR_GROUND_M
+from radron.agent.mission.refusal import refusal
+from radron.agent.mission.searching import Searching
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.transitions import REQUESTS, TABLE, Event
+from radron.agent.navigation.home import KeptHome
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleState
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
 
 STRANDED_S = 5.0  # return delay after lost links, or with an uncertain position
 # Return delay without a feasible circle. The others keep the stopping place clear for as long as the vehicle would stop there

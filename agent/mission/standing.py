@@ -5,8 +5,8 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.lasting import since
-from agent.vehicle.interface import VehicleState
+from radron.agent.lasting import since
+from radron.agent.vehicle.interface import VehicleState
 
 STANDS_NS = 10_000_000_000  # PX4 disarms 2 s after a landing by default
 WHAT = "has landed and is still armed, for {seconds:.0f} s: command land once more to disarm it, or disarm it by remote control"

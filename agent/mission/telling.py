@@ -7,23 +7,23 @@ from functools import partial
 
 from msgspec import UNSET
 
-from agent.config.beyond import outside_texts
-from agent.config.mission import MissionConfig
-from agent.fusion.proofs import Proofs
-from agent.localization.clocks import Clocks
-from agent.localization.ownpose import OwnPose
-from agent.localization.poseproblems import pose_problems
-from agent.mission.commanding import Commanding
-from agent.mission.executive import Executive
-from agent.mission.orders import Orders
-from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
-from agent.mission.reporter import Believed, Outbox, Reporter
-from agent.mission.revoking import Revoking
-from agent.mission.worldmodel import WorldModel
-from agent.navigation.peers.newest import Peers
-from agent.sensing.camera import Camera
-from protocol.messages import Failsafe, Reaction, Stage, Status
-from protocol.stages import FLYING
+from radron.agent.config.beyond import outside_texts
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.proofs import Proofs
+from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.localization.poseproblems import pose_problems
+from radron.agent.mission.commanding import Commanding
+from radron.agent.mission.executive import Executive
+from radron.agent.mission.orders import Orders
+from radron.agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
+from radron.agent.mission.reporter import Believed, Outbox, Reporter
+from radron.agent.mission.revoking import Revoking
+from radron.agent.mission.worldmodel import WorldModel
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.sensing.camera import Camera
+from radron.protocol.messages import Failsafe, Reaction, Stage, Status
+from radron.protocol.stages import FLYING
 
 MISEXPOSED_NS = 30_000_000_000  # duration of the report of exposures that do not count
 TURNED = (

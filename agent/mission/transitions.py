@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from agent.vehicle.interface import Request
-from protocol.messages import Action, Stage
-from protocol.stages import DESCENDING, FLYING, ON_GROUND, SEARCHING, STEERED
+from radron.agent.vehicle.interface import Request
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import DESCENDING, FLYING, ON_GROUND, SEARCHING, STEERED
 
 
 class Event(StrEnum):

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from agent.mission.problems import LONGEST_PROBLEM, TELEMETRY_AGE_NS
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Answer, Stage, Status, Upload
-from protocol.stages import ON_GROUND
+from radron.agent.mission.problems import LONGEST_PROBLEM, TELEMETRY_AGE_NS
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Answer, Stage, Status, Upload
+from radron.protocol.stages import ON_GROUND
 
 
 class Origin(Struct, frozen=True, kw_only=True):

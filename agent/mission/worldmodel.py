@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from agent.config.mission import MissionConfig
-from agent.frames.estimate import Estimate, FrameEstimates
-from agent.frames.swarm import SwarmFrames
-from agent.fusion.admission import Admission
-from agent.fusion.engine import RECOUNTED, Fusion
-from agent.fusion.posterior import Posterior, posterior_of
-from agent.fusion.registry import Estimators
-from protocol.entries import Cone, Entry, EntryId
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.estimate import Estimate, FrameEstimates
+from radron.agent.frames.swarm import SwarmFrames
+from radron.agent.fusion.admission import Admission
+from radron.agent.fusion.engine import RECOUNTED, Fusion
+from radron.agent.fusion.posterior import Posterior, posterior_of
+from radron.agent.fusion.registry import Estimators
+from radron.protocol.entries import Cone, Entry, EntryId
 
 PUT_OFF = "it publishes more log entries than three cameras measure; the rest is put off. If it goes on, revoke it"
 LATE_PUT_OFF = (

@@ -7,9 +7,9 @@ from math import hypot
 
 import numpy as np
 
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array, Vector3
-from agent.motion.reference import PeerState
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.reference import PeerState
 
 _TIME_S = 0.5  # time constant of the approach to the velocity once it is within the limits
 

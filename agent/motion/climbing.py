@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array
-from agent.motion.braking import brake
-from agent.motion.fence import Fence
-from agent.motion.prediction import Prediction
-from agent.motion.qp import HalfPlanes, LimitedProblem
-from agent.motion.steering import Peaks, Status
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array
+from radron.agent.motion.braking import brake
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.prediction import Prediction
+from radron.agent.motion.qp import HalfPlanes, LimitedProblem
+from radron.agent.motion.steering import Peaks, Status
 
 _UNEVEN_M = 0.5  # extra margin to floor and ceiling where the ground ahead is known from a model only
 _ACCELERATION_SHARE = 0.5  # share of the acceleration limit; the rest is for turns

@@ -17,9 +17,9 @@ from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
-from agent.config.mission import EncirclementConfig, LimitsConfig
-from agent.geometry import Array, Vector3
-from agent.motion.reference import PeerState, Reference
+from radron.agent.config.mission import EncirclementConfig, LimitsConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.reference import PeerState, Reference
 
 # angles are compared this far ahead: a drone near the centre has a direction of motion, but no meaningful angle
 _LOOKAHEAD_S = 0.5

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from math import exp, hypot, sqrt
 
-from agent.config.drone import ResponseConfig
-from agent.geometry import Vector3
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.geometry import Vector3
 
 MOST_MPS2 = 9.0  # horizontal limit of a setpoint: 43 degrees of tilt; PX4 tilts to 45 and needs a reserve for corrections
 DEVIATION_S = 10.0  # averaging time of deviations

@@ -8,9 +8,9 @@ from math import hypot
 import numpy as np
 import shapely
 
-from agent.config.mission import AreaConfig
-from agent.errors import ConfigError
-from agent.geometry import Array
+from radron.agent.config.mission import AreaConfig
+from radron.agent.errors import ConfigError
+from radron.agent.geometry import Array
 
 _PIECES = 12  # most half-planes of a local convex piece
 _SIMPLIFY_M = 0.5  # tolerance of the buffered outline at its round corners

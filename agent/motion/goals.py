@@ -6,10 +6,10 @@ from math import hypot
 
 import numpy as np
 
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array
-from agent.motion.fence import Fence
-from agent.motion.reference import Reference
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.reference import Reference
 
 Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (M,)
 

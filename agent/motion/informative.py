@@ -16,7 +16,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.geometry import Array, Point2
+from radron.agent.geometry import Array, Point2
 
 Indices = NDArray[np.intp]
 

@@ -8,8 +8,8 @@ import shapely
 from shapely import Point, Polygon
 from shapely.ops import nearest_points
 
-from agent.config.mission import AreaConfig
-from agent.geometry import Point2
+from radron.agent.config.mission import AreaConfig
+from radron.agent.geometry import Point2
 
 _LONGEST_S = 1.0  # longest extrapolation of a hypothesis
 _SMOOTHING_S = 0.7  # time constant of the velocity: without smoothing, every update would shake the circle

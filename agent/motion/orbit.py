@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from math import sqrt
 
-from agent.config.mission import EncirclementConfig, MissionConfig
-from agent.motion.encirclement import MARGIN_M, minimum_radius
-from agent.motion.informative import BACKGROUND_PS, HITS_PER_BQ
+from radron.agent.config.mission import EncirclementConfig, MissionConfig
+from radron.agent.motion.encirclement import MARGIN_M, minimum_radius
+from radron.agent.motion.informative import BACKGROUND_PS, HITS_PER_BQ
 
 _RADIUS_MPS = 2.0  # rate limit; lets the tracker follow, and keeps neighbours apart that change at different times
 _HEIGHT_MPS = 0.5

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 # Cost per step: position error 1 /m2, velocity error and jerk as below. The closed loop then has about 1.5 rad/s.
 VELOCITY_WEIGHT = 0.3  # s2

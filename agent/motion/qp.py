@@ -20,8 +20,8 @@ import osqp
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agent.geometry import Array
-from agent.motion.prediction import Prediction
+from radron.agent.geometry import Array
+from radron.agent.motion.prediction import Prediction
 
 # Both signs of each: eight sides. Rounded, so that zeros are exact and need no entry in the matrix.
 _OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)]).round(15)

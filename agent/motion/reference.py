@@ -1,13 +1,13 @@
 """Inputs of the tracker from the planners, and states of the other drones.
 
-All of ``agent.motion`` works in one planning frame, the drone's own local ENU frame: metres, seconds, radians.
+All of ``radron.agent.motion`` works in one planning frame, the drone's own local ENU frame: metres, seconds, radians.
 """
 
 from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.geometry import Array, Vector3
+from radron.agent.geometry import Array, Vector3
 
 
 class PeerState(Struct, frozen=True):

@@ -13,9 +13,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array, Vector3
-from agent.motion.reference import PeerState
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.reference import PeerState
 
 LEAST_MARGIN_M = 2.0  # of plans, beyond the separation of vehicles: covers a vehicle's deviation from its plan in a transient
 _MARGIN_SIGMAS = 3.0  # of the combined recent RMS deviation of both

@@ -11,16 +11,16 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.drone import ResponseConfig
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array
-from agent.motion.braking import brake
-from agent.motion.feedforward import reaction_s
-from agent.motion.goals import Piece
-from agent.motion.prediction import Prediction
-from agent.motion.qp import OCTAGON_INRADIUS, HalfPlanes, LimitedProblem
-from agent.motion.reference import PeerState
-from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array
+from radron.agent.motion.braking import brake
+from radron.agent.motion.feedforward import reaction_s
+from radron.agent.motion.goals import Piece
+from radron.agent.motion.prediction import Prediction
+from radron.agent.motion.qp import OCTAGON_INRADIUS, HalfPlanes, LimitedProblem
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
 
 _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem

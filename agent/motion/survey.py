@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from agent.geometry import Point2
-from agent.motion.detour import Detours
-from agent.motion.lanes import lanes
+from radron.agent.geometry import Point2
+from radron.agent.motion.detour import Detours
+from radron.agent.motion.lanes import lanes
 
 Area: TypeAlias = Polygon | MultiPolygon
 Swath: TypeAlias = tuple[NDArray[np.float64], float]  # flown path (K, 2), width that it covers

@@ -15,17 +15,17 @@ from math import dist, hypot
 import numpy as np
 from msgspec import Struct
 
-from agent.config.drone import ResponseConfig
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array, Vector3
-from agent.motion.climbing import Climbing
-from agent.motion.feedforward import feedforward
-from agent.motion.fence import Fence
-from agent.motion.goals import Goals
-from agent.motion.prediction import predict
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import PeerPlan, sampled
-from agent.motion.steering import Situation, Status, Steering
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.climbing import Climbing
+from radron.agent.motion.feedforward import feedforward
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.goals import Goals
+from radron.agent.motion.prediction import predict
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import PeerPlan, sampled
+from radron.agent.motion.steering import Situation, Status, Steering
 
 _DEPARTED_M = 5.0  # a vehicle further than this from the virtual one does not follow it: the tracker restarts from its position
 
@@ -155,7 +155,7 @@ class Tracker:
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
         """Setpoint for now: position, velocity, acceleration, ahead by the vehicle's dead time.
 
-        With this acceleration the vehicle flies the plan: see ``agent.motion.feedforward``. ``yaw_rate_rps``: the yaw rate
+        With this acceleration the vehicle flies the plan: see ``radron.agent.motion.feedforward``. ``yaw_rate_rps``: the yaw rate
         commanded at the same time.
         """
         response = self._response

@@ -7,24 +7,24 @@ from math import atan2, cos, hypot, sin
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Hypothesis
-from agent.geometry import Array
-from agent.localization.ownpose import LocalFrame
-from agent.motion.encirclement import Encirclement
-from agent.motion.leading import Leading
-from agent.motion.orbit import Orbit, second_height_m
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
-from agent.navigation.focus import is_in_second_half
-from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
-from agent.navigation.neighbours import Neighbour
-from agent.navigation.ownground import OwnGround
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.sharing import ROOM_M, SharedCircle
-from protocol.messages import Stage
-from protocol.stages import CIRCLING
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.geometry import Array
+from radron.agent.localization.ownpose import LocalFrame
+from radron.agent.motion.encirclement import Encirclement
+from radron.agent.motion.leading import Leading
+from radron.agent.motion.orbit import Orbit, second_height_m
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
+from radron.agent.navigation.focus import is_in_second_half
+from radron.agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
+from radron.agent.navigation.neighbours import Neighbour
+from radron.agent.navigation.ownground import OwnGround
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.contact import Circle
+from radron.agent.navigation.unheard.sharing import ROOM_M, SharedCircle
+from radron.protocol.messages import Stage
+from radron.protocol.stages import CIRCLING
 
 _SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
 

@@ -18,8 +18,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from agent.motion.survey import MOST_POINTS, covered
-from protocol.entries import Coverage, EntryId
+from radron.agent.motion.survey import MOST_POINTS, covered
+from radron.protocol.entries import Coverage, EntryId
 
 WINDOW_NS = 20_000_000_000
 MOST_ENTRIES = 8  # per drone and window: one each 5 s, and some more at jumps of its frame and restarts of its agent

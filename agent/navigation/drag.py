@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from math import hypot, sqrt
 
-from agent.vehicle.interface import VehicleState
+from radron.agent.vehicle.interface import VehicleState
 
 GRAVITY_MPS2 = 9.80665
 _PART_S = 0.5  # duration of flight for one measurement: long against attitude noise, short against manoeuvres

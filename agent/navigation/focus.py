@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Hypothesis
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import Hypothesis
 
 
 def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis | None:

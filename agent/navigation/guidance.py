@@ -7,28 +7,28 @@ from math import atan2, cos, sin
 
 import numpy as np
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.geometry import Array, Vector3
-from agent.lasting import begun
-from agent.localization.ownpose import LocalFrame, OwnPose
-from agent.motion.braking import comes_to_rest
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import PeerPlan
-from agent.navigation.circling import Circling
-from agent.navigation.home import Home
-from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
-from agent.navigation.neighbours import Neighbour
-from agent.navigation.ownground import OwnGround
-from agent.navigation.peers.bearings import freest_bearing
-from agent.navigation.surveying import InformedSearch, Search
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.crossing import WayHome, crossing_height_m
-from agent.navigation.unheard.lines import KEPT_M
-from agent.navigation.unheard.wayaround import WayAround, hovering
-from protocol.messages import Stage
-from protocol.stages import BRAKING
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.lasting import begun
+from radron.agent.localization.ownpose import LocalFrame, OwnPose
+from radron.agent.motion.braking import comes_to_rest
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.circling import Circling
+from radron.agent.navigation.home import Home
+from radron.agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
+from radron.agent.navigation.neighbours import Neighbour
+from radron.agent.navigation.ownground import OwnGround
+from radron.agent.navigation.peers.bearings import freest_bearing
+from radron.agent.navigation.surveying import InformedSearch, Search
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.contact import Circle
+from radron.agent.navigation.unheard.crossing import WayHome, crossing_height_m
+from radron.agent.navigation.unheard.lines import KEPT_M
+from radron.agent.navigation.unheard.wayaround import WayAround, hovering
+from radron.protocol.messages import Stage
+from radron.protocol.stages import BRAKING
 
 # A drone with an unknown frame waits in place, and after a while on a small circle. Reason: ranges alone give no heading of a
 # peer without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.

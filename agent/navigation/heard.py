@@ -24,16 +24,16 @@ from math import hypot
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.frames.graph import LAUNCH_EPOCH
-from agent.frames.transform import Transform
-from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
-from agent.navigation.myself import Self
-from agent.navigation.peers.doubted import doubt_m as doubt_between_m
-from agent.navigation.peers.following import Following
-from agent.navigation.peers.newest import Peer
-from agent.navigation.peers.placing import (
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.graph import LAUNCH_EPOCH
+from radron.agent.frames.transform import Transform
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.peers.doubted import doubt_m as doubt_between_m
+from radron.agent.navigation.peers.following import Following
+from radron.agent.navigation.peers.newest import Peer
+from radron.agent.navigation.peers.placing import (
     SIGMAS,
     WORST_SIGMA_M,
     bare,
@@ -48,10 +48,10 @@ from agent.navigation.peers.placing import (
     speed_of_mps,
     unexplained_m,
 )
-from agent.navigation.peers.relative import offset, places
-from agent.navigation.peers.theirframes import TheirFrames
-from protocol.messages import Pose
-from protocol.stages import MAY_TAKE_PART, TAKING_PART
+from radron.agent.navigation.peers.relative import offset, places
+from radron.agent.navigation.peers.theirframes import TheirFrames
+from radron.protocol.messages import Pose
+from radron.protocol.stages import MAY_TAKE_PART, TAKING_PART
 
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone in wait near its launch place
 

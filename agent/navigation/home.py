@@ -6,9 +6,9 @@ from math import hypot, inf, isfinite
 
 from msgspec import Struct
 
-from agent.geometry import Vector3
-from agent.localization.ownpose import OwnPose
-from agent.vehicle.interface import VehicleState
+from radron.agent.geometry import Vector3
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.vehicle.interface import VehicleState
 
 AT_HOME_M = 0.5
 AT_HOME_MPS = 0.8  # the estimate of a vehicle that stands still shows up to 0.5

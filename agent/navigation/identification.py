@@ -6,11 +6,11 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.drone import ResponseConfig
-from agent.motion.feedforward import DEVIATION_S, Deviation
-from agent.motion.reference import PeerState
-from agent.navigation.drag import DragFilter
-from agent.vehicle.interface import VehicleState
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.motion.feedforward import DEVIATION_S, Deviation
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.drag import DragFilter
+from radron.agent.vehicle.interface import VehicleState
 
 BAD_M = 1.2  # RMS deviation: twice that of a vehicle on a well flown circle
 _RAMP_PS2 = 0.5  # rate limit of the applied drag: the autopilot's integrator has to follow

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.fusion.estimator import Hypothesis
-from agent.geometry import Point2, Vector3
-from agent.motion.reference import PeerState
-from agent.vehicle.interface import VehicleState
-from protocol.messages import Stage
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.geometry import Point2, Vector3
+from radron.agent.motion.reference import PeerState
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Stage
 
 STEP_S = 0.2  # of the tracker's horizon
 HORIZON = 20

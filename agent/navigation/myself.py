@@ -8,12 +8,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform
-from agent.geometry import Array
-from agent.motion.reference import PeerState
-from agent.navigation.peers.placing import bare, unexplained_m
-from agent.navigation.unheard.contact import Circle
-from agent.navigation.unheard.viewer import Viewer
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.peers.placing import bare, unexplained_m
+from radron.agent.navigation.unheard.contact import Circle
+from radron.agent.navigation.unheard.viewer import Viewer
 
 # Limit, during the return of a revoked drone, for its alternative position hypothesis. Beyond it, homes of other drones as seen
 # from there would keep the drone from its own home until it counts as landed.

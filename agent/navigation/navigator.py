@@ -9,33 +9,33 @@ from math import dist
 from msgspec import UNSET
 from shapely import Polygon
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.geometry import Array
-from agent.localization.ownpose import OwnPose
-from agent.motion.reference import PeerState
-from agent.motion.tracker import Tracker, TrackerPlan
-from agent.navigation.guidance import Guidance
-from agent.navigation.home import Home, KeptHome
-from agent.navigation.identification import ResponseEstimator
-from agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.ownfence import OwnFence
-from agent.navigation.ownground import OwnGround
-from agent.navigation.passing import passing
-from agent.navigation.peers.bearings import seen_bearings
-from agent.navigation.peers.newest import Peers
-from agent.navigation.reckoning import Reckoning
-from agent.navigation.surveying import InformedSearch, Search
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import SILENT_NS, Wall
-from agent.navigation.unheard.lastnews import LastNews
-from agent.terrain.ground import Ground
-from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
-from protocol.messages import Plan, Stage
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.geometry import Array
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.tracker import Tracker, TrackerPlan
+from radron.agent.navigation.guidance import Guidance
+from radron.agent.navigation.home import Home, KeptHome
+from radron.agent.navigation.identification import ResponseEstimator
+from radron.agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.ownfence import OwnFence
+from radron.agent.navigation.ownground import OwnGround
+from radron.agent.navigation.passing import passing
+from radron.agent.navigation.peers.bearings import seen_bearings
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.reckoning import Reckoning
+from radron.agent.navigation.surveying import InformedSearch, Search
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.contact import SILENT_NS, Wall
+from radron.agent.navigation.unheard.lastnews import LastNews
+from radron.agent.terrain.ground import Ground
+from radron.agent.vehicle.interface import FlightMode, Setpoint, VehicleState
+from radron.protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
 _GAP_NS = 300_000_000  # limit of a step: a later one follows a clock step forward, or a standstill of this agent

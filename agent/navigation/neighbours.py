@@ -25,26 +25,26 @@ from math import dist, hypot, inf
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.localization.clocks import HEARD_NS
-from agent.motion.separation import PeerPlan
-from agent.navigation.heard import Heard, Other, between_sigma_m, sigma_of_either_m
-from agent.navigation.myself import Self
-from agent.navigation.peers.following import Following
-from agent.navigation.peers.newest import OLDEST_NS, Peer, Peers
-from agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sightings, planned, speed_of_mps
-from agent.navigation.peers.sources import RECENT_NS
-from agent.navigation.peers.theirframes import TheirFrames
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
-from agent.navigation.unheard.heardagain import HeardAgain
-from agent.navigation.unheard.lastnews import LastNews
-from agent.navigation.unheard.relayed import LEAVING_NS
-from agent.navigation.unheard.silent import QUIET_NS, Silent
-from agent.navigation.unheard.viewer import Viewer
-from protocol.messages import Stage
-from protocol.stages import CIRCLING
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.localization.clocks import HEARD_NS
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.heard import Heard, Other, between_sigma_m, sigma_of_either_m
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.peers.following import Following
+from radron.agent.navigation.peers.newest import OLDEST_NS, Peer, Peers
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sightings, planned, speed_of_mps
+from radron.agent.navigation.peers.sources import RECENT_NS
+from radron.agent.navigation.peers.theirframes import TheirFrames
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
+from radron.agent.navigation.unheard.heardagain import HeardAgain
+from radron.agent.navigation.unheard.lastnews import LastNews
+from radron.agent.navigation.unheard.relayed import LEAVING_NS
+from radron.agent.navigation.unheard.silent import QUIET_NS, Silent
+from radron.agent.navigation.unheard.viewer import Viewer
+from radron.protocol.messages import Stage
+from radron.protocol.stages import CIRCLING
 
 # Distance below which two positions of a drone are one: steering has room for three half-planes in each step.
 _SAME_M = 0.3

@@ -6,12 +6,12 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import Point, Polygon
 
-from agent.config.mission import AreaConfig
-from agent.geometry import Array
-from agent.localization.ownpose import LocalFrame, OwnPose
-from agent.motion.fence import Fence
-from agent.motion.separation import DOUBT_SIGMAS
-from agent.vehicle.interface import VehicleState
+from radron.agent.config.mission import AreaConfig
+from radron.agent.geometry import Array
+from radron.agent.localization.ownpose import LocalFrame, OwnPose
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.separation import DOUBT_SIGMAS
+from radron.agent.vehicle.interface import VehicleState
 
 _LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
 _MOVED_M = 0.3  # smaller shifts of the fence in the local frame, or of its heights, are not applied

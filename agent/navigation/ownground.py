@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.mission import AreaConfig
-from agent.localization.ownpose import OwnPose
-from agent.motion.goals import HEIGHT_INSIDE_M
-from agent.motion.reference import PeerState, Reference
-from agent.motion.tracker import Relief
-from agent.terrain.ground import Ground
-from agent.vehicle.interface import VehicleState
+from radron.agent.config.mission import AreaConfig
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.motion.goals import HEIGHT_INSIDE_M
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.tracker import Relief
+from radron.agent.terrain.ground import Ground
+from radron.agent.vehicle.interface import VehicleState
 
 
 class OwnGround:

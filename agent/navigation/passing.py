@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import hypot
 
-from agent.geometry import Vector3
-from agent.motion.separation import DOUBT_SIGMAS
-from agent.navigation.neighbours import Neighbour
-from agent.navigation.peers.newest import Peers
-from protocol.messages import Stage
-from protocol.stages import DESCENDING
+from radron.agent.geometry import Vector3
+from radron.agent.motion.separation import DOUBT_SIGMAS
+from radron.agent.navigation.neighbours import Neighbour
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.messages import Stage
+from radron.protocol.stages import DESCENDING
 
 _AHEAD_S = 2.0  # from the command to lift
 _MARGIN_M = 1.0  # beyond the separation

@@ -9,9 +9,9 @@ import numpy as np
 from msgspec import Struct
 from shapely import Polygon
 
-from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
-from agent.motion.separation import PeerPlan
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.separation import PeerPlan
 
 
 class End(Struct, frozen=True):

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config.beyond import outside_texts
-from agent.config.mission import MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.fusion.estimator import Outlook
-from agent.geometry import Point2
-from agent.motion.detour import Detours
-from agent.motion.informative import LARGEST_M2, Belief, Waypoints
-from agent.motion.path import PathFollower
-from agent.motion.survey import Area, left, survey_path
-from agent.navigation.covered import Covered, Path
-from agent.navigation.unheard.contact import Wall
-from agent.navigation.unheard.lines import KEPT_M
-from protocol.entries import Coverage
+from radron.agent.config.beyond import outside_texts
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.fusion.estimator import Outlook
+from radron.agent.geometry import Point2
+from radron.agent.motion.detour import Detours
+from radron.agent.motion.informative import LARGEST_M2, Belief, Waypoints
+from radron.agent.motion.path import PathFollower
+from radron.agent.motion.survey import Area, left, survey_path
+from radron.agent.navigation.covered import Covered, Path
+from radron.agent.navigation.unheard.contact import Wall
+from radron.agent.navigation.unheard.lines import KEPT_M
+from radron.protocol.entries import Coverage
 
 COVERAGE_S = 5.0  # period of the coverage reports
 POINT_M = 1.0  # distance between the points of a coverage path

@@ -10,18 +10,18 @@ from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from agent.errors import RadronError
-from agent.operator.statuses import LAPSE_S, MAX_NAMES, Statuses, Tickets
-from protocol.codec import encode
-from protocol.elapsed import elapsed_s
-from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
-from protocol.keys import key_of
-from protocol.mesh.diagnosis import refusals
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Action, Command, Stage, Ticket
-from protocol.signing import Trust, sign_command
-from protocol.stages import RETURNING, TAKING_PART
-from protocol.trust import trust_of
+from radron.agent.errors import RadronError
+from radron.agent.operator.statuses import LAPSE_S, MAX_NAMES, Statuses, Tickets
+from radron.protocol.codec import encode
+from radron.protocol.elapsed import elapsed_s
+from radron.protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.diagnosis import refusals
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Action, Command, Stage, Ticket
+from radron.protocol.signing import Trust, sign_command
+from radron.protocol.stages import RETURNING, TAKING_PART
+from radron.protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm

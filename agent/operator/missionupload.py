@@ -8,19 +8,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from agent.config.loading import mission_content
-from agent.config.mission import MissionConfig
-from agent.operator.groundcontrol import Addressees, CommandError, find, lapsed, operator_identity, station_name
-from agent.operator.statuses import Statuses, Tickets
-from protocol.codec import encode
-from protocol.elapsed import elapsed_s
-from protocol.identity import Identity
-from protocol.keys import key_of
-from protocol.mesh.queries import hash_of, split
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Upload
-from protocol.signing import Trust, sign_command
-from protocol.trust import trust_of
+from radron.agent.config.loading import mission_content
+from radron.agent.config.mission import MissionConfig
+from radron.agent.operator.groundcontrol import Addressees, CommandError, find, lapsed, operator_identity, station_name
+from radron.agent.operator.statuses import Statuses, Tickets
+from radron.protocol.codec import encode
+from radron.protocol.elapsed import elapsed_s
+from radron.protocol.identity import Identity
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.queries import hash_of, split
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Upload
+from radron.protocol.signing import Trust, sign_command
+from radron.protocol.trust import trust_of
 
 ANSWER_S = 6.0  # a drone publishes its status every second
 BACK_S = 90.0  # until a drone that takes the mission over has begun anew with it: mostly some seconds

@@ -15,24 +15,24 @@ from typing import TYPE_CHECKING
 from msgspec import UNSET, Struct
 from msgspec.structs import replace
 
-from agent.config.loading import load_mission
-from agent.errors import RadronError
-from agent.frames.geodesy import geodetic_from_mission
-from agent.operator.statuses import legible
-from protocol.codec import decode_from
-from protocol.errors import ProtocolError
-from protocol.identity import load_identity
-from protocol.mesh.diagnosis import refusals
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.message import DroneMessage
-from protocol.messages import Estimate, Source, Status
-from protocol.signing import Verifier
-from protocol.spectrum import unknown_nuclide
+from radron.agent.config.loading import load_mission
+from radron.agent.errors import RadronError
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.agent.operator.statuses import legible
+from radron.protocol.codec import decode_from
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import load_identity
+from radron.protocol.mesh.diagnosis import refusals
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.message import DroneMessage
+from radron.protocol.messages import Estimate, Source, Status
+from radron.protocol.signing import Verifier
+from radron.protocol.spectrum import unknown_nuclide
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from agent.config.mission import MissionConfig
+    from radron.agent.config.mission import MissionConfig
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 STALE_S = 3.0

@@ -10,18 +10,18 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from agent.errors import RadronError
-from protocol.codec import decode_from, encode
-from protocol.errors import ProtocolError
-from protocol.identity import CERTIFICATE_FILE, Identity, checked_name, load_identity, utc
-from protocol.keys import key_of
-from protocol.mesh.diagnosis import refusals
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Status
-from protocol.revocations import MOST_BOOTS, Revocation, Revoked
-from protocol.signing import Verifier, sign_revocation
-from protocol.summary import decode_summary
-from protocol.trust import trust_of
+from radron.agent.errors import RadronError
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import CERTIFICATE_FILE, Identity, checked_name, load_identity, utc
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.diagnosis import refusals
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Status
+from radron.protocol.revocations import MOST_BOOTS, Revocation, Revoked
+from radron.protocol.signing import Verifier, sign_revocation
+from radron.protocol.summary import decode_summary
+from radron.protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0

@@ -8,14 +8,14 @@ from collections.abc import Collection
 
 from msgspec.structs import replace
 
-from agent.outputs import printable
-from protocol.codec import decode_from
-from protocol.elapsed import elapsed_s
-from protocol.errors import ProtocolError
-from protocol.identity import Identity
-from protocol.keys import parse_key
-from protocol.messages import MAX_ORDER_AGE_NS, Action, Stage, Status, Ticket
-from protocol.signing import Verifier
+from radron.agent.outputs import printable
+from radron.protocol.codec import decode_from
+from radron.protocol.elapsed import elapsed_s
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Identity
+from radron.protocol.keys import parse_key
+from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Stage, Status, Ticket
+from radron.protocol.signing import Verifier
 
 LAPSE_S = MAX_ORDER_AGE_NS * 1e-9  # age of an order at which all drones refuse it
 FRESH_S = 3.0

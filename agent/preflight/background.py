@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import Readout
-from agent.detector.repeats import Repeats
-from agent.vehicle.interface import Finding
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.repeats import Repeats
+from radron.agent.vehicle.interface import Finding
 
 MEASURE_S = 10.0  # the background gives an event or two a second
 MOST_NOISY = 100  # of 65,536 pixels; more are a defect

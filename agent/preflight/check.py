@@ -12,39 +12,39 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.drivers import open_detector
-from agent.detector.files.calibration import PIXELS, load_flight_calibration
-from agent.detector.readout import Detector
-from agent.errors import RadronError
-from agent.outputs import try_folder
-from agent.pilot import Pilot
-from agent.preflight.background import Background
-from agent.preflight.chrony import NAME as CHRONY
-from agent.preflight.chrony import chrony_finding
-from agent.preflight.corrections import Corrections
-from agent.preflight.layers import layers_finding
-from agent.preflight.layout import layout_finding
-from agent.preflight.software import software_finding
-from agent.sensing.sighting_feed import SightingsFeed
-from agent.shell.identity import INSECURE, own_identity, validity
-from agent.shell.links import mesh_config, without
-from agent.shell.missionstore import mission_in_force
-from agent.shell.revoked import RevokedFile
-from agent.shell.selfreport import SOFTWARE
-from agent.shell.startable import camera_missing
-from agent.shell.statestore import StateFile, unreadable
-from agent.vehicle.demands import demands_of
-from agent.vehicle.interface import Finding
-from agent.vehicle.px4 import Px4Vehicle
-from protocol.codec import decode_from
-from protocol.errors import ProtocolError
-from protocol.identity import utc
-from protocol.mesh.diagnosis import refusals
-from protocol.mesh.session import Mesh
-from protocol.messages import Status
-from protocol.signing import Verifier
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.drivers import open_detector
+from radron.agent.detector.files.calibration import PIXELS, load_flight_calibration
+from radron.agent.detector.readout import Detector
+from radron.agent.errors import RadronError
+from radron.agent.outputs import try_folder
+from radron.agent.pilot import Pilot
+from radron.agent.preflight.background import Background
+from radron.agent.preflight.chrony import NAME as CHRONY
+from radron.agent.preflight.chrony import chrony_finding
+from radron.agent.preflight.corrections import Corrections
+from radron.agent.preflight.layers import layers_finding
+from radron.agent.preflight.layout import layout_finding
+from radron.agent.preflight.software import software_finding
+from radron.agent.sensing.sighting_feed import SightingsFeed
+from radron.agent.shell.identity import INSECURE, own_identity, validity
+from radron.agent.shell.links import mesh_config, without
+from radron.agent.shell.missionstore import mission_in_force
+from radron.agent.shell.revoked import RevokedFile
+from radron.agent.shell.selfreport import SOFTWARE
+from radron.agent.shell.startable import camera_missing
+from radron.agent.shell.statestore import StateFile, unreadable
+from radron.agent.vehicle.demands import demands_of
+from radron.agent.vehicle.interface import Finding
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.protocol.codec import decode_from
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import utc
+from radron.protocol.mesh.diagnosis import refusals
+from radron.protocol.mesh.session import Mesh
+from radron.protocol.messages import Status
+from radron.protocol.signing import Verifier
 
 CLOSE_S = 1.2
 _OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date

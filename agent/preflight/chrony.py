@@ -6,8 +6,8 @@ import asyncio
 from asyncio.subprocess import DEVNULL, PIPE, STDOUT
 from math import isfinite
 
-from agent.localization.clocks import LIMIT_S
-from agent.vehicle.interface import Finding
+from radron.agent.localization.clocks import LIMIT_S
+from radron.agent.vehicle.interface import Finding
 
 NAME = "chrony"
 _PATIENCE_S = 3.0

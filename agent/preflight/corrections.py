@@ -7,10 +7,10 @@ import time
 
 from msgspec import Struct
 
-from agent.vehicle.demands import Demands
-from agent.vehicle.parameters import float32
-from agent.vehicle.px4 import Px4Vehicle
-from agent.vehicle.rules import correction
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.parameters import float32
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.agent.vehicle.rules import correction
 
 AGAIN_S = 0.5
 MOST_ATTEMPTS = 4

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from agent.config.mission import MissionConfig
-from agent.vehicle.interface import Finding
+from radron.agent.config.mission import MissionConfig
+from radron.agent.vehicle.interface import Finding
 
 NAME = "return layer"
 LEAST_M = 1.0  # between two layers: heights by barometer and satellites are good to about this

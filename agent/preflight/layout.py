@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import degrees, hypot, remainder
 
-from agent.config.mission import DatumConfig, MissionConfig
-from agent.frames.geodesy import mission_from_launch
-from agent.vehicle.interface import Finding, LaunchPlace
+from radron.agent.config.mission import DatumConfig, MissionConfig
+from radron.agent.frames.geodesy import mission_from_launch
+from radron.agent.vehicle.interface import Finding, LaunchPlace
 
 NAME = "launch layout"
 _SIGMAS = 3.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agent.update.records import Records
-from agent.vehicle.interface import Finding
+from radron.agent.update.records import Records
+from radron.agent.vehicle.interface import Finding
 
 NAME = "software"
 

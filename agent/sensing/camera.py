@@ -6,15 +6,15 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from agent.config.mission import MissionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration, load_flight_calibration
-from agent.detector.readout import Readout
-from agent.detector.repeats import Repeats
-from agent.detector.spectroscopy.nuclidewatch import NuclideWatch
-from agent.sensing.observer import Observer
-from protocol.entries import Entry
-from protocol.messages import Recognised
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration, load_flight_calibration
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.repeats import Repeats
+from radron.agent.detector.spectroscopy.nuclidewatch import NuclideWatch
+from radron.agent.sensing.observer import Observer
+from radron.protocol.entries import Entry
+from radron.protocol.messages import Recognised
 
 _SILENT_NS = 10_000_000_000  # readouts come five times a second
 

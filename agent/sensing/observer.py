@@ -8,16 +8,16 @@ from math import ceil
 
 from scipy.spatial.transform import Rotation
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.detection import ConeEvent, Detections
-from agent.detector.spectrum import CoarseSpectrum
-from agent.geometry import Quaternion, Vector3, turned
-from agent.localization.history import PoseHistory
-from agent.sensing.overground import OverGround
-from agent.terrain.ground import Ground
-from agent.vehicle.interface import VehicleState
-from protocol.entries import (
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.detection import ConeEvent, Detections
+from radron.agent.detector.spectrum import CoarseSpectrum
+from radron.agent.geometry import Quaternion, Vector3, turned
+from radron.agent.localization.history import PoseHistory
+from radron.agent.sensing.overground import OverGround
+from radron.agent.terrain.ground import Ground
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.entries import (
     MAX_EXPOSURE_NS,
     CarriedFrame,
     Cone,

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from agent.config.mission import DroneInMission
-from agent.frames.graph import LAUNCH_EPOCH
-from agent.geometry import Vector3
-from agent.terrain.ground import Ground
-from agent.vehicle.interface import VehicleState
-from protocol.entries import CarriedFrame
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.graph import LAUNCH_EPOCH
+from radron.agent.geometry import Vector3
+from radron.agent.terrain.ground import Ground
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.entries import CarriedFrame
 
 
 class OverGround:

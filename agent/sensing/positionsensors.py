@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from math import sqrt
 
-from agent.geometry import Vector3, turned
-from agent.localization.history import PoseHistory
-from agent.vehicle.interface import GnssFix, SeenDrone
-from protocol.entries import Fix, Sighting
+from radron.agent.geometry import Vector3, turned
+from radron.agent.localization.history import PoseHistory
+from radron.agent.vehicle.interface import GnssFix, SeenDrone
+from radron.protocol.entries import Fix, Sighting
 
 NOT_LOGGED = 0  # sequence number of a sighting that is for this drone alone; no entry of a sensor has it
 _OVERLAP_NS = 1_000_000_000  # sensors may report late; a larger step back is a clock step

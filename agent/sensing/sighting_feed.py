@@ -3,8 +3,8 @@
 {"stamp_ns": 1767225600000000000, "target": "d2", "direction": [0.98, 0.2, 0.0], "direction_sigma_rad": 0.03,
  "range_m": 12.1, "range_sigma_m": 0.3}
 
-Direction (unit vector, body FLU) and range are as in ``agent.vehicle.interface.SeenDrone``; one of them may be omitted, with its
-sigma. A sensor that sees no drone sends an empty line each second.
+Direction (unit vector, body FLU) and range are as in ``radron.agent.vehicle.interface.SeenDrone``; one of them may be omitted,
+with its sigma. A sensor that sees no drone sends an empty line each second.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from collections.abc import AsyncIterator, Callable
 
 import msgspec
 
-from agent.feed import LineFeed
-from agent.vehicle.interface import SeenDrone
+from radron.agent.feed import LineFeed
+from radron.agent.vehicle.interface import SeenDrone
 
 STALE_NS = 2_000_000_000  # own poses are kept for 5 s: for older sightings there may be no pose
 _DECODER = msgspec.json.Decoder(SeenDrone)

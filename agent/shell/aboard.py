@@ -7,20 +7,20 @@ import time
 
 from msgspec import Struct
 
-from agent.computing import Computing
-from agent.config.drone import DroneConfig
-from agent.errors import FlightRecordError
-from agent.flight.header import FlightHeader
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.fusion.registry import deferred_named
-from agent.pilot import Pilot
-from agent.shell.folding import Folding
-from agent.shell.logs import Logger
-from agent.shell.missionstore import InForce
-from agent.shell.statestore import State
-from protocol.identity import Identity
-from protocol.trust import trust_of
+from radron.agent.computing import Computing
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.fusion.registry import deferred_named
+from radron.agent.pilot import Pilot
+from radron.agent.shell.folding import Folding
+from radron.agent.shell.logs import Logger
+from radron.agent.shell.missionstore import InForce
+from radron.agent.shell.statestore import State
+from radron.protocol.identity import Identity
+from radron.protocol.trust import trust_of
 
 NONCE_KEY_BYTES = 16
 

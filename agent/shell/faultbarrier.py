@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Coroutine
 from typing import ParamSpec, TypeVar
 
-from agent.shell.logs import Logger
+from radron.agent.shell.logs import Logger
 
 AGAIN_S = 1.0
 P = ParamSpec("P")

@@ -16,12 +16,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from agent.config.mission import MissionConfig
-from agent.fusion.deferred import Deferred, Task, Told
-from agent.fusion.estimator import Estimator
-from agent.shell.foldworker import LENGTH, Answer, Order, packed
-from agent.shell.logs import Logger
-from agent.shell.supervisor import NUMERICS
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.deferred import Deferred, Task, Told
+from radron.agent.fusion.estimator import Estimator
+from radron.agent.shell.foldworker import LENGTH, Answer, Order, packed
+from radron.agent.shell.logs import Logger
+from radron.agent.shell.supervisor import NUMERICS
 
 LOOK_S = 0.05  # between two checks for a question
 START_S = 300.0  # for the process's imports: on an emulated computer these take minutes
@@ -70,7 +70,7 @@ class Folding:
         Raises:
             OSError, EOFError: the process has ended, or hangs.
         """
-        command = [sys.executable, "-m", "agent.shell.foldworker", str(os.getpid())]
+        command = [sys.executable, "-m", "radron.agent.shell.foldworker", str(os.getpid())]
         process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, env=NUMERICS | os.environ)
         try:
             held, _ = await _exchanged(process, self._order, START_S)

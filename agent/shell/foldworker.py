@@ -1,4 +1,4 @@
-"""``python -m agent.shell.foldworker PARENT``: the process that computes a slow estimator for an agent.
+"""``python -m radron.agent.shell.foldworker PARENT``: the process that computes a slow estimator for an agent.
 
 The process reads pickles of the order, then of one task after the other, from its standard input, and answers each through its
 standard output, all preceded by their lengths. The agent's end is also the end of this process.
@@ -16,11 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from agent.shell.heartbeat import die_with
+from radron.agent.shell.heartbeat import die_with
 
 if TYPE_CHECKING:
-    from agent.config.mission import MissionConfig
-    from agent.fusion.deferred import Task, Told
+    from radron.agent.config.mission import MissionConfig
+    from radron.agent.fusion.deferred import Task, Told
 
 LENGTH = struct.Struct("<I")  # of the pickle that follows
 MOST_BYTES = 1_500_000_000  # of memory
@@ -40,8 +40,8 @@ def packed(content: Order | Task | Answer) -> bytes:
 
 def serve(received: BinaryIO, sent: BinaryIO) -> None:
     """Answer tasks until the input ends; errors of the estimator are raised."""
-    from agent.fusion.deferred import Folder  # noqa: PLC0415  the agent needs the types of this module alone
-    from agent.fusion.registry import estimator_named  # noqa: PLC0415
+    from radron.agent.fusion.deferred import Folder  # noqa: PLC0415  the agent needs the types of this module alone
+    from radron.agent.fusion.registry import estimator_named  # noqa: PLC0415
 
     order = _read(received)
     if order is None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from agent.clock.handover import Valid, text
-from agent.config.drone import DroneConfig
-from agent.errors import ConfigError
-from protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
+from radron.agent.clock.handover import Valid, text
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import ConfigError
+from radron.protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
 
 INSECURE = "links are not encrypted (mesh.insecure = true): whoever reaches this drone can command the swarm"
 FLIGHT_S = 2 * 3600.0  # shortest validity of a certificate at a start: links that break after its end do not come back

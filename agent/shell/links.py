@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError
-from agent.shell.identity import own_identity
-from protocol.mesh.link import MeshConfig
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.shell.identity import own_identity
+from radron.protocol.mesh.link import MeshConfig
 
 
 def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:

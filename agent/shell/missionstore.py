@@ -10,15 +10,15 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from agent.config.drone import DroneConfig
-from agent.config.loading import read_content
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError, RadronError
-from agent.mission.uploads import Origin
-from agent.outputs import write_durably
-from agent.pilot import Pilot
-from agent.shell.startable import check_for_drone
-from protocol.identity import utc
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.loading import read_content
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError, RadronError
+from radron.agent.mission.uploads import Origin
+from radron.agent.outputs import write_durably
+from radron.agent.pilot import Pilot
+from radron.agent.shell.startable import check_for_drone
+from radron.protocol.identity import utc
 
 
 class _Kept(Struct, frozen=True, kw_only=True):

@@ -20,40 +20,40 @@ from functools import partial
 
 import msgspec
 
-from agent.config.drone import DetectorConfig, DroneConfig
-from agent.config.mission import MissionConfig
-from agent.detector.drivers import open_detector
-from agent.detector.readout import Detector, shed
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.pilot import Pilot
-from agent.sensing.sighting_feed import SightingsFeed
-from agent.shell.aboard import aboard
-from agent.shell.faultbarrier import FaultBarrier
-from agent.shell.folding import Folding
-from agent.shell.heartbeat import RELOADING, Heartbeat
-from agent.shell.identity import INSECURE, Validity, validity
-from agent.shell.links import mesh_config, without
-from agent.shell.logs import Logger
-from agent.shell.memory import MemoryWatch
-from agent.shell.missionstore import InForce
-from agent.shell.patience import Patience
-from agent.shell.problems import LateSteps, Problems, no_contact
-from agent.shell.revoked import RevokedFile, exclude, turn_s
-from agent.shell.selfreport import SelfReport, Updates, report_of
-from agent.shell.startable import camera_missing
-from agent.shell.statestore import State, StateStore
-from agent.shell.uploads import UploadedMission
-from agent.vehicle.demands import demands_of
-from agent.vehicle.interface import GnssFix
-from agent.vehicle.px4 import Px4Vehicle
-from protocol.codec import encode
-from protocol.identity import Identity
-from protocol.keys import key_of
-from protocol.mesh.recovery import recover
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Stage
-from protocol.stages import ON_GROUND
+from radron.agent.config.drone import DetectorConfig, DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.drivers import open_detector
+from radron.agent.detector.readout import Detector, shed
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.pilot import Pilot
+from radron.agent.sensing.sighting_feed import SightingsFeed
+from radron.agent.shell.aboard import aboard
+from radron.agent.shell.faultbarrier import FaultBarrier
+from radron.agent.shell.folding import Folding
+from radron.agent.shell.heartbeat import RELOADING, Heartbeat
+from radron.agent.shell.identity import INSECURE, Validity, validity
+from radron.agent.shell.links import mesh_config, without
+from radron.agent.shell.logs import Logger
+from radron.agent.shell.memory import MemoryWatch
+from radron.agent.shell.missionstore import InForce
+from radron.agent.shell.patience import Patience
+from radron.agent.shell.problems import LateSteps, Problems, no_contact
+from radron.agent.shell.revoked import RevokedFile, exclude, turn_s
+from radron.agent.shell.selfreport import SelfReport, Updates, report_of
+from radron.agent.shell.startable import camera_missing
+from radron.agent.shell.statestore import State, StateStore
+from radron.agent.shell.uploads import UploadedMission
+from radron.agent.vehicle.demands import demands_of
+from radron.agent.vehicle.interface import GnssFix
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.protocol.codec import encode
+from radron.protocol.identity import Identity
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.recovery import recover
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Stage
+from radron.protocol.stages import ON_GROUND
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come

@@ -14,11 +14,11 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.loading import convert, load_mission, read_toml
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError
-from agent.shell.startable import check_for_drone
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.loading import convert, load_mission, read_toml
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.shell.startable import check_for_drone
 
 PREFIX = "RADRON_"
 # Variables of other commands, whose environment an agent may be started in: the simulation's, and an operator's.

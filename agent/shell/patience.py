@@ -6,9 +6,9 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable
 
-from agent.errors import RadronError
-from agent.shell.heartbeat import Heartbeat
-from protocol.errors import ProtocolError
+from radron.agent.errors import RadronError
+from radron.agent.shell.heartbeat import Heartbeat
+from radron.protocol.errors import ProtocolError
 
 RETRY_S = 2.0
 LIVE_S = 10.0  # between two signs of life during an attempt

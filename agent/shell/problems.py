@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterable
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.flight.recorded import RecordedPilot
-from agent.pilot import Pilot
-from agent.shell.logs import Logger
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.pilot import Pilot
+from radron.agent.shell.logs import Logger
 
 LATE_STEP_S = 0.2  # a step this late is reported; the autopilot's timeout is 1 s
 LATE_S = 5.0  # a late step is reported for this long

@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from agent.outputs import write_durably
-from protocol.codec import decode, encode
-from protocol.errors import MeshError, ProtocolError
-from protocol.revocations import Revocation, Revoked
+from radron.agent.outputs import write_durably
+from radron.protocol.codec import decode, encode
+from radron.protocol.errors import MeshError, ProtocolError
+from radron.protocol.revocations import Revocation, Revoked
 
 LOOK_S = 0.2
 TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: in turn, so that most of the swarm stays linked

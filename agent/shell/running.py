@@ -10,21 +10,21 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agent.clock.seeking import seek_time
-from agent.config.drone import DroneConfig
-from agent.detector.drivers import open_detector
-from agent.errors import RadronError
-from agent.shell.heartbeat import ANEW, HUNG, Heartbeat, StallCheckingSelector
-from agent.shell.identity import DeadClockError, check_clock
-from agent.shell.logs import Logger, set_up_logs
-from agent.shell.overrides import load_drone
-from agent.shell.patience import Patience
-from agent.shell.selfreport import runtime_folder
-from agent.update.records import own_release
-from protocol.errors import ProtocolError
+from radron.agent.clock.seeking import seek_time
+from radron.agent.config.drone import DroneConfig
+from radron.agent.detector.drivers import open_detector
+from radron.agent.errors import RadronError
+from radron.agent.shell.heartbeat import ANEW, HUNG, Heartbeat, StallCheckingSelector
+from radron.agent.shell.identity import DeadClockError, check_clock
+from radron.agent.shell.logs import Logger, set_up_logs
+from radron.agent.shell.overrides import load_drone
+from radron.agent.shell.patience import Patience
+from radron.agent.shell.selfreport import runtime_folder
+from radron.agent.update.records import own_release
+from radron.protocol.errors import ProtocolError
 
 if TYPE_CHECKING:
-    from agent.shell.node import DetectorOf, Node
+    from radron.agent.shell.node import DetectorOf, Node
 
 USER_ERROR = 2
 
@@ -52,8 +52,8 @@ def _run_once(path: str, verbose: bool, heartbeat: Heartbeat, detector_of: Detec
     drone, filed = load_drone(Path(path), os.environ)
     if patience.waits:
         _await_clock(drone)
-    from agent.shell.missionstore import mission_in_force  # noqa: PLC0415  with the next takes a second: what is wrong
-    from agent.shell.node import Node  # noqa: PLC0415  with the files is said before
+    from radron.agent.shell.missionstore import mission_in_force  # noqa: PLC0415  with the next takes a second: what is wrong
+    from radron.agent.shell.node import Node  # noqa: PLC0415  with the files is said before
 
     log = set_up_logs(drone.id, verbose)
     node = Node(drone, filed, mission_in_force(drone, filed), heartbeat, log, detector_of, patience)

@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from agent.update.records import Records
-from protocol.messages import Stage
-from protocol.onboard import REPORT_FILE, Report
-from protocol.stages import ON_GROUND
+from radron.agent.update.records import Records
+from radron.protocol.messages import Stage
+from radron.protocol.onboard import REPORT_FILE, Report
+from radron.protocol.stages import ON_GROUND
 
 if TYPE_CHECKING:
-    from agent.flight.recorded import RecordedPilot
-    from agent.pilot import Pilot
-    from agent.vehicle.px4 import Px4Vehicle
-    from protocol.mesh.session import Mesh
+    from radron.agent.flight.recorded import RecordedPilot
+    from radron.agent.pilot import Pilot
+    from radron.agent.vehicle.px4 import Px4Vehicle
+    from radron.protocol.mesh.session import Mesh
 
 SOFTWARE = "software: "  # begin of the texts about updates
 PERIOD_S = 1.0

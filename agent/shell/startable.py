@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from agent.config.drone import DroneConfig
-from agent.config.launchplaces import check_launch_places
-from agent.config.mission import MissionConfig
-from agent.errors import ConfigError
-from agent.fusion.registry import check_estimator
-from agent.terrain.ground import Ground
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.launchplaces import check_launch_places
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.registry import check_estimator
+from radron.agent.terrain.ground import Ground
 
 
 def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:

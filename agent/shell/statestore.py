@@ -11,10 +11,10 @@ import msgspec
 from msgspec import Raw, Struct
 from msgspec.structs import replace
 
-from agent.mission.memory import Memory
-from agent.outputs import write_durably
-from agent.shell.logs import Logger
-from agent.vehicle.interface import LaunchPlace
+from radron.agent.mission.memory import Memory
+from radron.agent.outputs import write_durably
+from radron.agent.shell.logs import Logger
+from radron.agent.vehicle.interface import LaunchPlace
 
 SLOW_S = 5.0  # longer writes are reported
 PROBE_S = 30.0  # interval of writes without a change, as on the ground: a full disk shows before a start

@@ -14,8 +14,8 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
-from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, HUNG, RELOADING, SILENCE_S, SILENT_START_S
-from agent.shell.systemd import VARIABLES, Notifier
+from radron.agent.shell.heartbeat import ANEW, HEARTBEAT_FD, HUNG, RELOADING, SILENCE_S, SILENT_START_S
+from radron.agent.shell.systemd import VARIABLES, Notifier
 
 STOP_S = 1.5  # a stopping agent has this long to close everything
 _STOPS = (signal.SIGTERM, signal.SIGINT)
@@ -164,7 +164,7 @@ def _read(fd: int) -> bytes | None:
 
 
 def main() -> None:
-    """``python -m agent.shell.supervisor COMMAND...``"""
+    """``python -m radron.agent.shell.supervisor COMMAND...``"""
     sys.exit(Supervisor(sys.argv[1:]).run())
 
 

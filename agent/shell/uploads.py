@@ -6,13 +6,13 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable, Sequence
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.errors import RadronError
-from agent.mission.uploads import Origin
-from agent.shell.logs import Logger
-from agent.shell.missionstore import keep
-from protocol.messages import Upload
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import RadronError
+from radron.agent.mission.uploads import Origin
+from radron.agent.shell.logs import Logger
+from radron.agent.shell.missionstore import keep
+from radron.protocol.messages import Upload
 
 Fetch = Callable[[str, Sequence[bytes]], Awaitable[bytes | None]]  # from a station, the content with parts of these hashes
 TAKE_S = 60.0  # timeout of an upload, then reported to the operator

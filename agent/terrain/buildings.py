@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
-from agent.config.buildings import BuildingConfig, BuildingsConfig, Material
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.config.buildings import BuildingConfig, BuildingsConfig, Material
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 _AIR_KG_PER_M3 = 1.205  # at 20 degrees, as in the attenuations of air that the nuclides' responses have
 # Density, and mass attenuation relative to air's, from 0.4 to 1.5 MeV (NIST: ordinary concrete, iron). Photons are scattered by

@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from agent.errors import ConfigError
-from agent.geometry import Array
-from agent.inputs import text_of
+from radron.agent.errors import ConfigError
+from radron.agent.geometry import Array
+from radron.agent.inputs import text_of
 
 MAX_NODES = 4_000_000
 MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0  # of land on Earth; beyond are voids: -9999, -32768, the least float32

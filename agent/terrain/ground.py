@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from shapely import Polygon
 
-from agent.config.mission import AreaConfig, DatumConfig, GroundConfig, MissionConfig
-from agent.errors import ConfigError
-from agent.frames.geodesy import mission_from_geodetics
-from agent.frames.transform import Transform
-from agent.geometry import Array
-from agent.terrain.elevation import Raster, read_raster
+from radron.agent.config.mission import AreaConfig, DatumConfig, GroundConfig, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.frames.geodesy import mission_from_geodetics
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
+from radron.agent.terrain.elevation import Raster, read_raster
 
 MAX_SLOPE = 5.0  # between neighbouring nodes: 79 degrees
 _BENT_CELLS = 0.1  # tolerated deviation of a grid's lines from straight ones in the mission frame

@@ -10,13 +10,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agent.terminal import run_command
-from agent.update.records import REPORT, Records, own_release, read_report
-from agent.update.slots import Slots
-from protocol.onboard import Report
+from radron.agent.terminal import run_command
+from radron.agent.update.records import REPORT, Records, own_release, read_report
+from radron.agent.update.slots import Slots
+from radron.protocol.onboard import Report
 
 if TYPE_CHECKING:
-    from agent.update.install import Updater
+    from radron.agent.update.install import Updater
 
 
 def main() -> None:
@@ -48,7 +48,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 def _status(_: argparse.Namespace) -> None:
     import msgspec  # noqa: PLC0415
 
-    from agent.update.computer import look  # noqa: PLC0415
+    from radron.agent.update.computer import look  # noqa: PLC0415
 
     print(msgspec.json.encode(look(Slots(), Records())).decode())
 
@@ -62,8 +62,8 @@ def _roll_back(_: argparse.Namespace) -> None:
 
 
 def _settle(options: argparse.Namespace) -> None:
-    from agent.update.computer import agent_state  # noqa: PLC0415
-    from agent.update.settle import DEADLINE_S, Surroundings, settle  # noqa: PLC0415
+    from radron.agent.update.computer import agent_state  # noqa: PLC0415
+    from radron.agent.update.settle import DEADLINE_S, Surroundings, settle  # noqa: PLC0415
 
     around = Surroundings(report=_report, excuse=agent_state, reboot=_reboot, say=_say)
     deadline_s = DEADLINE_S if options.deadline is None else options.deadline
@@ -71,7 +71,7 @@ def _settle(options: argparse.Namespace) -> None:
 
 
 def _clock(_: argparse.Namespace) -> None:
-    from agent.clock.setting import CERTIFICATE, TOLD, set_clock, validity_of  # noqa: PLC0415
+    from radron.agent.clock.setting import CERTIFICATE, TOLD, set_clock, validity_of  # noqa: PLC0415
 
     print(f"radron-clock: {set_clock(TOLD, validity_of(CERTIFICATE, own_release().made_ns))}", flush=True)
 
@@ -83,7 +83,7 @@ def _bootloader(options: argparse.Namespace) -> None:
 
 
 def _updater() -> Updater:
-    from agent.update.install import Updater, run_told  # noqa: PLC0415
+    from radron.agent.update.install import Updater, run_told  # noqa: PLC0415
 
     return Updater(Slots(), Records(), own_release(), _report, _reboot, _say, time.time_ns, run_told)
 

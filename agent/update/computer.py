@@ -10,9 +10,9 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
-from agent.update.records import REPORT, Records, own_release, read_report
-from agent.update.slots import Slots
-from protocol.onboard import Computer, Release
+from radron.agent.update.records import REPORT, Records, own_release, read_report
+from radron.agent.update.slots import Slots
+from radron.protocol.onboard import Computer, Release
 
 CERTIFICATE = Path("/run/credstore/certificate.pem")
 _UNIT = "radron-agent"

@@ -1,6 +1,6 @@
 """The error of the updater."""
 
-from agent.errors import RadronError
+from radron.agent.errors import RadronError
 
 
 class UpdateError(RadronError):

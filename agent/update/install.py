@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from agent.update.errors import UpdateError
-from agent.update.records import Records
-from agent.update.slots import Slots
-from protocol.onboard import COMPATIBLE, Needs, Release, Report, Trial
+from radron.agent.update.errors import UpdateError
+from radron.agent.update.records import Records
+from radron.agent.update.slots import Slots
+from radron.protocol.onboard import COMPATIBLE, Needs, Release, Report, Trial
 
 Run = Callable[[list[str], Callable[[str], None]], tuple[int, list[str]]]  # command, callback for its lines; exit code, lines
 

@@ -11,9 +11,9 @@ from typing import TypeVar
 
 import msgspec
 
-from agent.outputs import write_durably
-from agent.update.errors import UpdateError
-from protocol.onboard import Outcome, Release, Report, Trial
+from radron.agent.outputs import write_durably
+from radron.agent.update.errors import UpdateError
+from radron.protocol.onboard import Outcome, Release, Report, Trial
 
 FOLDER = Path("/var/lib/radron-update")
 REPORT = Path("/run/radron-agent/report.json")

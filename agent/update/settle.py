@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from agent.update.records import Records
-from agent.update.slots import Slots
-from protocol.onboard import MOST_ATTEMPTS, Needs, Outcome, Release, Report, Trial
+from radron.agent.update.records import Records
+from radron.agent.update.slots import Slots
+from radron.protocol.onboard import MOST_ATTEMPTS, Needs, Outcome, Release, Report, Trial
 
 DEADLINE_S = 300.0  # from the start of this service until the agent is well
 HOLD_S = 5.0  # time for which the agent must stay well

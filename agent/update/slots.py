@@ -11,8 +11,8 @@ import os
 import re
 from pathlib import Path
 
-from agent.update.errors import UpdateError
-from protocol.onboard import MOST_ATTEMPTS
+from radron.agent.update.errors import UpdateError
+from radron.protocol.onboard import MOST_ATTEMPTS
 
 SLOTS = ("A", "B")
 GRUBENV, CMDLINE = Path("/efi/grub/grubenv"), Path("/proc/cmdline")

@@ -6,8 +6,8 @@ from math import hypot
 
 from msgspec import Struct
 
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.config.mission import MissionConfig
+from radron.agent.config.drone import DroneConfig, VehicleConfig
+from radron.agent.config.mission import MissionConfig
 
 
 class Demands(Struct, frozen=True):

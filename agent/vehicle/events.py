@@ -13,8 +13,8 @@ import struct
 
 from msgspec import Struct
 
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.mavlink.messages import Event
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.mavlink.messages import Event
 
 _EXTERNAL = 0x0F  # of log_levels: MAV_SEVERITY for operators; the other half is for the vehicle's own log
 _PX4 = 1 << 24  # the component id, above the hash of the name

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from math import hypot, pi, sqrt
 
-from agent.geometry import Quaternion, Vector3, yaw_of
-from agent.vehicle.interface import LaunchPlace
+from radron.agent.geometry import Quaternion, Vector3, yaw_of
+from radron.agent.vehicle.interface import LaunchPlace
 
 _HALF = sqrt(0.5)
 

@@ -9,8 +9,8 @@ from math import hypot
 
 from msgspec.structs import replace
 
-from agent.lasting import since
-from agent.vehicle.interface import VehicleState
+from radron.agent.lasting import since
+from radron.agent.vehicle.interface import VehicleState
 
 CONFIRM_NS = 2_200_000_000  # two more heartbeats, at 1 Hz, must say the same
 STILL_NS = 5_000_000_000  # if it seems to stand high: on a roof, or without a rangefinder for the height above ground

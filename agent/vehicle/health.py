@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from agent.vehicle.events import FAILSAFE, REPORT_BEGINS, REPORT_ENDS, FailedCheck, failed_check, severity, text_of
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.mavlink.messages import AutopilotVersion, Event, StatusText, SystemStatus
+from radron.agent.vehicle.events import FAILSAFE, REPORT_BEGINS, REPORT_ENDS, FailedCheck, failed_check, severity, text_of
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.mavlink.messages import AutopilotVersion, Event, StatusText, SystemStatus
 
 # MAV_SYS_STATUS_SENSOR: names of missing parts.
 _SENSORS = {

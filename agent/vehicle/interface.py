@@ -8,7 +8,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from agent.geometry import Vector3
+from radron.agent.geometry import Vector3
 
 Origin = tuple[float, float, float]  # latitude and longitude in degrees, height above the ellipsoid in metres
 

@@ -6,9 +6,9 @@ from collections import deque
 
 from msgspec.structs import replace
 
-from agent.geometry import Vector3
-from agent.vehicle.interface import LaunchPlace, Origin
-from agent.vehicle.mavlink.messages import GlobalOrigin
+from radron.agent.geometry import Vector3
+from radron.agent.vehicle.interface import LaunchPlace, Origin
+from radron.agent.vehicle.mavlink.messages import GlobalOrigin
 
 WINDOW_S = 5.0
 UNPLACED_S = 5.0  # the origin is asked for every second

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.requests import Act
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.requests import Act
 
 ARMED = 0x80  # MAV_MODE_FLAG_SAFETY_ARMED in base_mode
 SET_MODE_FLAGS = 0x81  # armed and custom mode enabled: first parameter of DO_SET_MODE, as MAVSDK gives it

@@ -1,13 +1,13 @@
-"""The autopilot's parameters: read over the link with retries, and judged by ``agent.vehicle.rules``."""
+"""The autopilot's parameters: read over the link with retries, and judged by ``radron.agent.vehicle.rules``."""
 
 from __future__ import annotations
 
 import struct
 
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import Finding
-from agent.vehicle.mavlink.messages import ParameterError, ParameterValue
-from agent.vehicle.rules import RETURN_ALTITUDE, rules_of
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import Finding
+from radron.agent.vehicle.mavlink.messages import ParameterError, ParameterValue
+from radron.agent.vehicle.rules import RETURN_ALTITUDE, rules_of
 
 TAKEOFF_ALTITUDE = "MIS_TAKEOFF_ALT"
 ASK_AGAIN_S = 0.5  # PX4 1.17 reports unknown names; older versions do not answer

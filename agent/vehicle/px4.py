@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Literal
 
-from agent.vehicle.demands import Demands
-from agent.vehicle.health import StatusMessages
-from agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
-from agent.vehicle.mavlink.exposure import exposure
-from agent.vehicle.mavlink.link import Link, Received
-from agent.vehicle.mavlink.messages import (
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.health import StatusMessages
+from radron.agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from radron.agent.vehicle.mavlink.exposure import exposure
+from radron.agent.vehicle.mavlink.link import Link, Received
+from radron.agent.vehicle.mavlink.messages import (
     AutopilotVersion,
     CommandAck,
     Event,
@@ -24,15 +24,15 @@ from agent.vehicle.mavlink.messages import (
     StatusText,
     TimeSync,
 )
-from agent.vehicle.mavlink.signed import SIGNED
-from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
-from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, float32, wire_value
-from agent.vehicle.requests import Act, Requests
-from agent.vehicle.rules import RETURN_ALTITUDE
-from agent.vehicle.setpoints import SetpointStream
-from agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
-from agent.vehicle.telemetry import Telemetry
-from agent.vehicle.vision import Vision
+from radron.agent.vehicle.mavlink.signed import SIGNED
+from radron.agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
+from radron.agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, float32, wire_value
+from radron.agent.vehicle.requests import Act, Requests
+from radron.agent.vehicle.rules import RETURN_ALTITUDE
+from radron.agent.vehicle.setpoints import SetpointStream
+from radron.agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
+from radron.agent.vehicle.telemetry import Telemetry
+from radron.agent.vehicle.vision import Vision
 
 SET_UP_S = 1.0  # between requests for missing streams and values
 REFUSAL_S = 5.0  # a refusal counts as a problem for this long

@@ -26,7 +26,7 @@ from enum import Enum, auto
 
 from msgspec import Struct
 
-from agent.vehicle.interface import FlightMode, Request
+from radron.agent.vehicle.interface import FlightMode, Request
 
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from math import dist, remainder, tau
 
-from agent.geometry import Vector3
+from radron.agent.geometry import Vector3
 
 JUMP_M = 0.5  # more than three times the noise of the estimate
 JUMP_RAD = 0.05

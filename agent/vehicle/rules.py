@@ -1,7 +1,7 @@
 """The autopilot's parameters that a flight relies on, once: required values, reasons, and corrections.
 
-Preflight and status judge by this table (``agent.vehicle.parameters``), and the doctor corrects by it
-(``agent.preflight.corrections``). The tables of the documentation list the same names. Values and their meanings are PX4's
+Preflight and status judge by this table (``radron.agent.vehicle.parameters``), and the doctor corrects by it
+(``radron.agent.preflight.corrections``). The tables of the documentation list the same names. Values and their meanings are PX4's
 (commander, navigator, rtl and mc_pos_control parameters, 1.13 and later; of vision, 1.14 and later).
 """
 
@@ -12,8 +12,8 @@ from math import atan, ceil, degrees
 
 from msgspec import Struct
 
-from agent.vehicle.demands import Demands
-from agent.vehicle.trust import drift_m
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.trust import drift_m
 
 RETURN_ALTITUDE = "RTL_RETURN_ALT"
 FENCE_SPARE_M = 20.0  # between the agents' fence and the autopilot's own
@@ -26,7 +26,7 @@ _HOME = {0: "home"}
 _EV_POSITION, _EV_YAW = 1, 8  # bits of EKF2_EV_CTRL
 _GPS_HEIGHT = 1  # of EKF2_HGT_REF
 _GRAVITY_MPS2 = 9.80665
-# Reactions to a lost agent, as the others expect them (``agent.navigation.unheard.agentless``).
+# Reactions to a lost agent, as the others expect them (``radron.agent.navigation.unheard.agentless``).
 _MIN_CLIMB_MPS, _RETURN_MPS, _MIN_DESCENT_MPS = 2.0, (3.0, 6.0), 0.5
 _MIN_BRAKING_MPS2, _MIN_BRAKING_MPS3 = 3.0, 4.0
 _MAX_LOW_RETURN_M = 12.0

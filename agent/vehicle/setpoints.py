@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
-from agent.vehicle.interface import LaunchPlace, Setpoint
-from agent.vehicle.mavlink.link import Link
+from radron.agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
+from radron.agent.vehicle.interface import LaunchPlace, Setpoint
+from radron.agent.vehicle.mavlink.link import Link
 
 LOCAL_NED = 1  # MAV_FRAME_LOCAL_NED
 USE_ALL = 0  # type_mask: use position, velocity, acceleration, yaw and yaw rate

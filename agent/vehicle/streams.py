@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agent.vehicle.mavlink.link import Link
+from radron.agent.vehicle.mavlink.link import Link
 
 MOST_ASKS = 5  # a slow link or simulation may never reach the rates
 REQUEST, GLOBAL_ORIGIN, HOME_POSITION = 512, 49, 242  # MAV_CMD_REQUEST_MESSAGE; message ids

@@ -6,11 +6,11 @@ from math import hypot, isfinite, radians
 
 from msgspec import Struct
 
-from agent.config.drone import VehicleConfig
-from agent.geometry import Quaternion, Vector3
-from agent.vehicle.batteries import ALL, Batteries
-from agent.vehicle.clock import BootClock
-from agent.vehicle.frame import (
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.geometry import Quaternion, Vector3
+from radron.agent.vehicle.batteries import ALL, Batteries
+from radron.agent.vehicle.clock import BootClock
+from radron.agent.vehicle.frame import (
     enu_from_flu,
     enu_from_ned,
     enu_from_ned_position,
@@ -18,10 +18,10 @@ from agent.vehicle.frame import (
     turned_on,
     up_share,
 )
-from agent.vehicle.health import not_ready
-from agent.vehicle.interface import FlightMode, GnssFix, LaunchPlace, VehicleState
-from agent.vehicle.launch import LaunchSurvey
-from agent.vehicle.mavlink.messages import (
+from radron.agent.vehicle.health import not_ready
+from radron.agent.vehicle.interface import FlightMode, GnssFix, LaunchPlace, VehicleState
+from radron.agent.vehicle.launch import LaunchSurvey
+from radron.agent.vehicle.mavlink.messages import (
     Attitude,
     Battery,
     CurrentMode,
@@ -37,10 +37,10 @@ from agent.vehicle.mavlink.messages import (
     Odometry,
     SystemStatus,
 )
-from agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_mode, is_in_air
-from agent.vehicle.requests import Seen
-from agent.vehicle.resets import Resets
-from agent.vehicle.trust import PositionTrust
+from radron.agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_mode, is_in_air
+from radron.agent.vehicle.requests import Seen
+from radron.agent.vehicle.resets import Resets
+from radron.agent.vehicle.trust import PositionTrust
 
 FRESH_S = 0.5  # older attitudes and ranges are not used with a position
 MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported

@@ -10,7 +10,7 @@ all below ``drift_m``.
 
 from __future__ import annotations
 
-from agent.vehicle.mavlink.messages import EstimatorStatus
+from radron.agent.vehicle.mavlink.messages import EstimatorStatus
 
 SILENCE_S = 2.0  # without a message of the receiver, which sends five a second, satellites count as lost
 CONFIRM_S = 3.0  # everything must have been well again for this long; PX4 leaves its failsafe after 2 s

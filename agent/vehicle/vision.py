@@ -23,9 +23,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from agent.feed import LineFeed
-from agent.geometry import Quaternion, Vector3
-from agent.vehicle.frame import frd_from_flu, ned_from_enu
+from radron.agent.feed import LineFeed
+from radron.agent.geometry import Quaternion, Vector3
+from radron.agent.vehicle.frame import frd_from_flu, ned_from_enu
 
 STALE_NS = 500_000_000
 SILENCE_S = 1.0  # without poses for this long the autopilot soon loses its position

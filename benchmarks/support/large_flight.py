@@ -17,16 +17,16 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from agent.config.mission import DroneInMission, MissionConfig
-from agent.flight import topics
-from agent.flight.recorded import RecordedPilot
-from agent.pilot import Pilot
-from protocol.codec import decode
-from protocol.entries import Credential, Entry, Exposure
-from protocol.keys import drone_key
-from protocol.messages import Estimate, Stage, Status
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario, override
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.agent.flight import topics
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.pilot import Pilot
+from radron.protocol.codec import decode
+from radron.protocol.entries import Credential, Entry, Exposure
+from radron.protocol.keys import drone_key
+from radron.protocol.messages import Estimate, Stage, Status
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario, override
 
 FLOWN = 3
 TRACKED_S = 60.0  # flown, and repeated

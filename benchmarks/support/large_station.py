@@ -16,13 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from agent.config.loading import load_mission
-from protocol.mesh.session import MeshConfig
-from station.hub import Hub
-from station.live import follow
-from station.picture.picture import Picture
-from station.replay import Records, play
-from station.web.serving import Place, Serving
+from radron.agent.config.loading import load_mission
+from radron.protocol.mesh.session import MeshConfig
+from radron.station.hub import Hub
+from radron.station.live import follow
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
+from radron.station.web.serving import Place, Serving
 
 
 class Used:

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from large_flight import LargeFlight
 
-from agent.frames.transform import Transform
-from protocol.codec import decode
-from protocol.keys import drone_key
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Pose
+from radron.agent.frames.transform import Transform
+from radron.protocol.codec import decode
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Pose
 
 LONGEST_S = 600.0
 LIVE_BOOT = "1" * 16

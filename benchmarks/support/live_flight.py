@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import psutil
 
-from agent.flight import topics
-from agent.flight.reader import FlightRecord, RecordedFlight
-from protocol.codec import decode_from
-from protocol.keys import parse_key
-from protocol.messages import Stage, Status
+from radron.agent.flight import topics
+from radron.agent.flight.reader import FlightRecord, RecordedFlight
+from radron.protocol.codec import decode_from
+from radron.protocol.keys import parse_key
+from radron.protocol.messages import Stage, Status
 
 SAMPLE_S = 1.0
 _FULL_SAMPLES = 10  # samples between two counts of a process's own memory, which are expensive
@@ -112,7 +112,7 @@ def _sample(launcher: psutil.Process, seen: dict[int, Seen]) -> None:
 
 
 def _kind(command: list[str]) -> str:
-    modules = {"agent.shell.supervisor": "watchdog", "agent": "agent", "sim.live.world": "world"}
+    modules = {"radron.agent.shell.supervisor": "watchdog", "radron.agent": "agent", "radron.sim.live.world": "world"}
     return next((modules[word] for word in command if word in modules), "other")
 
 

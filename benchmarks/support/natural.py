@@ -1,16 +1,14 @@
 """Photons of the soil's own radioactivity above it: the agent's model, computed by another method than the simulation's truth.
 
-The truth (``sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here depths of emission are
-drawn by importance, photons lose weight instead of being absorbed, and each flight adds its expected unscattered crossings to
-each height. Media and scattering come from ``soil``; the lines of the series from the caller.
+The truth (``radron.sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here depths of
+emission are drawn by importance, photons lose weight instead of being absorbed, and each flight adds its expected unscattered
+crossings to each height. Media and scattering come from ``soil``; the lines of the series from the caller.
 """
 
 from __future__ import annotations
 
 import numpy as np
-
-from agent.geometry import Array
-from benchmarks.support.soil import (
+from support.soil import (
     DENSITY,
     GENERATIONS,
     GRID_KEV,
@@ -24,6 +22,8 @@ from benchmarks.support.soil import (
     survivors,
     unabsorbed,
 )
+
+from radron.agent.geometry import Array
 
 _NATURAL_DEPTH_M, _MEAN_DEPTH_M = 1.0, 0.3  # of the soil's own photons: the deepest emission, and the scale of the drawn depths
 _MIN_COSINE = 0.01  # flatter photons count with their mean: no outliers

@@ -12,7 +12,7 @@ from multiprocessing.process import BaseProcess
 
 from zenoh.handlers import Callback
 
-from protocol.mesh.link import MeshConfig, open_session
+from radron.protocol.mesh.link import MeshConfig, open_session
 
 KEY = "benchmark/raw"
 

@@ -1,7 +1,7 @@
 """Photons that soil and air scatter to a point: the agent's model, computed by another method than the simulation's truth.
 
-The truth (``sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here photons lose weight
-instead of being absorbed, all of a batch at once. Each scattering adds the expected direct flux to each detector, by the
+The truth (``radron.sim.radiation.ground``) follows each photon analogously and counts crossings of levels. Here photons lose
+weight instead of being absorbed, all of a batch at once. Each scattering adds the expected direct flux to each detector, by the
 differential cross section of Klein and Nishina (next-event estimation), by the angle of incidence on sensors of several headings.
 Compton scattering off free electrons and photoelectric absorption (xraylib); soil is silica with 20 % of water and 4 % of iron.
 No coherent scattering.
@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import xraylib
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 MASS_KEV = 510.99895
 _BARN_RADIUS = 7.940787e-26  # square of the classical electron radius, cm2

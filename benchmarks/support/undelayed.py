@@ -12,14 +12,14 @@ import numpy as np
 from live_flight import messages
 from numpy.typing import NDArray
 
-from agent.config.mission import MissionConfig
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from agent.fusion.registry import estimator_named
-from agent.mission.worldmodel import WorldModel
-from protocol.codec import decode_from
-from protocol.entries import Entry
-from protocol.messages import DRONE_KINDS, Stage, Status
+from radron.agent.config.mission import MissionConfig
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.mission.worldmodel import WorldModel
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Entry
+from radron.protocol.messages import DRONE_KINDS, Stage, Status
 
 _EVERY_NS = 100_000_000
 _ON_ITS_WAY_NS = 100_000_000  # entries sent within this time before an agent's last one may be on their way

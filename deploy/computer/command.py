@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from deploy.image.command import CACHE, CacheOption
-from deploy.image.wheels import IMAGE, Platform
-from deploy.pki.command import KeyOption, PkiOption, drone_issuer
-from deploy.update.command import SshOption
+from radron.deploy.image.command import CACHE, CacheOption
+from radron.deploy.image.wheels import IMAGE, Platform
+from radron.deploy.pki.command import KeyOption, PkiOption, drone_issuer
+from radron.deploy.update.command import SshOption
 
 if TYPE_CHECKING:
-    from deploy.remote import Progress
+    from radron.deploy.remote import Progress
 
 HostArgument = Annotated[str, typer.Argument(metavar="HOST", help="[USER@]ADDRESS[:PORT], as for ssh; by default root.")]
 
@@ -35,11 +35,11 @@ def install(
     cache: CacheOption = CACHE,
 ) -> None:
     """Install the agent on an existing Debian or Ubuntu computer, as this drone, with its service; or bring it up to date."""
-    from deploy.computer.install import Order  # noqa: PLC0415
-    from deploy.computer.install import install as install_there  # noqa: PLC0415
-    from deploy.fleet.loading import load_fleet  # noqa: PLC0415
-    from deploy.pki.authority import PkiFolder  # noqa: PLC0415
-    from deploy.remote import Host  # noqa: PLC0415
+    from radron.deploy.computer.install import Order  # noqa: PLC0415
+    from radron.deploy.computer.install import install as install_there  # noqa: PLC0415
+    from radron.deploy.fleet.loading import load_fleet  # noqa: PLC0415
+    from radron.deploy.pki.authority import PkiFolder  # noqa: PLC0415
+    from radron.deploy.remote import Host  # noqa: PLC0415
 
     loaded, authority = load_fleet(fleet), PkiFolder(pki, key)
     authority.authority()  # checked before the first copy
@@ -57,8 +57,8 @@ def packages(
     cache: CacheOption = CACHE,
 ) -> None:
     """Collect the packages that `install` takes to a kind of computer, without one: is there a wheel of each for it?"""
-    from deploy.computer.host import MACHINES  # noqa: PLC0415
-    from deploy.computer.install import collect  # noqa: PLC0415
+    from radron.deploy.computer.host import MACHINES  # noqa: PLC0415
+    from radron.deploy.computer.install import collect  # noqa: PLC0415
 
     name = next(name for name, debian in MACHINES.items() if debian == machine)
     found = collect(source.resolve(), cache.resolve(), Platform(python, name, glibc))
@@ -72,8 +72,8 @@ def uninstall(
     ssh: SshOption = None,
 ) -> None:
     """Remove from a computer what `install` has put there, keys included; records and state stay."""
-    from deploy.computer.install import uninstall as uninstall_there  # noqa: PLC0415
-    from deploy.remote import Host  # noqa: PLC0415
+    from radron.deploy.computer.install import uninstall as uninstall_there  # noqa: PLC0415
+    from radron.deploy.remote import Host  # noqa: PLC0415
 
     print(f"{host}: {asyncio.run(uninstall_there(Host.parse(host, ssh or ()), purge))}")
 
@@ -96,9 +96,9 @@ def doctor(
     """
     from rich.console import Console  # noqa: PLC0415
 
-    from agent.doctor.report import page  # noqa: PLC0415
-    from deploy.computer.doctor import examine, examine_here, options_of  # noqa: PLC0415
-    from deploy.remote import Host, RemoteError  # noqa: PLC0415
+    from radron.agent.doctor.report import page  # noqa: PLC0415
+    from radron.deploy.computer.doctor import examine, examine_here, options_of  # noqa: PLC0415
+    from radron.deploy.remote import Host, RemoteError  # noqa: PLC0415
 
     if bool(host) == local:
         raise RemoteError("HOST or --local: give one of them")

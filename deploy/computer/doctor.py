@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from agent.doctor.report import Report
-from deploy.remote import Host, RemoteError, run
+from radron.agent.doctor.report import Report
+from radron.deploy.remote import Host, RemoteError, run
 
 BENCH = "/usr/lib/radron/bench"
 _MISSING = f"test -x {BENCH} || {{ echo 'radron is not installed there: run `radron-deploy install`' >&2; exit 2; }}"

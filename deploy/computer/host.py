@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
 
-from deploy.image.wheels import Platform
-from deploy.remote import Host, run
+from radron.deploy.image.wheels import Platform
+from radron.deploy.remote import Host, run
 
 MACHINES = {"x86_64": "amd64", "aarch64": "arm64"}
 LEAST_FREE_MB = 1500
@@ -107,7 +107,7 @@ def judged(host: Host, values: dict[str, list[str]]) -> Computer:
 
 def script(name: str) -> bytes:
     """Return the content of a shell script in the folder ``contents``, to be run on the other computer."""
-    return files("deploy.computer").joinpath("contents", name).read_bytes()
+    return files("radron.deploy.computer").joinpath("contents", name).read_bytes()
 
 
 def _python(host: Host, system: str, found: Iterable[str]) -> tuple[str, str]:

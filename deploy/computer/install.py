@@ -19,18 +19,18 @@ from pathlib import Path, PurePosixPath
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from deploy.computer.host import MACHINES, Computer, asked, probe, script
-from deploy.digest import digest
-from deploy.fleet.config import FleetDrone
-from deploy.fleet.files import files_of
-from deploy.fleet.loading import Fleet
-from deploy.image.build import release_of
-from deploy.image.errors import ImageError
-from deploy.image.tools import run as run_here
-from deploy.image.wheels import Platform, make_own_wheel, make_wheels
-from deploy.pki.authority import PkiFolder
-from deploy.remote import Host, Progress, run, send
-from protocol.identity import REVOKED_FILE, IdentityError, Role
+from radron.deploy.computer.host import MACHINES, Computer, asked, probe, script
+from radron.deploy.digest import digest
+from radron.deploy.fleet.config import FleetDrone
+from radron.deploy.fleet.files import files_of
+from radron.deploy.fleet.loading import Fleet
+from radron.deploy.image.build import release_of
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.tools import run as run_here
+from radron.deploy.image.wheels import Platform, make_own_wheel, make_wheels
+from radron.deploy.pki.authority import PkiFolder
+from radron.deploy.remote import Host, Progress, run, send
+from radron.protocol.identity import REVOKED_FILE, IdentityError, Role
 
 THERE = "/var/tmp/radron-install"
 KEPT_NS = 7 * 86_400_000_000_000  # a certificate with a longer remaining validity is kept
@@ -181,7 +181,7 @@ def scripts() -> bytes:
 
     They are the files of the disk image, except that the drone's own files are in a folder instead of on a partition.
     """
-    rootfs = files("deploy.image").joinpath("contents", "rootfs")
+    rootfs = files("radron.deploy.image").joinpath("contents", "rootfs")
     made = {name: (rootfs.joinpath(name).read_bytes(), 0o755 if "/lib/" in name else 0o644) for name in SYSTEM_FILES}
     made |= {_DROP_IN: (_FROM_FOLDER.encode(), 0o644)}
     return _tar({f"system/{name}": content for name, content in made.items()} | {"install.sh": (script("install.sh"), 0o700)})

@@ -17,8 +17,8 @@ def check(fleet: FleetArgument) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from deploy.fleet.files import files_of  # noqa: PLC0415
-    from deploy.fleet.loading import load_fleet  # noqa: PLC0415
+    from radron.deploy.fleet.files import files_of  # noqa: PLC0415
+    from radron.deploy.fleet.loading import load_fleet  # noqa: PLC0415
 
     loaded = load_fleet(fleet)
     table = Table("drone", "address", "autopilot", "camera", "calibration", title=f"{fleet}: mission {loaded.mission.mission_id}")
@@ -35,8 +35,8 @@ def files(
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="A new folder for them.")],
 ) -> None:
     """Write the files of a drone's config partition into a folder, without certificates: to read, or to compare."""
-    from deploy.fleet.files import files_of, write_files  # noqa: PLC0415
-    from deploy.fleet.loading import load_fleet  # noqa: PLC0415
+    from radron.deploy.fleet.files import files_of, write_files  # noqa: PLC0415
+    from radron.deploy.fleet.loading import load_fleet  # noqa: PLC0415
 
     loaded = load_fleet(fleet)
     made = files_of(loaded, loaded.drone(drone))

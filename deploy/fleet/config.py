@@ -6,9 +6,9 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from agent.config.drone import DetectorConfig, ParameterName, SightingsConfig, VehicleConfig
-from agent.config.section import Degrees, Section
-from protocol.units import DroneId, Identifier
+from radron.agent.config.drone import DetectorConfig, ParameterName, SightingsConfig, VehicleConfig
+from radron.agent.config.section import Degrees, Section
+from radron.protocol.units import DroneId, Identifier
 
 Port = Annotated[int, Meta(ge=1024, le=65535)]
 

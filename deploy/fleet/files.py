@@ -18,12 +18,12 @@ from pathlib import Path, PurePosixPath
 
 import msgspec
 
-from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
-from agent.config.loading import read_toml
-from agent.config.writing import as_toml
-from agent.detector.files.calibration import calibration_files, load_flight_calibration
-from deploy.fleet.config import FleetDrone
-from deploy.fleet.loading import Fleet, autopilot_of
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
+from radron.agent.config.loading import read_toml
+from radron.agent.config.writing import as_toml
+from radron.agent.detector.files.calibration import calibration_files, load_flight_calibration
+from radron.deploy.fleet.config import FleetDrone
+from radron.deploy.fleet.loading import Fleet, autopilot_of
 
 # On board: the credentials from systemd, and the folder on the data partition.
 CREDENTIALS, DATA = "/run/credentials/radron-agent.service", "/var/lib/radron"

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from agent.config.loading import convert, load_mission, merged, read_toml
-from agent.config.mission import MissionConfig
-from agent.detector.files.calibration import NAMES
-from agent.errors import ConfigError
-from deploy.fleet.config import FleetConfig, FleetDrone
+from radron.agent.config.loading import convert, load_mission, merged, read_toml
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.files.calibration import NAMES
+from radron.agent.errors import ConfigError
+from radron.deploy.fleet.config import FleetConfig, FleetDrone
 
 CALIBRATION_FILES = tuple(f"{name}.txt" for name in NAMES)
 T = TypeVar("T")

@@ -8,9 +8,9 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from deploy.image.fat import make_fat
-from deploy.image.layout import ESP, ROOT_A, ROOT_B
-from deploy.image.tools import run
+from radron.deploy.image.fat import make_fat
+from radron.deploy.image.layout import ESP, ROOT_A, ROOT_B
+from radron.deploy.image.tools import run
 
 _MODULES = [
     "part_gpt",
@@ -48,7 +48,7 @@ def make_esp(file: Path, work: Path, epoch: int) -> None:
     content = work / "esp"
     (content / "EFI/BOOT").mkdir(parents=True)
     (content / "grub").mkdir()
-    source = files("deploy.image") / "contents/grub"
+    source = files("radron.deploy.image") / "contents/grub"
     (content / "grub/grub.cfg").write_text(grub_configuration())
     (content / "grub/grubenv").write_bytes(grub_environment(FIRST_BOOT))
     early = work / "early.cfg"
@@ -61,7 +61,7 @@ def make_esp(file: Path, work: Path, epoch: int) -> None:
 
 def grub_configuration() -> str:
     """Return the boot loader's configuration file ``grub.cfg``, with the identifiers of the two system partitions."""
-    text = (files("deploy.image") / "contents/grub/grub.cfg").read_text(encoding="utf-8")
+    text = (files("radron.deploy.image") / "contents/grub/grub.cfg").read_text(encoding="utf-8")
     return text.replace("@ROOT_A@", ROOT_A.guid).replace("@ROOT_B@", ROOT_B.guid)
 
 

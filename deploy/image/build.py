@@ -15,15 +15,15 @@ from pathlib import Path
 
 import msgspec
 
-from deploy.digest import digest
-from deploy.image.bootloader import make_esp
-from deploy.image.disk import make_disk
-from deploy.image.errors import ImageError
-from deploy.image.fat import make_fat
-from deploy.image.layout import CONFIG, ESP, MIB, ROOT_A
-from deploy.image.rootfs import Release, make_rootfs
-from deploy.image.tools import need, run
-from deploy.image.wheels import make_wheels
+from radron.deploy.digest import digest
+from radron.deploy.image.bootloader import make_esp
+from radron.deploy.image.disk import make_disk
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.fat import make_fat
+from radron.deploy.image.layout import CONFIG, ESP, MIB, ROOT_A
+from radron.deploy.image.rootfs import Release, make_rootfs
+from radron.deploy.image.tools import need, run
+from radron.deploy.image.wheels import make_wheels
 
 PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", "mkfs.vfat", "mcopy", "git")
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agent.outputs import cache_folder
-from deploy.image.errors import ImageError
-from deploy.pki.command import KeyOption, PkiOption, drone_issuer
+from radron.agent.outputs import cache_folder
+from radron.deploy.image.errors import ImageError
+from radron.deploy.pki.command import KeyOption, PkiOption, drone_issuer
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from deploy.fleet.loading import Fleet
-    from deploy.image.target import Target
+    from radron.deploy.fleet.loading import Fleet
+    from radron.deploy.image.target import Target
 
 app = typer.Typer(no_args_is_help=True, help="The onboard computer's disk (docs/nuc.md).")
 SnapshotOption = Annotated[
@@ -38,7 +38,7 @@ def build(
     twice: Annotated[bool, typer.Option("--twice", help="Build it a second time, and name every file that differs.")] = False,
 ) -> None:
     """Build a bootable disk image with the agent of a checkout. There are no secrets in it: it is the same for all drones."""
-    from deploy.image.build import build_image, manifest_file  # noqa: PLC0415
+    from radron.deploy.image.build import build_image, manifest_file  # noqa: PLC0415
 
     made = build_image(out, source.resolve(), cache.resolve(), snapshot, _say)
     print(f"{out}: radron {made.version} ({made.commit}), SHA-256 {made.sha256}; what is in it: {manifest_file(out)}")
@@ -58,7 +58,7 @@ def compare(
     other: Annotated[Path, typer.Argument(metavar="IMAGE")],
 ) -> None:
     """Compare two images byte by byte, and name the partitions and files that differ. Exit code 1 if any does."""
-    from deploy.image.compare import differences  # noqa: PLC0415
+    from radron.deploy.image.compare import differences  # noqa: PLC0415
 
     found = differences(one, other)
     for line in found:
@@ -82,9 +82,9 @@ def flash_disk(
     ] = None,
 ) -> None:
     """Write an image to a drone's disk, with this drone's configuration and a new certificate, and verify it."""
-    from deploy.fleet.loading import load_fleet  # noqa: PLC0415
-    from deploy.image.flash import check_image, flash  # noqa: PLC0415
-    from deploy.image.target import find_target  # noqa: PLC0415
+    from radron.deploy.fleet.loading import load_fleet  # noqa: PLC0415
+    from radron.deploy.image.flash import check_image, flash  # noqa: PLC0415
+    from radron.deploy.image.target import find_target  # noqa: PLC0415
 
     loaded = load_fleet(fleet)
     loaded.drone(drone)
@@ -106,7 +106,7 @@ def flash_disk(
 
 
 def _check_version(image: Path, fleet: Fleet) -> None:
-    from deploy.image.build import read_manifest  # noqa: PLC0415
+    from radron.deploy.image.build import read_manifest  # noqa: PLC0415
 
     wanted = fleet.config.version
     if wanted is None:
@@ -126,8 +126,8 @@ def _confirm(target: Target, drone: str, erase: str | None) -> None:
 
 
 def _make_config(file: Path, fleet: Fleet, drone: str, pki: Path, key: Path | None) -> None:
-    from deploy.image.configpartition import make_config  # noqa: PLC0415
-    from deploy.pki.authority import PkiFolder  # noqa: PLC0415
+    from radron.deploy.image.configpartition import make_config  # noqa: PLC0415
+    from radron.deploy.pki.authority import PkiFolder  # noqa: PLC0415
 
     issue = drone_issuer(PkiFolder(pki, key), drone, fleet.config.certificate_days)
     make_config(file, file.parent, fleet, fleet.drone(drone), issue, int(time.time()))

@@ -7,10 +7,10 @@ import stat
 import tempfile
 from pathlib import Path
 
-from deploy.digest import digest
-from deploy.image.flash import check_image
-from deploy.image.layout import MIB, PARTITIONS, ROOT_A, ROOT_B, Partition
-from deploy.image.tools import need, run
+from radron.deploy.digest import digest
+from radron.deploy.image.flash import check_image
+from radron.deploy.image.layout import MIB, PARTITIONS, ROOT_A, ROOT_B, Partition
+from radron.deploy.image.tools import need, run
 
 _MOST = 50  # named files
 

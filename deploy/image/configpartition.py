@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from deploy.fleet.config import FleetDrone
-from deploy.fleet.files import files_of, write_files
-from deploy.fleet.loading import Fleet
-from deploy.image.fat import make_fat
-from deploy.image.layout import CONFIG
+from radron.deploy.fleet.config import FleetDrone
+from radron.deploy.fleet.files import files_of, write_files
+from radron.deploy.fleet.loading import Fleet
+from radron.deploy.image.fat import make_fat
+from radron.deploy.image.layout import CONFIG
 
 
 def make_config(file: Path, work: Path, fleet: Fleet, drone: FleetDrone, issue: Callable[[Path], None], epoch: int) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import BinaryIO
 
-from deploy.image.errors import ImageError
-from deploy.image.layout import DISK_GUID, IMAGE_BYTES, MIB, PARTITIONS, Partition
-from deploy.image.tools import run
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import DISK_GUID, IMAGE_BYTES, MIB, PARTITIONS, Partition
+from radron.deploy.image.tools import run
 
 
 def make_disk(file: Path, contents: dict[Partition, Path]) -> None:

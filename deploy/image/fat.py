@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
-from deploy.image.tools import run
+from radron.deploy.image.tools import run
 
 
 def make_fat(file: Path, size: int, label: str, content: Path, epoch: int) -> None:

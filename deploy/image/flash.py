@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from deploy.image.errors import ImageError
-from deploy.image.layout import CONFIG, IMAGE_BYTES, MIB
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import CONFIG, IMAGE_BYTES, MIB
 
 _BLOCK = 4 * MIB
 _REREAD = 0x125F  # BLKRRPART

@@ -13,14 +13,14 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 
-from deploy.image.tools import run
+from radron.deploy.image.tools import run
 
 SUITE = "bookworm"
 MIRROR, SECURITY = "http://deb.debian.org/debian", "http://deb.debian.org/debian-security"
 SNAPSHOT = "http://snapshot.debian.org/archive"
 # LZO: GRUB reads it, and unpacking is several times faster than with the other compressions that GRUB reads.
 COMPRESSION = ("-comp", "lzo", "-Xalgorithm", "lzo1x_1_15", "-b", "256K")
-_CONTENTS = Path(str(files("deploy.image"))) / "contents"
+_CONTENTS = Path(str(files("radron.deploy.image"))) / "contents"
 _NOT_INSTALLED = ("doc", "man", "info", "locale", "bash-completion", "lintian", "i18n/locales")
 _ENABLED = [
     "systemd-networkd",

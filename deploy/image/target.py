@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from deploy.image.errors import ImageError
-from deploy.image.layout import LEAST_DISK_BYTES
-from deploy.image.tools import need, run
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.image.tools import need, run
 
 GB = 1e9
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
-from deploy.image.errors import ImageError
+from radron.deploy.image.errors import ImageError
 
 # The Debian package of each program.
 _PACKAGES = {

@@ -10,8 +10,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from deploy.image.errors import ImageError
-from deploy.image.tools import run
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.tools import run
 
 _OLDEST_GLIBC = 5  # of the platform tags of wheels
 ONBOARD = ("protocol", "agent")  # packages of this project on board
@@ -97,7 +97,7 @@ def make_own_wheel(source: Path, work: Path, out: Path, epoch: int, log: Path) -
     """
     copy = work / "source"
     copy.mkdir()
-    for file in ("pyproject.toml", "README.md", "LICENSE"):
+    for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copyfile(source / file, copy / file)
     for package in ONBOARD:
         shutil.copytree(source / package, copy / package, ignore=shutil.ignore_patterns("__pycache__", ".*"))

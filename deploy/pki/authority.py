@@ -15,10 +15,10 @@ from cryptography.hazmat.primitives.serialization import BestAvailableEncryption
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
-from deploy.pki.issued import Issued
-from deploy.pki.release import issue_release
-from protocol.access import shared_mode
-from protocol.identity import (
+from radron.deploy.pki.issued import Issued
+from radron.deploy.pki.release import issue_release
+from radron.protocol.access import shared_mode
+from radron.protocol.identity import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     REVOKED_FILE,
@@ -31,7 +31,7 @@ from protocol.identity import (
     unusable,
     utc,
 )
-from protocol.issuing import Issuer, write_file, write_identity
+from radron.protocol.issuing import Issuer, write_file, write_identity
 
 AUTHORITY_KEY_FILE, ISSUED_FILE = "ca-key.pem", "issued.json"
 SHORTEST_PASSPHRASE = 12

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from protocol.identity import CERTIFICATE_FILE, IdentityError, Peer, Role, load_identity, utc
+from radron.protocol.identity import CERTIFICATE_FILE, IdentityError, Peer, Role, load_identity, utc
 
 if TYPE_CHECKING:
-    from deploy.pki.authority import PkiFolder
-    from deploy.pki.issued import Issued
+    from radron.deploy.pki.authority import PkiFolder
+    from radron.deploy.pki.issued import Issued
 
 PASSPHRASE_VARIABLE = "RADRON_PKI_PASSPHRASE"
 _DAY_NS = 86_400_000_000_000
@@ -127,7 +127,7 @@ def drone_issuer(authority: PkiFolder, drone: str, days: int | None) -> Callable
 
 
 def _folder(pki: Path, key: Path | None) -> PkiFolder:
-    from deploy.pki.authority import PkiFolder  # noqa: PLC0415
+    from radron.deploy.pki.authority import PkiFolder  # noqa: PLC0415
 
     return PkiFolder(pki, key)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from protocol.identity import Role
+from radron.protocol.identity import Role
 
 
 class Issued(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -15,9 +15,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from deploy.pki.issued import Issued
-from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, checked_name, utc
-from protocol.issuing import DAYS, EARLIER, Issuer, write_file
+from radron.deploy.pki.issued import Issued
+from radron.protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, checked_name, utc
+from radron.protocol.issuing import DAYS, EARLIER, Issuer, write_file
 
 
 def issue_release(issuer: Issuer, name: str, now_ns: int, days: int | None, out: Path) -> Issued:

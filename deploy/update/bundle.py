@@ -16,14 +16,14 @@ import msgspec
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
-from deploy.digest import digest
-from deploy.image.build import read_manifest
-from deploy.image.flash import check_image
-from deploy.image.layout import MIB, ROOT_A
-from deploy.image.tools import need, run
-from deploy.update.errors import UpdateError
-from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role
-from protocol.onboard import COMPATIBLE, Release
+from radron.deploy.digest import digest
+from radron.deploy.image.build import read_manifest
+from radron.deploy.image.flash import check_image
+from radron.deploy.image.layout import MIB, ROOT_A
+from radron.deploy.image.tools import need, run
+from radron.deploy.update.errors import UpdateError
+from radron.protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role
+from radron.protocol.onboard import COMPATIBLE, Release
 
 _MAGIC = b"hsqs"
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from deploy.remote import Host, RemoteError
-from deploy.update.errors import UpdateError
+from radron.deploy.remote import Host, RemoteError
+from radron.deploy.update.errors import UpdateError
 
 if TYPE_CHECKING:
-    from deploy.update.hosts import Tell
-    from deploy.update.logs import Fetched
-    from deploy.update.status import Answer
+    from radron.deploy.update.hosts import Tell
+    from radron.deploy.update.logs import Fetched
+    from radron.deploy.update.status import Answer
 
 bundle_app = typer.Typer(no_args_is_help=True, help="Signed bundles, by which onboard computers are updated (docs/nuc.md).")
 HostsArgument = Annotated[
@@ -40,9 +40,9 @@ def build_bundle(
     ] = None,
 ) -> None:
     """Make a signed bundle of an image's system; drones of the signer's authority install it."""
-    from deploy.image.build import read_manifest  # noqa: PLC0415
-    from deploy.update.bundle import build_bundle as build  # noqa: PLC0415
-    from deploy.update.bundle import manifest_file  # noqa: PLC0415
+    from radron.deploy.image.build import read_manifest  # noqa: PLC0415
+    from radron.deploy.update.bundle import build_bundle as build  # noqa: PLC0415
+    from radron.deploy.update.bundle import manifest_file  # noqa: PLC0415
 
     made = out if out is not None else Path(f"radron-{read_manifest(image).version}.raucb")
     manifest = build(image, signer, made, print)
@@ -64,10 +64,10 @@ def push(
 
     Refused while a vehicle is armed or a flight is under way. Exit code 0: all run it; 1: not all; 2: nothing was sent.
     """
-    from deploy.update.bundle import read_bundle_manifest  # noqa: PLC0415
-    from deploy.update.hosts import find_hosts  # noqa: PLC0415
-    from deploy.update.push import Push  # noqa: PLC0415
-    from deploy.update.push import push as push_to  # noqa: PLC0415
+    from radron.deploy.update.bundle import read_bundle_manifest  # noqa: PLC0415
+    from radron.deploy.update.hosts import find_hosts  # noqa: PLC0415
+    from radron.deploy.update.push import Push  # noqa: PLC0415
+    from radron.deploy.update.push import push as push_to  # noqa: PLC0415
 
     if rollback == (bundle is not None):
         raise UpdateError("--bundle FILE or --rollback: give one of them")
@@ -96,8 +96,8 @@ def logs(
 
     An interrupted copy is completed by the next one. Exit code 1: not all computers have answered.
     """
-    from deploy.update.hosts import find_hosts  # noqa: PLC0415
-    from deploy.update.logs import fetch_logs  # noqa: PLC0415
+    from radron.deploy.update.hosts import find_hosts  # noqa: PLC0415
+    from radron.deploy.update.logs import fetch_logs  # noqa: PLC0415
 
     found, _ = find_hosts(hosts or [], fleet, ssh or [])
 
@@ -119,8 +119,8 @@ def status(hosts: HostsArgument = None, fleet: FleetOption = None, ssh: SshOptio
     """
     from rich.console import Console  # noqa: PLC0415
 
-    from deploy.update.hosts import ask, find_hosts  # noqa: PLC0415
-    from deploy.update.status import Answer, rows, table  # noqa: PLC0415
+    from radron.deploy.update.hosts import ask, find_hosts  # noqa: PLC0415
+    from radron.deploy.update.status import Answer, rows, table  # noqa: PLC0415
 
     found, known = find_hosts(hosts or [], fleet, ssh or [])
 
@@ -137,7 +137,7 @@ def status(hosts: HostsArgument = None, fleet: FleetOption = None, ssh: SshOptio
 
 
 def _at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) -> list[tuple[Host, T | RemoteError]]:
-    from deploy.remote import at_all  # noqa: PLC0415
+    from radron.deploy.remote import at_all  # noqa: PLC0415
 
     return list(zip(hosts, asyncio.run(at_all(hosts, work)), strict=True))
 

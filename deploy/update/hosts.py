@@ -7,10 +7,10 @@ from pathlib import Path
 
 import msgspec
 
-from deploy.fleet.loading import Fleet, load_fleet
-from deploy.remote import Host, RemoteError, run
-from deploy.update.errors import UpdateError
-from protocol.onboard import Computer
+from radron.deploy.fleet.loading import Fleet, load_fleet
+from radron.deploy.remote import Host, RemoteError, run
+from radron.deploy.update.errors import UpdateError
+from radron.protocol.onboard import Computer
 
 PROGRAM = "/opt/radron/bin/radron-update"
 Tell = Callable[[Host, str, int, int], None]  # present step at a computer, and its progress: bytes done and in all, or 0 of 0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from deploy.digest import digest
-from deploy.remote import Host, fetch, run
-from deploy.update.hosts import Tell
+from radron.deploy.digest import digest
+from radron.deploy.remote import Host, fetch, run
+from radron.deploy.update.hosts import Tell
 
 FLIGHTS = "/var/lib/radron/flights"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from deploy.remote import Host, RemoteError, at_all, run, send
-from deploy.update.bundle import BundleManifest
-from deploy.update.errors import UpdateError
-from deploy.update.hosts import PROGRAM, Tell, ask
-from protocol.onboard import MOST_ATTEMPTS, Computer, Outcome
+from radron.deploy.remote import Host, RemoteError, at_all, run, send
+from radron.deploy.update.bundle import BundleManifest
+from radron.deploy.update.errors import UpdateError
+from radron.deploy.update.hosts import PROGRAM, Tell, ask
+from radron.protocol.onboard import MOST_ATTEMPTS, Computer, Outcome
 
 INCOMING = "/var/lib/radron-update/incoming"
 DECIDED_S = 2400.0  # three attempts of a slowly starting computer

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deploy.fleet.config import FleetDrone, Px4Config
-from deploy.fleet.loading import Fleet
-from deploy.remote import Host
-from protocol.onboard import MOST_ATTEMPTS, Computer
+from radron.deploy.fleet.config import FleetDrone, Px4Config
+from radron.deploy.fleet.loading import Fleet
+from radron.deploy.remote import Host
+from radron.protocol.onboard import MOST_ATTEMPTS, Computer
 
 if TYPE_CHECKING:
     from rich.table import Table

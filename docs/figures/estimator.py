@@ -1,14 +1,13 @@
 """The figures of docs/estimator.md: ``python docs/figures/estimator.py [NAME ...] --out docs``; without names all of them.
 
-Cones and counts come from simulated cameras (sim.radiation) through the agents' detector chain; only the vehicles' paths are
-prescribed here instead of flown. Poses are exact, their stated 1-sigma errors are 0.14 m and 1 deg. Each figure has its own seed,
-which is printed.
+Cones and counts come from simulated cameras (radron.sim.radiation) through the agents' detector chain; only the vehicles' paths
+are prescribed here instead of flown. Poses are exact, their stated 1-sigma errors are 0.14 m and 1 deg. Each figure has its own
+seed, which is printed.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
@@ -22,28 +21,26 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from shapely import Polygon
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # the checkout that this file belongs to
-
-from agent.config.drone import DroneConfig
-from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.frames.transform import Transform
-from agent.fusion.bayes.cones import Orders, cone_likelihood
-from agent.fusion.bayes.estimator import BayesEstimator
-from agent.fusion.bayes.response import REFERENCE_BQ, response_of
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.estimator import GridStep, Outlook
-from agent.fusion.observation import ConeObservation, Observation, observe
-from agent.localization.history import PoseHistory
-from agent.sensing.observer import Observer
-from agent.vehicle.interface import FlightMode, VehicleState
-from sim.figures.style import CONE, DRONES, ESTIMATE, TRUTH, dress, new_figure, plain_log, save
-from sim.radiation.bank import DIRECTION_BINS, bin_centres
-from sim.radiation.camera import Camera, CameraTruth, SourceView
-from sim.radiation.events import COMPLETE
-from sim.radiation.store import load_bank
-from sim.world.frame import CameraMount
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.cones import Orders, cone_likelihood
+from radron.agent.fusion.bayes.estimator import BayesEstimator
+from radron.agent.fusion.bayes.response import REFERENCE_BQ, response_of
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.estimator import GridStep, Outlook
+from radron.agent.fusion.observation import ConeObservation, Observation, observe
+from radron.agent.localization.history import PoseHistory
+from radron.agent.sensing.observer import Observer
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.sim.figures.style import CONE, DRONES, ESTIMATE, TRUTH, dress, new_figure, plain_log, save
+from radron.sim.radiation.bank import DIRECTION_BINS, bin_centres
+from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
+from radron.sim.radiation.events import COMPLETE
+from radron.sim.radiation.store import load_bank
+from radron.sim.world.frame import CameraMount
 
 Array = NDArray[np.float64]
 Place = tuple[float, float]

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from sim.campaign.table import SIMULATIONS
-from sim.result import RunResult
-from sim.scoring.statistics import Summary, summarise
+from radron.sim.campaign.table import SIMULATIONS
+from radron.sim.result import RunResult
+from radron.sim.scoring.statistics import Summary, summarise
 
 DOCS = Path(__file__).resolve().parents[1]
 README = DOCS.parent / "README.md"
@@ -85,7 +85,7 @@ def main() -> None:
 
 def _radron(command: str, folder: Path) -> None:
     print(f"radron-sim {command} --out {folder}", flush=True)
-    subprocess.run([sys.executable, "-m", "sim.cli", *command.split(), "--out", str(folder)], check=True)
+    subprocess.run([sys.executable, "-m", "radron.sim.cli", *command.split(), "--out", str(folder)], check=True)
 
 
 Runs = dict[tuple[str, str], list[RunResult]]  # by scenario and estimator

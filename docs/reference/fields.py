@@ -204,7 +204,7 @@ def field_comments(kind: type) -> dict[str, str]:
     """The comments behind a type's fields, those of its bases included."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__):
-        if base.__module__.partition(".")[0] in ("agent", "sim", "protocol"):
+        if base.__module__.startswith("radron."):
             found |= _own_comments(base)
     return found
 

@@ -14,13 +14,13 @@ import fields
 import files
 import msgspec
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from deploy.fleet.config import FleetConfig
-from protocol import codec, keys, messages, summary
-from sim import api
-from sim.result import ConeTrace, RunResult, Trace
-from sim.scenario import Scenario
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.deploy.fleet.config import FleetConfig
+from radron.protocol import codec, keys, messages, summary
+from radron.sim import api
+from radron.sim.result import ConeTrace, RunResult, Trace
+from radron.sim.scenario import Scenario
 
 _MISSION = """# Mission file
 
@@ -88,7 +88,7 @@ _API = """# Python API
 
 {intro}
 
-The page is generated from the docstrings of `sim.api`.
+The page is generated from the docstrings of `radron.sim.api`.
 """
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import zenoh
 
-from protocol.bucket import Bucket
-from protocol.mesh.link import in_thread
-from protocol.units import STATION
+from radron.protocol.bucket import Bucket
+from radron.protocol.mesh.link import in_thread
+from radron.protocol.units import STATION
 
 SHARE = 0.1  # of the loop's time goes into answers at most, at any rate of queries
 MOST = 8  # queries answered at the same time

@@ -11,8 +11,8 @@ import ssl
 from collections.abc import Iterable
 from functools import partial
 
-from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Identity, utc
-from protocol.mesh.link import in_thread
+from radron.protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Identity, utc
+from radron.protocol.mesh.link import in_thread
 
 WITHIN_S = 1.5
 _REFUSAL_S = 0.5  # with TLS 1.3 the other side's refusal follows our end of the handshake

@@ -15,13 +15,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
-from protocol.bucket import Bucket
-from protocol.codec import size_limit
-from protocol.entries import Entry
-from protocol.errors import ProtocolError
-from protocol.keys import Key, parse_key
-from protocol.mesh.publishers import Publishers
-from protocol.messages import DRONE_KINDS, STATION_KINDS
+from radron.protocol.bucket import Bucket
+from radron.protocol.codec import size_limit
+from radron.protocol.entries import Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import Key, parse_key
+from radron.protocol.mesh.publishers import Publishers
+from radron.protocol.messages import DRONE_KINDS, STATION_KINDS
 
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)

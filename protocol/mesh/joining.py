@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import zenoh
 
-from protocol.errors import MeshError
-from protocol.identity import CERTIFICATE_FILE, Identity, Role
-from protocol.mesh.link import MeshConfig, open_session
-from protocol.mesh.rights import access_control, limits
+from radron.protocol.errors import MeshError
+from radron.protocol.identity import CERTIFICATE_FILE, Identity, Role
+from radron.protocol.mesh.link import MeshConfig, open_session
+from radron.protocol.mesh.rights import access_control, limits
 
 
 async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh.Session:

@@ -20,8 +20,8 @@ import zenoh
 from msgspec import Struct
 from zenoh.handlers import Callback
 
-from protocol.errors import MeshError
-from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Identity
+from radron.protocol.errors import MeshError
+from radron.protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Identity
 
 T = TypeVar("T")
 

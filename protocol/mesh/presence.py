@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from protocol.keys import VERSION, read_token
+from radron.protocol.keys import VERSION, read_token
 
 MOST_ALIVE = 256  # kept names with a liveliness token
 

@@ -11,10 +11,10 @@ import zenoh
 from zenoh import CongestionControl, Priority
 from zenoh.handlers import Callback
 
-from protocol.errors import ProtocolError
-from protocol.mesh.link import in_thread
-from protocol.mesh.rights import LOG_QUERIES_PER_S
-from protocol.messages import MOST_PARTS, PART_BYTES
+from radron.protocol.errors import ProtocolError
+from radron.protocol.mesh.link import in_thread
+from radron.protocol.mesh.rights import LOG_QUERIES_PER_S
+from radron.protocol.messages import MOST_PARTS, PART_BYTES
 
 PART_S = 5.0  # for one part, over a slow radio
 ATTEMPTS = 3

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from protocol.keys import ROOT
-from protocol.mesh.inbox import ENTRY_KINDS
-from protocol.messages import STATION_KINDS
-from protocol.units import STATION
+from radron.protocol.keys import ROOT
+from radron.protocol.mesh.inbox import ENTRY_KINDS
+from radron.protocol.messages import STATION_KINDS
+from radron.protocol.units import STATION
 
 _PREFIX = "radron/*"  # of every version of the protocol: only a visible drone of another version can be reported
 _VERSIONS = range(1, 10)  # of accepted liveliness tokens: with a wildcard, a member could make its peers keep any number of them

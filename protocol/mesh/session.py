@@ -16,18 +16,18 @@ import zenoh
 from zenoh import CongestionControl, Locality, Priority, ext
 from zenoh.handlers import Callback
 
-from protocol.codec import MAX_PAYLOAD_BYTES
-from protocol.errors import MeshError, ProtocolError
-from protocol.keys import ROOT, drone_key, log_query_key, parse_key, read_token, station_key, token_keys
-from protocol.mesh.answers import Answer, Answers
-from protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
-from protocol.mesh.joining import session_of
-from protocol.mesh.link import MeshConfig, close_session, in_thread
-from protocol.mesh.outgoing import Outgoing
-from protocol.mesh.presence import Presence
-from protocol.mesh.queries import Pace, Serving, fetch, query
-from protocol.messages import STATION_KINDS
-from protocol.units import STATION
+from radron.protocol.codec import MAX_PAYLOAD_BYTES
+from radron.protocol.errors import MeshError, ProtocolError
+from radron.protocol.keys import ROOT, drone_key, log_query_key, parse_key, read_token, station_key, token_keys
+from radron.protocol.mesh.answers import Answer, Answers
+from radron.protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
+from radron.protocol.mesh.joining import session_of
+from radron.protocol.mesh.link import MeshConfig, close_session, in_thread
+from radron.protocol.mesh.outgoing import Outgoing
+from radron.protocol.mesh.presence import Presence
+from radron.protocol.mesh.queries import Pace, Serving, fetch, query
+from radron.protocol.messages import STATION_KINDS
+from radron.protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
 

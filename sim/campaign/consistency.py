@@ -15,14 +15,14 @@ import numpy as np
 from msgspec import Struct
 from scipy.stats import chi2, kstest
 
-from sim.campaign.flights import Flown
-from sim.campaign.report import failed_note
-from sim.campaign.table import Table, write_table
-from sim.figures.consistency import consistency_figure
-from sim.figures.style import save
-from sim.result import RunResult
-from sim.runfile import write_text
-from sim.scoring.statistics import error_over_bound, share_interval, summarise
+from radron.sim.campaign.flights import Flown
+from radron.sim.campaign.report import failed_note
+from radron.sim.campaign.table import Table, write_table
+from radron.sim.figures.consistency import consistency_figure
+from radron.sim.figures.style import save
+from radron.sim.result import RunResult
+from radron.sim.runfile import write_text
+from radron.sim.scoring.statistics import error_over_bound, share_interval, summarise
 
 X0_ERROR_M = 8.0  # requirement: 90 % of the errors of x0 are within
 SCENARIOS = tuple(f"{poses}-{what}" for poses in ("ideal", "biased") for what in (

@@ -15,11 +15,11 @@ from typing import Any
 
 import msgspec
 
-from agent.errors import ConfigError
-from sim.campaign.workers import Executor, Fly, Job, Outcome, fly_job
-from sim.result import RunResult
-from sim.runfile import RunFile, json_line, make_folder, write_text
-from sim.sweep import Case, Value
+from radron.agent.errors import ConfigError
+from radron.sim.campaign.workers import Executor, Fly, Job, Outcome, fly_job
+from radron.sim.result import RunResult
+from radron.sim.runfile import RunFile, json_line, make_folder, write_text
+from radron.sim.sweep import Case, Value
 
 _Key = tuple[tuple[str, tuple[Value, ...]], int]  # a case's key, a seed
 Watch = Callable[[int, int, Outcome[Any, Any] | None], None]  # runs done, runs in all, the newest

@@ -12,19 +12,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from msgspec import Struct
 
-from agent.config.beyond import OUTSIDE
-from sim.campaign.flights import Flown
-from sim.campaign.sources import sources_markdown, summarise_sources
-from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
-from sim.figures.error import error_figure
-from sim.figures.map import last_tracking, map_figure
-from sim.figures.posterior import posterior_figure
-from sim.figures.sources import sources_figure
-from sim.figures.spacing import spacing_figure
-from sim.figures.style import becquerels, metres, save, seconds
-from sim.result import Flight, RunResult, Trace
-from sim.runfile import json_line, write_text
-from sim.scoring.statistics import Summary, summarise
+from radron.agent.config.beyond import OUTSIDE
+from radron.sim.campaign.flights import Flown
+from radron.sim.campaign.sources import sources_markdown, summarise_sources
+from radron.sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
+from radron.sim.figures.error import error_figure
+from radron.sim.figures.map import last_tracking, map_figure
+from radron.sim.figures.posterior import posterior_figure
+from radron.sim.figures.sources import sources_figure
+from radron.sim.figures.spacing import spacing_figure
+from radron.sim.figures.style import becquerels, metres, save, seconds
+from radron.sim.result import Flight, RunResult, Trace
+from radron.sim.runfile import json_line, write_text
+from radron.sim.scoring.statistics import Summary, summarise
 
 
 def sentence(result: RunResult, trace: Trace) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 from msgspec import Struct
 
-from sim.result import RunResult
+from radron.sim.result import RunResult
 
 
 class SourceSummary(Struct, frozen=True, kw_only=True):

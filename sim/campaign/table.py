@@ -1,7 +1,8 @@
 """The paper's tables with our results beside the published ones.
 
 The `paper` estimators are flown with the paper's own flocking law; any other with that of its scenario. Medians that the paper
-leaves undefined are defined in ``sim.scoring.statistics``: the estimation error is the median over the runs of each run's median.
+leaves undefined are defined in ``radron.sim.scoring.statistics``: the estimation error is the median over the runs of each run's
+median.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table as RichTable
 
-from sim.campaign.flights import Campaign, Flown, Watch, fly_campaign
-from sim.campaign.report import write_campaign
-from sim.campaign.workers import Executor, Fly, fly_job
-from sim.runfile import write_text
-from sim.scoring.statistics import Summary, summarise
-from sim.sweep import Case
+from radron.sim.campaign.flights import Campaign, Flown, Watch, fly_campaign
+from radron.sim.campaign.report import write_campaign
+from radron.sim.campaign.workers import Executor, Fly, fly_job
+from radron.sim.runfile import write_text
+from radron.sim.scoring.statistics import Summary, summarise
+from radron.sim.sweep import Case
 
 PUBLISHED = "published"
 

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from agent.errors import ConfigError
-from sim.sweep import Case
+from radron.agent.errors import ConfigError
+from radron.sim.sweep import Case
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from sim.result import RunResult
+    from radron.sim.result import RunResult
 
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
 
@@ -81,7 +81,7 @@ class Executor(Protocol):
 
 def fly_job(job: Job) -> RunResult:
     """Fly a job in the simulation."""
-    from sim.lockstep.flight import fly  # noqa: PLC0415  (only the workers need the physics)
+    from radron.sim.lockstep.flight import fly  # noqa: PLC0415  (only the workers need the physics)
 
     listeners = () if job.listen is None else (job.listen,)
     flight = fly(job.case.scenario, job.seed, estimator=job.estimator, law=job.law, listen=listeners)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sim.commands.flights import Dask, Law, Settings, Workers, checked, executor, exit_on
+from radron.sim.commands.flights import Dask, Law, Settings, Workers, checked, executor, exit_on
 
 
 def consistency(
@@ -29,11 +29,11 @@ def consistency(
     ] = None,
 ) -> None:
     """Fly many times, and compare the stated uncertainty with the errors: coverage, NEES, error over the bound, x0."""
-    from sim.campaign.consistency import SCENARIOS, write_consistency  # noqa: PLC0415
-    from sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.campaign.table import as_rich, as_text, blocks  # noqa: PLC0415
-    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.campaign.consistency import SCENARIOS, write_consistency  # noqa: PLC0415
+    from radron.sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.campaign.table import as_rich, as_text, blocks  # noqa: PLC0415
+    from radron.sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     chosen = checked(scenario or list(SCENARIOS), {}, settings, [estimator], law)

@@ -19,8 +19,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sim.campaign.flights import Watch
-from sim.campaign.workers import Outcome
+from radron.sim.campaign.flights import Watch
+from radron.sim.campaign.workers import Outcome
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agent.errors import ConfigError
-from sim.commands.flights import Dask, Workers, executor
+from radron.agent.errors import ConfigError
+from radron.sim.commands.flights import Dask, Workers, executor
 
 if TYPE_CHECKING:
-    from sim.campaign.faults.campaign import FaultCampaign, Fly
-    from sim.campaign.faults.mission import Mission
-    from sim.campaign.workers import Executor
+    from radron.sim.campaign.faults.campaign import FaultCampaign, Fly
+    from radron.sim.campaign.faults.mission import Mission
+    from radron.sim.campaign.workers import Executor
 
 
 def faults(
@@ -35,7 +35,7 @@ def faults(
     dask: Dask = None,
 ) -> None:
     """Fly random missions with faults, and tell what must hold and did not: exit code 1. Rerun with the same --out to resume."""
-    from sim.campaign.faults.course import ATTACKED, DEALT, FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.campaign.faults.course import ATTACKED, DEALT, FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
 
     courses = [course for course, given in ((SHORT, short), (DEALT, dealt), (ATTACKED, attacks)) if given]
     if len(courses) > 1:
@@ -45,27 +45,27 @@ def faults(
         if given is not None and given < 0:
             raise ConfigError(f"{option} {given}: give 0 or more")
     if show is not None:
-        from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
-        from sim.campaign.faults.mission import Mission  # noqa: PLC0415
+        from radron.sim.campaign.faults.draw import as_toml  # noqa: PLC0415
+        from radron.sim.campaign.faults.mission import Mission  # noqa: PLC0415
 
         typer.echo(as_toml(Mission(show, course).drawn), nl=False)
     elif minimise is not None:
-        from sim.campaign.faults.mission import Mission  # noqa: PLC0415
+        from radron.sim.campaign.faults.mission import Mission  # noqa: PLC0415
 
         _minimise(Mission(minimise, course))
     else:
-        from sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415
-        from sim.campaign.faults.mission import fly_mission  # noqa: PLC0415
+        from radron.sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415
+        from radron.sim.campaign.faults.mission import fly_mission  # noqa: PLC0415
 
         fly_and_tell(FaultCampaign(runs, seed, course, first), fly_mission, out, executor(workers, dask))
 
 
 def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: Executor) -> None:
     """Fly a campaign's missions, print and write the findings; exit code 1 after a violation."""
-    from sim.campaign.faults.campaign import fly_faults  # noqa: PLC0415
-    from sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
-    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.campaign.faults.campaign import fly_faults  # noqa: PLC0415
+    from radron.sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
+    from radron.sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     with campaign_progress("faults") as watch:
         flown = fly_faults(campaign, out, execute, fly, watch)
@@ -84,9 +84,9 @@ def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: E
 
 
 def _minimise(mission: Mission) -> None:
-    from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
-    from sim.campaign.faults.minimise import minimise  # noqa: PLC0415
-    from sim.commands.console import say  # noqa: PLC0415
+    from radron.sim.campaign.faults.draw import as_toml  # noqa: PLC0415
+    from radron.sim.campaign.faults.minimise import minimise  # noqa: PLC0415
+    from radron.sim.commands.console import say  # noqa: PLC0415
 
     found = minimise(mission, tell=say)
     if found is None:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agent.errors import ConfigError
-from agent.outputs import check_output
-from sim.campaign.workers import Executor, Job, Outcome, cores, in_processes, on_dask
-from sim.runfile import make_folder, write_text
-from sim.sweep import Case, Value, cases, parse_settings, parse_sweep, without_effect
+from radron.agent.errors import ConfigError
+from radron.agent.outputs import check_output
+from radron.sim.campaign.workers import Executor, Job, Outcome, cores, in_processes, on_dask
+from radron.sim.runfile import make_folder, write_text
+from radron.sim.sweep import Case, Value, cases, parse_settings, parse_sweep, without_effect
 
 if TYPE_CHECKING:
-    from sim.result import RunResult
+    from radron.sim.result import RunResult
 
 Estimator = Annotated[str | None, typer.Option(help="paper, paper-geometric, ...; default: the scenario's own.")]
 Law = Annotated[str | None, typer.Option(help="Flocking law, paper or smooth; default: the scenario's own.")]
@@ -29,7 +29,7 @@ Dask = Annotated[str | None, typer.Option(help="Address of a running Dask cluste
 
 def scenarios() -> None:
     """List the shipped scenarios, each with a description."""
-    from sim.scenario import load_scenario, shipped  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.scenario import load_scenario, shipped  # noqa: PLC0415  (heavy imports wait until they are needed)
 
     names = shipped()
     width = max(map(len, names))
@@ -57,8 +57,8 @@ def run(
     ] = None,
 ) -> None:
     """Fly one mission, and print the source estimate, its 1-sigma radius, and its distance from the truth."""
-    from sim.commands.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.commands.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     if seed < 0:
         raise ConfigError(f"--seed {seed}: give 0 or more")
@@ -70,8 +70,8 @@ def run(
     if out is not None:
         make_folder(out)
 
-    from sim.campaign.report import error_of, faults_of, sentence, write_flight  # noqa: PLC0415
-    from sim.lockstep.flight import fly  # noqa: PLC0415
+    from radron.sim.campaign.report import error_of, faults_of, sentence, write_flight  # noqa: PLC0415
+    from radron.sim.lockstep.flight import fly  # noqa: PLC0415
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
@@ -105,10 +105,10 @@ def campaign(
     dask: Dask = None,
 ) -> None:
     """Fly scenarios many times, on all cores or on a Dask cluster. After an interruption, rerun the same command to resume."""
-    from sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415
-    from sim.campaign.report import case_sentence, write_campaign  # noqa: PLC0415
-    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.campaign.flights import Campaign, fly_campaign  # noqa: PLC0415
+    from radron.sim.campaign.report import case_sentence, write_campaign  # noqa: PLC0415
+    from radron.sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     chosen = checked(scenario, parse_sweep(sweep or []), settings, [name for name in (estimator, listen) if name], law)
@@ -138,9 +138,9 @@ def table(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the runs; write text, CSV and Markdown.")] = None,
 ) -> None:
     """Compare with the paper's table: four scenarios, solo and swarm, static and moving source, with the error over the bound."""
-    from sim.campaign.table import FIELD, NOTE, SIMULATIONS, Pilot, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
-    from sim.commands.console import campaign_progress, say  # noqa: PLC0415
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.campaign.table import FIELD, NOTE, SIMULATIONS, Pilot, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
+    from radron.sim.commands.console import campaign_progress, say  # noqa: PLC0415
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     execute = executor(workers, dask)
     names = [name.strip() for name in estimators.split(",") if name.strip()]
@@ -187,7 +187,7 @@ def checked(
     law: str | None,
 ) -> tuple[Case, ...]:
     """The cases to fly; unknown scenarios, keys, values, estimators and laws are refused before anything is written."""
-    from sim.scenario import override  # noqa: PLC0415
+    from radron.sim.scenario import override  # noqa: PLC0415
 
     chosen = cases(names, sweep, parse_settings(settings or []))
     for case in chosen:
@@ -208,7 +208,7 @@ def write_json(json: str | None, *results: RunResult) -> None:
     """Write the results for --json: one flat object per line, into a file or to standard output."""
     if json is None:
         return
-    from sim.campaign.report import result_json  # noqa: PLC0415
+    from radron.sim.campaign.report import result_json  # noqa: PLC0415
 
     text = "".join(map(result_json, results))
     if json == "-":
@@ -221,7 +221,7 @@ def exit_on(failures: Sequence[Outcome[Job, RunResult]], out: Path | None) -> No
     """End the command with code 1 if flights failed, and name them so that they can be repeated."""
     if not failures:
         return
-    from sim.commands.console import say  # noqa: PLC0415
+    from radron.sim.commands.console import say  # noqa: PLC0415
 
     where = f"; tracebacks in {out}/.../failures.jsonl" if out is not None else ""
     named = ", ".join(outcome.job.label for outcome in failures[:10])

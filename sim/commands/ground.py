@@ -6,8 +6,8 @@ from typing import Annotated, get_args
 
 import typer
 
-from agent.errors import ConfigError
-from sim.radiation.truth import GroundKind
+from radron.agent.errors import ConfigError
+from radron.sim.radiation.truth import GroundKind
 
 _HEIGHTS_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0)
 _HORIZONTAL_M = (0.0, 2.0, 5.0, 10.0, 20.0, 35.0)
@@ -22,7 +22,7 @@ def ground(
     if on not in get_args(GroundKind):
         raise ConfigError(f"--on {on}: no known ground; known are {', '.join(get_args(GroundKind))}")
 
-    from sim.radiation.ground.shares import hits_per_s, kerma_per_activity, scattered_share  # noqa: PLC0415  (heavy imports wait)
+    from radron.sim.radiation.ground.shares import hits_per_s, kerma_per_activity, scattered_share  # noqa: PLC0415  (heavy imports wait)
 
     typer.echo(f"{nuclide} {f'{depth_m:g} m in' if depth_m > 0.0 else 'on'} {on}: hits by scattered photons over direct ones")
     typer.echo("height, m   horizontal distance, m" + "".join(f"{r:8g}" for r in _HORIZONTAL_M))

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from sim.faults.base import Delay, Drones, Family, Fault, Metres, Probability
+from radron.sim.faults.base import Delay, Drones, Family, Fault, Metres, Probability
 
 
 class Kill(Fault, frozen=True, kw_only=True, tag="kill"):

@@ -8,11 +8,11 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from sim.faults.machines import CameraDead, CameraGain, CameraNoisy, CameraStuck
-from sim.faults.schedule import Active, Schedule
-from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
+from radron.sim.faults.machines import CameraDead, CameraGain, CameraNoisy, CameraStuck
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.truth import CameraTruth
 
 _HALF = SENSOR_PIXELS // 2
 _MARGIN = 1.5  # noise is drawn for this multiple of the readout's capacity

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from agent.detector.readout import Readout
-from agent.vehicle.interface import SeenDrone
-from sim.faults.machines import Clock
-from sim.faults.schedule import Schedule
+from radron.agent.detector.readout import Readout
+from radron.agent.vehicle.interface import SeenDrone
+from radron.sim.faults.machines import Clock
+from radron.sim.faults.schedule import Schedule
 
 
 class ClockFaults:

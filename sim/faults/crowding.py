@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from protocol.codec import as_bytes, decode_from
-from protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Entry, Exposure
-from protocol.keys import key_of
-from protocol.message import Message
-from protocol.signing import Trust, sign_entries
-from sim.faults.agents import DenseEntries, OldEntries
-from sim.faults.schedule import Active, Schedule
+from radron.protocol.codec import as_bytes, decode_from
+from radron.protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Entry, Exposure
+from radron.protocol.keys import key_of
+from radron.protocol.message import Message
+from radron.protocol.signing import Trust, sign_entries
+from radron.sim.faults.agents import DenseEntries, OldEntries
+from radron.sim.faults.schedule import Active, Schedule
 
 LIVE_NS = 1_000_000  # of an exposure: without information about a source, and short, so that many fit into a second
 MAX_AT_ONCE = 256  # entries

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import msgspec
 
-from agent.errors import ConfigError
-from agent.mission.memory import Memory
-from agent.shell.statestore import State, decode_state, encode_state
-from protocol.revocations import Revocation
-from sim.faults.agents import Disk
-from sim.faults.base import Fault
-from sim.faults.kinds import LIVE_ONLY, kind_of
-from sim.faults.schedule import Active
+from radron.agent.errors import ConfigError
+from radron.agent.mission.memory import Memory
+from radron.agent.shell.statestore import State, decode_state, encode_state
+from radron.protocol.revocations import Revocation
+from radron.sim.faults.agents import Disk
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import LIVE_ONLY, kind_of
+from radron.sim.faults.schedule import Active
 
 SLOW_NS = 10_000_000_000  # until a file is written on a slow disk
 _FLIPPED_BITS = 3

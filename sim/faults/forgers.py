@@ -7,15 +7,15 @@ from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
-from protocol.codec import as_bytes, decode_from
-from protocol.entries import Cone, Entry, Exposure
-from protocol.message import Message
-from protocol.messages import Action, AnyMessage, Plan, Pose
-from protocol.signing import Trust, sign_entries
-from sim.faults.agents import Forged, OldCommand
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Schedule
-from sim.geometry import Vector3
+from radron.protocol.codec import as_bytes, decode_from
+from radron.protocol.entries import Cone, Entry, Exposure
+from radron.protocol.message import Message
+from radron.protocol.messages import Action, AnyMessage, Plan, Pose
+from radron.protocol.signing import Trust, sign_entries
+from radron.sim.faults.agents import Forged, OldCommand
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Schedule
+from radron.sim.geometry import Vector3
 
 BESIDE_M = 15.0
 HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to the copy of the hold

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import get_args
 
-from agent.config.loading import convert
-from agent.errors import ConfigError
-from sim.faults.agents import (
+from radron.agent.config.loading import convert
+from radron.agent.errors import ConfigError
+from radron.sim.faults.agents import (
     CopiedKey,
     Corrupt,
     Cut,
@@ -34,8 +34,8 @@ from sim.faults.agents import (
     Stall,
     Throttle,
 )
-from sim.faults.base import Fault
-from sim.faults.machines import (
+from radron.sim.faults.base import Fault
+from radron.sim.faults.machines import (
     Battery,
     CameraDead,
     CameraGain,

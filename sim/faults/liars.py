@@ -12,16 +12,16 @@ from math import cos, pi, sin
 
 from msgspec.structs import replace
 
-from protocol.codec import decode_from, encode
-from protocol.entries import Cone, Counts, Entry, Exposure, Sighting
-from protocol.errors import ProtocolError
-from protocol.messages import AnyMessage, Plan, Pose
-from protocol.signing import Sign, sign_entries
-from sim.faults.agents import Lie
-from sim.faults.base import Fault
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Vector3
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Cone, Counts, Entry, Exposure, Sighting
+from radron.protocol.errors import ProtocolError
+from radron.protocol.messages import AnyMessage, Plan, Pose
+from radron.protocol.signing import Sign, sign_entries
+from radron.sim.faults.agents import Lie
+from radron.sim.faults.base import Fault
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Vector3
 
 KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure", "sighting": "sighting"}
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from sim.faults.base import Delay, Family, Fault, Metres, Probability, Share
+from radron.sim.faults.base import Delay, Family, Fault, Metres, Probability, Share
 
 EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
 

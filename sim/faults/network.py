@@ -14,13 +14,13 @@ from itertools import product
 import msgpack
 import numpy as np
 
-from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
-from sim.faults.base import Fault
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Array
-from sim.world.radio import Radio, RadioTruth, is_entry
+from radron.sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
+from radron.sim.faults.base import Fault
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Array
+from radron.sim.world.radio import Radio, RadioTruth, is_entry
 
-CACHE_ENTRIES = 500  # of each kind, kept by a publisher for a link that is down (protocol.mesh.session)
+CACHE_ENTRIES = 500  # of each kind, kept by a publisher for a link that is down (radron.protocol.mesh.session)
 MOST_FLOODING = 300  # messages on a link in one tick: the excess is dropped, as by Zenoh
 _PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.detector.readout import Readout
-from sim.faults.cameras import CameraFaults
-from sim.faults.clocks import ClockFaults
-from sim.faults.poses import PoseFaults
-from sim.faults.schedule import Schedule
-from sim.faults.vehicles import VehicleFaults
-from sim.radiation.truth import CameraTruth
-from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.filter.deadreckoning import FilterErrors
-from sim.world.cameras import Cameras
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
+from radron.agent.detector.readout import Readout
+from radron.sim.faults.cameras import CameraFaults
+from radron.sim.faults.clocks import ClockFaults
+from radron.sim.faults.poses import PoseFaults
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.vehicles import VehicleFaults
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
 
 
 class OnboardFaults:

@@ -8,12 +8,12 @@ from math import cos, pi, radians, sin
 
 from msgspec.structs import replace
 
-from protocol.codec import decode_from
-from protocol.entries import Counts, Exposure, PoseSample
-from protocol.messages import Estimate, Frame
-from sim.faults.agents import Poisoned
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Vector3
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Counts, Exposure, PoseSample
+from radron.protocol.messages import Estimate, Frame
+from radron.sim.faults.agents import Poisoned
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Vector3
 
 BESIDE = 2**29  # added to the numbers of exposures beside the drone's own
 ELSEWHERE_M = 15.0

@@ -1,8 +1,8 @@
 """Faults of the vehicles' own poses: satellites lost, jumps, heading resets, and spoofed satellites. The vehicles fly by
 their estimates.
 
-A spoofed position and a jump move the vehicle's local frame (``sim.world.movingframes``); without satellites the errors of
-its filter grow, as those of a real PX4 (``sim.vehicle.px4.filter.deadreckoning``).
+A spoofed position and a jump move the vehicle's local frame (``radron.sim.world.movingframes``); without satellites the errors of
+its filter grow, as those of a real PX4 (``radron.sim.vehicle.px4.filter.deadreckoning``).
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from math import cos, hypot, pi, radians, sin
 
 import numpy as np
 
-from sim.faults.base import Fault
-from sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Array
-from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.px4.filter.deadreckoning import DeadReckoning, FilterErrors
-from sim.vehicle.px4.parameters import Parameters
-from sim.world.localization import Localization
-from sim.world.movingframes import Jump, MovingFrames, Reset
+from radron.sim.faults.base import Fault
+from radron.sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Array
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.vehicle.px4.filter.deadreckoning import DeadReckoning, FilterErrors
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import Jump, MovingFrames, Reset
 
 NOTICED_S = 0.2  # five messages of the receiver a second
 CONFIRM_S = 3.0  # of healthy status until the driver trusts a position again

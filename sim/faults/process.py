@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
 
-from agent.mission.memory import Memory
-from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleCommand
-from protocol.messages import Stage
-from protocol.revocations import Revocation
-from sim.faults.agents import Disk, Freeze, Kill, Late, Revoked, SlowCpu
-from sim.faults.base import Fault
-from sim.faults.disk import StateDisk
-from sim.faults.schedule import Schedule
-from sim.vehicle.autopilot import Autopilot
+from radron.agent.mission.memory import Memory
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import VehicleCommand
+from radron.protocol.messages import Stage
+from radron.protocol.revocations import Revocation
+from radron.sim.faults.agents import Disk, Freeze, Kill, Late, Revoked, SlowCpu
+from radron.sim.faults.base import Fault
+from radron.sim.faults.disk import StateDisk
+from radron.sim.faults.schedule import Schedule
+from radron.sim.vehicle.autopilot import Autopilot
 
-SILENCE_NS = 1_000_000_000  # after a longer gap between its steps an agent is ended (agent.shell.heartbeat)
+SILENCE_NS = 1_000_000_000  # after a longer gap between its steps an agent is ended (radron.agent.shell.heartbeat)
 RESTART_NS = 2_000_000_000  # until the service manager restarts an agent that was ended for slowness
 LOOK_NS = 500_000_000  # between two saves of an agent's shell
 CALL_NS = 1_000_000_000  # between two start commands to a late drone

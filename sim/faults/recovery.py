@@ -1,4 +1,4 @@
-"""The exchange of missing log entries between the agents, as ``protocol.mesh.recovery`` plays it over Zenoh.
+"""The exchange of missing log entries between the agents, as ``radron.protocol.mesh.recovery`` plays it over Zenoh.
 
 Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and
 answers use the same radio as all messages.
@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.pilot import Pilot
-from protocol.keys import drone_key
-from sim.faults.network import FaultyRadio
-from sim.faults.tellers import Tellers
-from sim.world.radio import is_entry
+from radron.agent.pilot import Pilot
+from radron.protocol.keys import drone_key
+from radron.sim.faults.network import FaultyRadio
+from radron.sim.faults.tellers import Tellers
+from radron.sim.world.radio import is_entry
 
 PERIOD_NS = 2_000_000_000
 HURRY_NS = 300_000_000  # 0.2 s after an answer, which takes about 0.1 s

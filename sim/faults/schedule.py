@@ -9,10 +9,10 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from sim.faults.base import Fault
+from radron.sim.faults.base import Fault
 
 T = TypeVar("T", bound=Fault)
-_STREAM = 1_000_004  # key of the faults' random streams, beside those of ``sim.world.streams``
+_STREAM = 1_000_004  # key of the faults' random streams, beside those of ``radron.sim.world.streams``
 
 
 class Active:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import pi
 
-from protocol.codec import decode_from, encode
-from protocol.entries import Entry
-from protocol.errors import ProtocolError
-from protocol.signing import Sign, sign_entries
-from protocol.summary import decode_summary, encode_summary
-from sim.faults.agents import Equivocating, Lie, Poisoned
-from sim.faults.base import Fault
-from sim.faults.liars import KIND_OF, Liars, falsified
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Active, Schedule
-from sim.world.radio import LOG_KINDS, is_entry
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Entry
+from radron.protocol.errors import ProtocolError
+from radron.protocol.signing import Sign, sign_entries
+from radron.protocol.summary import decode_summary, encode_summary
+from radron.sim.faults.agents import Equivocating, Lie, Poisoned
+from radron.sim.faults.base import Fault
+from radron.sim.faults.liars import KIND_OF, Liars, falsified
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.world.radio import LOG_KINDS, is_entry
 
 _OTHERWISE = Lie(at_s=0.0, what="cone")  # for the numbers of the changed version
 

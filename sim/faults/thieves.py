@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from protocol.codec import as_bytes, decode_from
-from protocol.messages import Plan, Pose, Stage, Status
-from protocol.signing import Trust, sign_status
-from sim.faults.agents import CopiedKey
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Vector3
+from radron.protocol.codec import as_bytes, decode_from
+from radron.protocol.messages import Plan, Pose, Stage, Status
+from radron.protocol.signing import Trust, sign_status
+from radron.sim.faults.agents import CopiedKey
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Vector3
 
 OTHER_BOOT = "0123456789abcdef"
 _KINDS = ("pose", "plan", "status")

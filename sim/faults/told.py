@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sim.faults.agents import Disk, Lie, LinkFault, Partition
-from sim.faults.base import Fault
-from sim.faults.kinds import kind_of
-from sim.result import FaultTrace
+from radron.sim.faults.agents import Disk, Lie, LinkFault, Partition
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import kind_of
+from radron.sim.result import FaultTrace
 
 
 def told_faults(faults: Sequence[Fault], drones: Sequence[str], until_s: float) -> tuple[FaultTrace, ...]:

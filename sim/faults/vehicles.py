@@ -7,15 +7,15 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from agent.vehicle.interface import FlightMode
-from sim.faults.machines import EMPTY_MPS, Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
-from sim.faults.schedule import Active, Schedule
-from sim.geometry import Array
-from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.battery import Battery as Cells
-from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.parameters import Parameters
+from radron.agent.vehicle.interface import FlightMode
+from radron.sim.faults.machines import EMPTY_MPS, Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.geometry import Array
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.px4.battery import Battery as Cells
+from radron.sim.vehicle.px4.battery import Warning
+from radron.sim.vehicle.px4.parameters import Parameters
 
 _ACTIONS = {Warning.CRITICAL: FlightMode.RETURN, Warning.EMERGENCY: FlightMode.LAND}  # COM_LOW_BAT_ACT = 3
 

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.figures.style import DRONES, dress, drone_colour, metres, new_figure, seconds, wrapped
-from sim.result import RunResult
-from sim.scoring.statistics import ecdf, summarise
-from sim.sweep import Case, Value
+from radron.sim.figures.style import DRONES, dress, drone_colour, metres, new_figure, seconds, wrapped
+from radron.sim.result import RunResult
+from radron.sim.scoring.statistics import ecdf, summarise
+from radron.sim.sweep import Case, Value
 
 Groups = Sequence[tuple[Case, Sequence[RunResult]]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.geometry import Array
+from radron.sim.geometry import Array
 
 
 def ground_curve(apex_m: Array, axis: Array, theta_rad: float, reach_m: float, samples: int = 361) -> Array:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import beta, binom, chi2
 
-from sim.figures.style import DRONES, ESTIMATE, GRID, TRUTH, dress, new_figure, plain_log, wrapped
-from sim.result import RunResult
+from radron.sim.figures.style import DRONES, ESTIMATE, GRID, TRUTH, dress, new_figure, plain_log, wrapped
+from radron.sim.result import RunResult
 
 _BINS = 10
 _NEAREST_M, _RATIOS = 0.01, (1.0, 1.5)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
-from sim.figures.style import ESTIMATE
+from radron.sim.figures.style import ESTIMATE
 
 REGIONS = ((0.9, 0.10), (0.5, 0.18))  # probability, and opacity
 

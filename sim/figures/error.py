@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.figures.faultmarks import ROW_IN, fault_bars, rows_of, shade_faults
-from sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, mark_event, metres, new_figure, stage_bands, wrapped
-from sim.result import Trace
+from radron.sim.figures.faultmarks import ROW_IN, fault_bars, rows_of, shade_faults
+from radron.sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, mark_event, metres, new_figure, stage_bands, wrapped
+from radron.sim.result import Trace
 
 
 def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from sim.figures.style import drone_colour
-from sim.result import FaultTrace, Trace
+from radron.sim.figures.style import drone_colour
+from radron.sim.result import FaultTrace, Trace
 
 ROW_IN = 0.19  # height of a row of bars, inches
 MOST_ROWS = 12

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sim.figures.style import DRONES, ESTIMATE, dress, new_figure
+from radron.sim.figures.style import DRONES, ESTIMATE, dress, new_figure
 
 
 def kinds_figure(rows: Sequence[tuple[str, int, int, int]], title: str) -> Figure:

@@ -9,13 +9,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from protocol.messages import Source
-from protocol.stages import CIRCLING
-from sim.figures.cones import ground_curve
-from sim.figures.ellipse import draw_regions, reach_m
-from sim.figures.faultmarks import fault_entries, fault_places
-from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, wrapped
-from sim.result import Trace
+from radron.protocol.messages import Source
+from radron.protocol.stages import CIRCLING
+from radron.sim.figures.cones import ground_curve
+from radron.sim.figures.ellipse import draw_regions, reach_m
+from radron.sim.figures.faultmarks import fault_entries, fault_places
+from radron.sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, wrapped
+from radron.sim.result import Trace
 
 CONES_SHOWN = 20  # more would cover the map
 _INSET_BELOW = 0.04  # share of the map's width: a smaller 90 % region is also shown enlarged

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.figures.ellipse import draw_regions, reach_m
-from sim.figures.map import last_tracking
-from sim.figures.style import (
+from radron.sim.figures.ellipse import draw_regions, reach_m
+from radron.sim.figures.map import last_tracking
+from radron.sim.figures.style import (
     DRONES,
     ESTIMATE,
     TRUTH,
@@ -21,8 +21,8 @@ from sim.figures.style import (
     stage_bands,
     wrapped,
 )
-from sim.geometry import Array
-from sim.result import Trace
+from radron.sim.geometry import Array
+from radron.sim.result import Trace
 
 INSTANTS = 5
 _LEAST_M = 0.01

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from protocol.messages import Source as Found
-from sim.figures.style import DRONES, TRUTH, becquerels, dress, new_figure, plain_log, stage_bands, wrapped
-from sim.result import EstimateTrace, SourceTrace, Trace
+from radron.protocol.messages import Source as Found
+from radron.sim.figures.style import DRONES, TRUTH, becquerels, dress, new_figure, plain_log, stage_bands, wrapped
+from radron.sim.result import EstimateTrace, SourceTrace, Trace
 
 _LEAST_M = 0.01
 _SHOWN_M = 10.0  # an estimate is drawn at the true source that is nearest to it, if that is no farther

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, wrapped
-from sim.result import Trace
-from sim.scoring.statistics import hypothesis_steps, settling_times
+from radron.sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, wrapped
+from radron.sim.result import Trace
+from radron.sim.scoring.statistics import hypothesis_steps, settling_times
 
 STEP_M = 5.0  # a jump of the hypothesis after which the swarm has to rearrange
 REST_S = 20.0  # least time between jumps that count as steps; faster ones are a filter at work

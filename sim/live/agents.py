@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from sim.live.processes import Child
-from sim.live.runfolder import RunFolder
+from radron.sim.live.processes import Child
+from radron.sim.live.runfolder import RunFolder
 
 STOP_S = 3.0  # an agent takes 2 s to end
 GONE_S = 5.0  # after a kill; else it is stuck in the kernel

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 import msgspec
 import typer
 
-from agent.errors import ConfigError
-from sim.commands.flights import Drones, Estimator, Law, Settings, check_json, checked, with_drones, write_json
-from sim.runfile import make_folder, write_text
+from radron.agent.errors import ConfigError
+from radron.sim.commands.flights import Drones, Estimator, Law, Settings, check_json, checked, with_drones, write_json
+from radron.sim.runfile import make_folder, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from sim.live.places import Places
+    from radron.sim.live.places import Places
 
 T = TypeVar("T")
 
@@ -85,23 +85,23 @@ def live(
     ] = "emulated",
 ) -> None:
     """Fly one mission with real agents: a process for each drone, Zenoh between them, and MAVLink to emulated vehicles."""
-    from sim.commands.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.commands.console import out as stdout  # noqa: PLC0415
+    from radron.sim.commands.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
     check_json(json)
-    if page and any(find_spec(name) is None for name in ("station", "uvicorn", "starlette")):
+    if page and any(find_spec(name) is None for name in ("radron.station", "uvicorn", "starlette")):
         raise ConfigError("--page: the station is not installed; install radron with its extra: radron[sim,station]")
     places = _places(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones), identity, insecure)
     station = _address(ground_station, vehicles)
     if out is not None:
         make_folder(out)
 
-    from sim.campaign.report import sentence, write_flight  # noqa: PLC0415
-    from sim.live.report import agreement, judged_by  # noqa: PLC0415
-    from sim.live.swarm import fly_live  # noqa: PLC0415
-    from sim.live.view import console_view  # noqa: PLC0415
-    from sim.scenario import chosen  # noqa: PLC0415
+    from radron.sim.campaign.report import sentence, write_flight  # noqa: PLC0415
+    from radron.sim.live.report import agreement, judged_by  # noqa: PLC0415
+    from radron.sim.live.swarm import fly_live  # noqa: PLC0415
+    from radron.sim.live.view import console_view  # noqa: PLC0415
+    from radron.sim.scenario import chosen  # noqa: PLC0415
 
     flown = chosen(case.scenario, estimator, law)
     with tempfile.TemporaryDirectory(prefix="radron-") if out is None else nullcontext(str(out)) as folder:
@@ -138,7 +138,7 @@ def _places(
     insecure: bool = False,
 ) -> Places | None:
     """Return hosts and endpoints of the agents; None: on this machine, with encrypted links."""
-    from sim.live.places import Places  # noqa: PLC0415
+    from radron.sim.live.places import Places  # noqa: PLC0415
 
     if not external:
         if vehicles != "emulated":
@@ -192,7 +192,7 @@ def run_live(flight: Coroutine[None, None, T]) -> T:
     try:
         return asyncio.run(fly())
     except asyncio.CancelledError:
-        from sim.commands.console import say  # noqa: PLC0415
+        from radron.sim.commands.console import say  # noqa: PLC0415
 
         say("stopped on request before the end; all processes have ended")
         raise typer.Exit(128 + received[0]) from None

@@ -7,17 +7,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from protocol.messages import Action, Stage
-from protocol.stages import ON_GROUND
-from sim.live.faults.player import FaultPlayer
-from sim.live.operator import Operator
-from sim.live.report import LiveReport, ends_of
-from sim.live.worldlink import Order, Truth
-from sim.live.worldprocess import LiveError
-from sim.result import Flight
-from sim.scenario import Scenario
-from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.world.frame import LocalFrames
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import ON_GROUND
+from radron.sim.live.faults.player import FaultPlayer
+from radron.sim.live.operator import Operator
+from radron.sim.live.report import LiveReport, ends_of
+from radron.sim.live.worldlink import Order, Truth
+from radron.sim.live.worldprocess import LiveError
+from radron.sim.result import Flight
+from radron.sim.scenario import Scenario
+from radron.sim.scoring.recorder import LONGEST_START_S, Recorder
+from radron.sim.world.frame import LocalFrames
 
 TRUTH_S = 0.05  # interval of truths
 LANDING_S = 120.0

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import ceil, hypot
 from typing import NamedTuple
 
-from agent.config.mission import MissionConfig
-from sim.world.localizers import VehicleTruth
+from radron.agent.config.mission import MissionConfig
+from radron.sim.world.localizers import VehicleTruth
 
 _FENCE_SPARE_M = 10.0  # radius of the autopilot's fence, a circle around its home, beyond the mission's fence
 _BY_VISION = 1 + 2 + 8  # bits of EKF2_EV_CTRL: position, height, heading

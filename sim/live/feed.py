@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from agent.detector.readout import Readout
-from agent.detector.wire import pack
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.wire import pack
 
 BACKLOG_BYTES = 1 << 20  # of a slow client; at 12 bytes a hit, several seconds of a dense feed
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from protocol.codec import decode_from
-from protocol.entries import Cone
-from protocol.errors import ProtocolError
-from protocol.message import DroneMessage
-from protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
-from protocol.signing import Verifier
-from protocol.stages import ON_GROUND
-from sim.geometry import Array
-from sim.vehicle.px4.fleet import VehicleReport
+from radron.agent.config.mission import MissionConfig
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Cone
+from radron.protocol.errors import ProtocolError
+from radron.protocol.message import DroneMessage
+from radron.protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
+from radron.protocol.signing import Verifier
+from radron.protocol.stages import ON_GROUND
+from radron.sim.geometry import Array
+from radron.sim.vehicle.px4.fleet import VehicleReport
 
 SILENT_S = 3.0  # a status comes each second: after so long without a message an agent's link counts as lost
 

@@ -7,20 +7,20 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from contextlib import AsyncExitStack
 
-from agent.config.mission import MissionConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Action, Command, Ticket
-from protocol.signing import Trust, Verifier, sign_command
-from protocol.stages import ON_GROUND
-from protocol.trust import trust_of
-from sim.live.agents import Agents
-from sim.live.monitor import Observer
-from sim.live.processes import Child
-from sim.live.view import View
-from sim.live.worldlink import Truth
-from sim.live.worldprocess import LiveError, WorldProcess
+from radron.agent.config.mission import MissionConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Action, Command, Ticket
+from radron.protocol.signing import Trust, Verifier, sign_command
+from radron.protocol.stages import ON_GROUND
+from radron.protocol.trust import trust_of
+from radron.sim.live.agents import Agents
+from radron.sim.live.monitor import Observer
+from radron.sim.live.processes import Child
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Truth
+from radron.sim.live.worldprocess import LiveError, WorldProcess
 
 LOOK_S = 0.1  # polling interval of conditions
 REPEAT_S = 0.5  # interval between copies of a command

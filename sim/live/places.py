@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
-from sim.live.relays.plan import Carried, RelayPlan, vehicle_of
-from sim.live.runfolder import LOCAL, free_ports
-from sim.vehicle.px4.config import Address
+from radron.sim.live.relays.plan import Carried, RelayPlan, vehicle_of
+from radron.sim.live.runfolder import LOCAL, free_ports
+from radron.sim.vehicle.px4.config import Address
 
 FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT = 5600, 5700, 5800
 MAVLINK_PORT, GROUND_STATION_PORT = 14540, 14550

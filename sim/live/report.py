@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
 
-from protocol.messages import Stage
-from sim.live.faults.player import Played
-from sim.live.monitor import ObservedAgent
-from sim.vehicle.px4.fleet import VehicleReport
+from radron.protocol.messages import Stage
+from radron.sim.live.faults.player import Played
+from radron.sim.live.monitor import ObservedAgent
+from radron.sim.vehicle.px4.fleet import VehicleReport
 
 
 class AgentEnd(Struct, frozen=True, kw_only=True):

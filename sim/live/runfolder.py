@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from agent.config.drone import (
+from radron.agent.config.drone import (
     DetectorConfig,
     DroneConfig,
     PeerMeshConfig,
@@ -21,16 +21,16 @@ from agent.config.drone import (
     VehicleConfig,
     VisionConfig,
 )
-from agent.config.mission import MissionConfig
-from agent.config.writing import as_toml
-from protocol.identity import Role
-from protocol.issuing import throwaway
-from sim.live.crew import Guidance
-from sim.runfile import make_folder, write_text
-from sim.scenario import Scenario
-from sim.world.launch import launch_places
-from sim.world.owncameras import drone_file
-from sim.world.streams import streams
+from radron.agent.config.mission import MissionConfig
+from radron.agent.config.writing import as_toml
+from radron.protocol.identity import Role
+from radron.protocol.issuing import throwaway
+from radron.sim.live.crew import Guidance
+from radron.sim.runfile import make_folder, write_text
+from radron.sim.scenario import Scenario
+from radron.sim.world.launch import launch_places
+from radron.sim.world.owncameras import drone_file
+from radron.sim.world.streams import streams
 
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
 LOCAL = "127.0.0.1"

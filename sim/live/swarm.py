@@ -15,25 +15,25 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from agent.config.drone import PeerMeshConfig
-from protocol.identity import Identity, load_identity
-from protocol.mesh.session import MeshConfig
-from sim.live.agents import Agents
-from sim.live.course import Course
-from sim.live.faults.playable import check_playable, late_drones, needs_relays
-from sim.live.faults.player import FaultPlayer
-from sim.live.operator import Operator
-from sim.live.places import Places
-from sim.live.processes import Child
-from sim.live.relays.launcher import RelayProcess
-from sim.live.report import LiveReport
-from sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
-from sim.live.view import View
-from sim.live.worldlink import Ready, WorldConfig
-from sim.live.worldprocess import WorldProcess
-from sim.result import Flight
-from sim.scenario import Scenario
-from sim.vehicle.px4.config import Address
+from radron.agent.config.drone import PeerMeshConfig
+from radron.protocol.identity import Identity, load_identity
+from radron.protocol.mesh.session import MeshConfig
+from radron.sim.live.agents import Agents
+from radron.sim.live.course import Course
+from radron.sim.live.faults.playable import check_playable, late_drones, needs_relays
+from radron.sim.live.faults.player import FaultPlayer
+from radron.sim.live.operator import Operator
+from radron.sim.live.places import Places
+from radron.sim.live.processes import Child
+from radron.sim.live.relays.launcher import RelayProcess
+from radron.sim.live.report import LiveReport
+from radron.sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Ready, WorldConfig
+from radron.sim.live.worldprocess import WorldProcess
+from radron.sim.result import Flight
+from radron.sim.scenario import Scenario
+from radron.sim.vehicle.px4.config import Address
 
 READY_S = 180.0  # time for agents on this machine to get ready: 10 s, or minutes on a starved machine
 _PAGE_ENDS_S = 2.0
@@ -153,7 +153,7 @@ async def _serve_page(files: RunFolder, places: Places) -> tuple[Child, int]:
     mission = str(files.mission_file.resolve())
     files.page_token.unlink(missing_ok=True)  # of an earlier flight in this folder
     token = ["--token-file", str(files.page_token.resolve())]
-    command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port), *token]
+    command = [sys.executable, "-m", "radron.station", "serve", mission, *links, *identity, "--port", str(port), *token]
     page = await Child.start("page", command, log=files.folder / "page.log", folder=files.folder)
     return page, port
 

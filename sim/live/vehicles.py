@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from sim.vehicle.px4.faults import VehicleFault
-from sim.vehicle.px4.fleet import VehicleReport
+from radron.sim.vehicle.px4.faults import VehicleFault
+from radron.sim.vehicle.px4.fleet import VehicleReport
 
 
 class Vehicles(Protocol):

@@ -11,10 +11,10 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from protocol.messages import Stage
-from sim.commands.console import Every, err, say
-from sim.live.monitor import SILENT_S, ObservedAgent
-from sim.live.worldlink import Truth
+from radron.protocol.messages import Stage
+from radron.sim.commands.console import Every, err, say
+from radron.sim.live.monitor import SILENT_S, ObservedAgent
+from radron.sim.live.worldlink import Truth
 
 _REDRAW_S = 0.25
 _PLAIN_S = 10.0

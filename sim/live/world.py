@@ -1,4 +1,4 @@
-"""The world of a live flight, a process in real time: vehicles, cameras, source. ``python -m sim.live.world CONFIG``.
+"""The world of a live flight, a process in real time: vehicles, cameras, source. ``python -m radron.sim.live.world CONFIG``.
 
 The launcher reads the truth from the standard output, and ends the world by closing its standard input.
 """
@@ -18,28 +18,28 @@ import msgspec
 import numpy as np
 from msgspec import convert, to_builtins
 
-from agent.config.drone import DroneConfig
-from agent.errors import RadronError
-from sim.geometry import Array
-from sim.live.crew import Guidance, crew_parameters
-from sim.live.feed import ByteServer, FeedServer, LineServer
-from sim.live.vehicles import Vehicles
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
-from sim.scoring.recorder import LONGEST_START_S
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.ground_station import GroundStation
-from sim.world.cameras import Cameras, Motion
-from sim.world.launch import launch_places
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
-from sim.world.sightings import Sightings
-from sim.world.slam import Slam
-from sim.world.sources import Source, Sources
-from sim.world.streams import Streams, streams
-from sim.world.terrain import Terrain
-from sim.world.walls import Walls
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import RadronError
+from radron.sim.geometry import Array
+from radron.sim.live.crew import Guidance, crew_parameters
+from radron.sim.live.feed import ByteServer, FeedServer, LineServer
+from radron.sim.live.vehicles import Vehicles
+from radron.sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
+from radron.sim.scoring.recorder import LONGEST_START_S
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.px4.config import Datum, Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.vehicle.px4.ground_station import GroundStation
+from radron.sim.world.cameras import Cameras, Motion
+from radron.sim.world.launch import launch_places
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.sightings import Sightings
+from radron.sim.world.slam import Slam
+from radron.sim.world.sources import Source, Sources
+from radron.sim.world.streams import Streams, streams
+from radron.sim.world.terrain import Terrain
+from radron.sim.world.walls import Walls
 
 STEP_S = 0.01
 STEP_NS = 10_000_000

@@ -9,12 +9,12 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from sim.geometry import Quaternion, Vector3
-from sim.scenario import Scenario
-from sim.vehicle.px4.config import Address
-from sim.vehicle.px4.faults import VehicleFault
-from sim.vehicle.px4.fleet import VehicleReport
-from sim.world.sources import Source, place_of
+from radron.sim.geometry import Quaternion, Vector3
+from radron.sim.scenario import Scenario
+from radron.sim.vehicle.px4.config import Address
+from radron.sim.vehicle.px4.faults import VehicleFault
+from radron.sim.vehicle.px4.fleet import VehicleReport
+from radron.sim.world.sources import Source, place_of
 
 _LENGTH_BYTES = 4
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from agent.errors import RadronError
-from sim.live.processes import Child
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, order_line, read
-from sim.runfile import write_text
-from sim.vehicle.px4.faults import VehicleFault
+from radron.agent.errors import RadronError
+from radron.sim.live.processes import Child
+from radron.sim.live.worldlink import Order, Ready, Truth, WorldConfig, order_line, read
+from radron.sim.runfile import write_text
+from radron.sim.vehicle.px4.faults import VehicleFault
 
 UP_S = 300.0  # the first start computes the camera's response, with a progress bar
 SILENT_S = 10.0  # a world without output for so long hangs
@@ -41,7 +41,7 @@ class WorldProcess:
             LiveError: it does not start.
         """
         write_text(file, msgspec.json.encode(config).decode())
-        child = await Child.start("world", [sys.executable, "-m", "sim.live.world", str(file)], piped=True)
+        child = await Child.start("world", [sys.executable, "-m", "radron.sim.live.world", str(file)], piped=True)
         try:
             async with asyncio.timeout(UP_S):
                 ready, truth = await read(child.stdout), await read(child.stdout)

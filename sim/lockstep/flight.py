@@ -10,11 +10,11 @@ import gc
 import time
 from collections.abc import Callable, Sequence
 
-from agent.pilot import Pilot
-from sim.lockstep.world import World
-from sim.result import Flight
-from sim.scenario import Scenario, chosen
-from sim.scoring.moment import Observer
+from radron.agent.pilot import Pilot
+from radron.sim.lockstep.world import World
+from radron.sim.result import Flight
+from radron.sim.scenario import Scenario, chosen
+from radron.sim.scoring.moment import Observer
 
 Progress = Callable[[float, str], None]
 

@@ -10,15 +10,15 @@ from hashlib import blake2b
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from protocol.codec import encode
-from protocol.ed25519 import Signer
-from protocol.identity import Peer, Role
-from protocol.issuing import Issuer
-from protocol.keys import command_key, key_of
-from protocol.messages import Action, Command, Ticket
-from protocol.revocations import Revocation, Revoked
-from protocol.signing import Sign, Trust, sign_command, sign_revocation
-from sim.lockstep.sharing import Results
+from radron.protocol.codec import encode
+from radron.protocol.ed25519 import Signer
+from radron.protocol.identity import Peer, Role
+from radron.protocol.issuing import Issuer
+from radron.protocol.keys import command_key, key_of
+from radron.protocol.messages import Action, Command, Ticket
+from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.signing import Sign, Trust, sign_command, sign_revocation
+from radron.sim.lockstep.sharing import Results
 
 OPERATOR_NAME = "lockstep"
 MOST_SIGNED = 512  # remembered signatures: all drones verify them within the delay of the radio

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from agent.pilot import Pilot
-from protocol.revocations import Revocation
-from sim.faults.agents import Revoked
-from sim.faults.schedule import Schedule
-from sim.lockstep.members import SimulatedOperator
+from radron.agent.pilot import Pilot
+from radron.protocol.revocations import Revocation
+from radron.sim.faults.agents import Revoked
+from radron.sim.faults.schedule import Schedule
+from radron.sim.lockstep.members import SimulatedOperator
 
 LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after the other; this is for the second drone
 

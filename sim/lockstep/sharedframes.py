@@ -1,7 +1,7 @@
 """The frames of equal logs, estimated once for all agents of a flight, as ``sharing`` does for the folds.
 
 A keyframe's estimate is a pure function of the checkpoint before it and of the observations received in between
-(``agent.frames``). A checkpoint is therefore identified by its lineage: all keyframes before it, and the observations
+(``radron.agent.frames``). A checkpoint is therefore identified by its lineage: all keyframes before it, and the observations
 received for each.
 """
 
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from agent.config.mission import MissionConfig
-from agent.frames.checkpoint import Checkpoint
-from agent.frames.estimate import Estimate
-from agent.frames.intake import Intake
-from sim.lockstep.sharing import MOST_LINEAGES, Results
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.checkpoint import Checkpoint
+from radron.agent.frames.estimate import Estimate
+from radron.agent.frames.intake import Intake
+from radron.sim.lockstep.sharing import MOST_LINEAGES, Results
 
 MOST_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are computed again
 

@@ -2,13 +2,13 @@
 
 A result computed by one agent from a state and observations is reused by the others.
 
-An estimator's step is a pure function of an immutable state and of observations (``agent.fusion.estimator``), and all agents
-of a flight begin with the same state. A state is therefore identified by its lineage: all steps before it, and the
+An estimator's step is a pure function of an immutable state and of observations (``radron.agent.fusion.estimator``), and all
+agents of a flight begin with the same state. A state is therefore identified by its lineage: all steps before it, and the
 observations of each. Agents with equal logs follow one lineage. Different logs split it; once the logs are equal again, the
 agents replay from the split and return to one lineage, even if its states have been forgotten and each agent has its own. The
 frames are shared in the same way (``sharedframes``). Nothing else is shared: every agent has its own log, observations and
 replays, and an error there separates it from the others. In every tenth mission of a campaign one drone is recorded and
-replayed (``sim.campaign.faults.recording``): the replay computes on its own, as a check on the flight.
+replayed (``radron.sim.campaign.faults.recording``): the replay computes on its own, as a check on the flight.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
-from agent.fusion.observation import ConeObservation, Observation
-from agent.fusion.registry import estimator_named
-from protocol.codec import decode_from
-from protocol.entries import Entry
-from protocol.messages import AnyMessage
-from protocol.signing import Signed, signed_root
-from sim.scoring.moment import Shared
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.observation import ConeObservation, Observation
+from radron.agent.fusion.registry import estimator_named
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Entry
+from radron.protocol.messages import AnyMessage
+from radron.protocol.signing import Signed, signed_root
+from radron.sim.scoring.moment import Shared
 
 MOST_STEPS = 256  # remembered: 25 s of a track, replayed side by side after a partition; up to 100 MB
 MOST_LINEAGES = 4096  # without their states, for longer replays

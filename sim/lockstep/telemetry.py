@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import hypot
 
-from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleState
-from sim.faults.onboard import OnboardFaults
-from sim.geometry import Vector3
-from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
-from sim.vehicle.px4.filter.deadreckoning import FilterErrors
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
-from sim.world.terrain import Terrain
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import VehicleState
+from radron.sim.faults.onboard import OnboardFaults
+from radron.sim.geometry import Vector3
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
+from radron.sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.terrain import Terrain
 
 
 class Telemetry:

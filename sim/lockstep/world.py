@@ -9,47 +9,47 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from agent.computing import Computing
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.mission.memory import Memory
-from agent.pilot import Pilot
-from protocol.messages import Action
-from sim.faults.agents import Late
-from sim.faults.crowding import Crowds
-from sim.faults.disk import check_playable
-from sim.faults.forgers import Forgers, OldCommands
-from sim.faults.network import FaultyRadio
-from sim.faults.onboard import OnboardFaults
-from sim.faults.poisoners import Poisoners
-from sim.faults.poses import with_filter_errors
-from sim.faults.process import Agent, Crew, Life
-from sim.faults.recovery import Recovery
-from sim.faults.schedule import Schedule
-from sim.faults.tellers import Tellers
-from sim.faults.thieves import Thieves
-from sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
-from sim.lockstep.revoker import Revoker
-from sim.lockstep.sharedframes import SharedFrames
-from sim.lockstep.sharing import Folds, Readings, SignedRoots
-from sim.lockstep.telemetry import Telemetry
-from sim.scenario import Scenario
-from sim.scoring.aboard import Aboard
-from sim.scoring.framescore import FrameScore
-from sim.scoring.heard import KINDS
-from sim.scoring.moment import EPOCH_NS, Moment
-from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.vehicle.autopilot import autopilots
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.setpoints import in_world
-from sim.world.cameras import Cameras
-from sim.world.launch import launch_places
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
-from sim.world.sightings import Sightings
-from sim.world.sources import Source, Sources, place_of
-from sim.world.streams import streams
-from sim.world.terrain import Terrain
-from sim.world.walls import Walls
+from radron.agent.computing import Computing
+from radron.agent.config.drone import DroneConfig, VehicleConfig
+from radron.agent.mission.memory import Memory
+from radron.agent.pilot import Pilot
+from radron.protocol.messages import Action
+from radron.sim.faults.agents import Late
+from radron.sim.faults.crowding import Crowds
+from radron.sim.faults.disk import check_playable
+from radron.sim.faults.forgers import Forgers, OldCommands
+from radron.sim.faults.network import FaultyRadio
+from radron.sim.faults.onboard import OnboardFaults
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.poses import with_filter_errors
+from radron.sim.faults.process import Agent, Crew, Life
+from radron.sim.faults.recovery import Recovery
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.tellers import Tellers
+from radron.sim.faults.thieves import Thieves
+from radron.sim.lockstep.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
+from radron.sim.lockstep.revoker import Revoker
+from radron.sim.lockstep.sharedframes import SharedFrames
+from radron.sim.lockstep.sharing import Folds, Readings, SignedRoots
+from radron.sim.lockstep.telemetry import Telemetry
+from radron.sim.scenario import Scenario
+from radron.sim.scoring.aboard import Aboard
+from radron.sim.scoring.framescore import FrameScore
+from radron.sim.scoring.heard import KINDS
+from radron.sim.scoring.moment import EPOCH_NS, Moment
+from radron.sim.scoring.recorder import LONGEST_START_S, Recorder
+from radron.sim.vehicle.autopilot import autopilots
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.setpoints import in_world
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.launch import launch_places
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.sightings import Sightings
+from radron.sim.world.sources import Source, Sources, place_of
+from radron.sim.world.streams import streams
+from radron.sim.world.terrain import Terrain
+from radron.sim.world.walls import Walls
 
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle

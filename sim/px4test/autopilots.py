@@ -15,14 +15,14 @@ from pathlib import Path
 import pymap3d
 from msgspec import convert, to_builtins
 
-from agent.config.mission import MissionConfig
-from sim.live.crew import crew_parameters
-from sim.live.places import Places
-from sim.live.processes import Child
-from sim.live.runfolder import LOCAL
-from sim.live.worldprocess import LiveError
-from sim.px4test.px4 import Px4, container
-from sim.vehicle.px4.config import Datum
+from radron.agent.config.mission import MissionConfig
+from radron.sim.live.crew import crew_parameters
+from radron.sim.live.places import Places
+from radron.sim.live.processes import Child
+from radron.sim.live.runfolder import LOCAL
+from radron.sim.live.worldprocess import LiveError
+from radron.sim.px4test.px4 import Px4, container
+from radron.sim.vehicle.px4.config import Datum
 
 ONBOARD_PORT, GROUND_STATION_PORT = 14540, 14550
 MOST = 10  # further instances would share a port

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sim.live.command import run_live
-from sim.px4test.px4 import Px4
-from sim.runfile import make_folder
+from radron.sim.live.command import run_live
+from radron.sim.px4test.px4 import Px4
+from radron.sim.runfile import make_folder
 
 if TYPE_CHECKING:
-    from sim.px4test.rows import Report
+    from radron.sim.px4test.rows import Report
 
 SKIPPED = 77
 TESTS = ("missions", "killed", "gnss")
@@ -36,8 +36,8 @@ def px4_test(
     ] = Path("results/px4-test"),
 ) -> None:
     """Test flights of three live agents: two missions, hold and resume, an agent killed, GNSS lost. Code 1: one failed."""
-    from sim.commands.console import out as stdout  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.commands.console import say  # noqa: PLC0415
+    from radron.sim.commands.console import out as stdout  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.commands.console import say  # noqa: PLC0415
 
     chosen = tuple(only or TESTS)
     if unknown := [name for name in chosen if name not in TESTS]:
@@ -48,8 +48,8 @@ def px4_test(
         say("SKIPPED: no real PX4 (PX4_BIN=.../build/px4_sitl_default/bin/px4); PX4_TEST=emulated flies the emulated vehicles")
         raise typer.Exit(SKIPPED)
 
-    from sim.px4test.rows import table, write  # noqa: PLC0415
-    from sim.px4test.session import fly_all  # noqa: PLC0415
+    from radron.sim.px4test.rows import table, write  # noqa: PLC0415
+    from radron.sim.px4test.session import fly_all  # noqa: PLC0415
 
     make_folder(out)
     report: Report = run_live(fly_all(px4, seed, chosen, out, attempts))

@@ -9,18 +9,18 @@ from contextlib import asynccontextmanager
 from math import dist
 from pathlib import Path
 
-from protocol.messages import Action, Stage
-from protocol.stages import STEERED
-from sim.campaign.report import write_flight
-from sim.live.course import SETTLE_S, Course
-from sim.live.operator import Operator
-from sim.live.swarm import Swarm
-from sim.live.worldlink import Order
-from sim.live.worldprocess import LiveError
-from sim.px4test.rows import Checks, Row
-from sim.px4test.witness import Moment, Witness, least_distance_m, speed_mps
-from sim.result import Flight
-from sim.scoring.safety import OFF_GROUND_M
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import STEERED
+from radron.sim.campaign.report import write_flight
+from radron.sim.live.course import SETTLE_S, Course
+from radron.sim.live.operator import Operator
+from radron.sim.live.swarm import Swarm
+from radron.sim.live.worldlink import Order
+from radron.sim.live.worldprocess import LiveError
+from radron.sim.px4test.rows import Checks, Row
+from radron.sim.px4test.witness import Moment, Witness, least_distance_m, speed_mps
+from radron.sim.result import Flight
+from radron.sim.scoring.safety import OFF_GROUND_M
 
 SEPARATION_M = 3.0  # required by the missions
 COLLISION_M = 1.0  # between the centres of two vehicles

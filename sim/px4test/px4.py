@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from agent.errors import VehicleError
+from radron.agent.errors import VehicleError
 
 _IN_IMAGE = "/opt/px4/bin/px4"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from sim.runfile import write_text
+from radron.sim.runfile import write_text
 
 _LONGEST = 300  # longest line: a process's last output can be a whole traceback
 

@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from agent.errors import RadronError
-from sim.live.places import Places
-from sim.live.runfolder import live_mission
-from sim.live.swarm import Swarm, live_swarm
-from sim.live.view import View, console_view
-from sim.px4test.autopilots import autopilots
-from sim.px4test.flights import gnss_lost, killed, missions
-from sim.px4test.px4 import Px4
-from sim.px4test.rows import Report, Row
-from sim.scenario import Scenario, load_scenario, override
+from radron.agent.errors import RadronError
+from radron.sim.live.places import Places
+from radron.sim.live.runfolder import live_mission
+from radron.sim.live.swarm import Swarm, live_swarm
+from radron.sim.live.view import View, console_view
+from radron.sim.px4test.autopilots import autopilots
+from radron.sim.px4test.flights import gnss_lost, killed, missions
+from radron.sim.px4test.px4 import Px4
+from radron.sim.px4test.rows import Report, Row
+from radron.sim.scenario import Scenario, load_scenario, override
 
 LONGEST_S = 420.0  # limit of a session; two missions take four minutes
 READY_S = 180.0  # PX4 boots, and its filter settles; minutes where the machine is starved

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocol.messages import AnyDroneMessage, Pose, Stage
-from sim.geometry import Array
-from sim.live.operator import Operator
-from sim.live.worldlink import Truth
-from sim.scoring.safety import OFF_GROUND_M
-from sim.world.frame import LocalFrames
+from radron.protocol.messages import AnyDroneMessage, Pose, Stage
+from radron.sim.geometry import Array
+from radron.sim.live.operator import Operator
+from radron.sim.live.worldlink import Truth
+from radron.sim.scoring.safety import OFF_GROUND_M
+from radron.sim.world.frame import LocalFrames
 
 
 class Moment(NamedTuple):

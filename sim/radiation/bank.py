@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
-from sim.radiation.events import KINDS, SINGLE, Events, simulate
-from sim.radiation.nuclides import Nuclide
-from sim.radiation.surroundings import background_lines, scattered_lines
-from sim.radiation.timepix3 import PIXEL, Response
+from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
+from radron.sim.radiation.events import KINDS, SINGLE, Events, simulate
+from radron.sim.radiation.nuclides import Nuclide
+from radron.sim.radiation.surroundings import background_lines, scattered_lines
+from radron.sim.radiation.timepix3 import PIXEL, Response
 
 BIN_DEG = 2.0
 _ROWS = round(180.0 / BIN_DEG)

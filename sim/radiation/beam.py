@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 
-from agent.detector.readout import Readout
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.camera import GUARD_TICKS, SourceView
-from sim.radiation.electronics import Electronics
-from sim.radiation.events import Events, simulate
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import nuclide as nuclide_of
-from sim.radiation.surroundings import Lines, background_lines, scattered_lines
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import Readout
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.camera import GUARD_TICKS, SourceView
+from radron.sim.radiation.electronics import Electronics
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import nuclide as nuclide_of
+from radron.sim.radiation.surroundings import Lines, background_lines, scattered_lines
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 _AREA_INTERACTIONS = 30_000  # the effective area to 0.6 % or better
 

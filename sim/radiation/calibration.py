@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.sim.radiation.truth import CameraTruth
 
 FloatArray = NDArray[np.float64]
 

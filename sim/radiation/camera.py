@@ -11,14 +11,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from agent.detector.readout import Readout
-from sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.electronics import Electronics
-from sim.radiation.emission import ANY, Emission, Origins, Pool, pick
-from sim.radiation.ground.around import AroundCamera
-from sim.radiation.individual import Individual
-from sim.radiation.truth import CameraTruth, GroundTruth
+from radron.agent.detector.readout import Readout
+from radron.sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.electronics import Electronics
+from radron.sim.radiation.emission import ANY, Emission, Origins, Pool, pick
+from radron.sim.radiation.ground.around import AroundCamera
+from radron.sim.radiation.individual import Individual
+from radron.sim.radiation.truth import CameraTruth, GroundTruth
 
 __all__ = ["Camera", "CameraTruth", "SourceView"]
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import xraylib
 
-from sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.materials import air_attenuation_per_m
 
 _CONCRETE = xraylib.GetCompoundDataNISTByName("Concrete, Portland")
 _TABLES_END_KEV = 799.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from sim.radiation._jit import jit
-from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
-from sim.radiation.timepix3 import ENERGY_STEP_KEV
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV
+from radron.sim.radiation.truth import CameraTruth
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation._jit import jit
-from sim.radiation.materials import CDTE_DENSITY_GCM3, ELECTRON_MASS_KEV
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.materials import CDTE_DENSITY_GCM3, ELECTRON_MASS_KEV
 
 MAX_STEPS = 400
 _MEAN_EXCITATION_KEV = 0.5393

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation._jit import jit
-from sim.radiation.bank import EventBank
-from sim.radiation.concrete import concrete_attenuation_per_m
-from sim.radiation.events import KINDS
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import nuclide as nuclide_of
-from sim.radiation.store import load_bank
-from sim.radiation.truth import CameraTruth
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.bank import EventBank
+from radron.sim.radiation.concrete import concrete_attenuation_per_m
+from radron.sim.radiation.events import KINDS
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import nuclide as nuclide_of
+from radron.sim.radiation.store import load_bank
+from radron.sim.radiation.truth import CameraTruth
 
 IntArray = NDArray[np.int64]
 

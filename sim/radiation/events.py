@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation._jit import jit
-from sim.radiation.electrons import Electrons, electrons
-from sim.radiation.materials import CdTe, cdte
-from sim.radiation.timepix3 import MAX_PIXELS, PIXEL, Response, Scratch, respond, scratch
-from sim.radiation.transport import HALF_SIZE_MM, MAX_SITES, SITE_COLUMNS, attenuation_per_mm, enter, transport, way_out
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.electrons import Electrons, electrons
+from radron.sim.radiation.materials import CdTe, cdte
+from radron.sim.radiation.timepix3 import MAX_PIXELS, PIXEL, Response, Scratch, respond, scratch
+from radron.sim.radiation.transport import HALF_SIZE_MM, MAX_SITES, SITE_COLUMNS, attenuation_per_mm, enter, transport, way_out
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

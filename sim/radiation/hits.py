@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agent.errors import ConfigError
-from agent.outputs import check_output, replacing
-from sim.radiation.nuclides import nuclide as nuclide_of
+from radron.agent.errors import ConfigError
+from radron.agent.outputs import check_output, replacing
+from radron.sim.radiation.nuclides import nuclide as nuclide_of
 
 if TYPE_CHECKING:
-    from sim.radiation.beam import BeamCamera
+    from radron.sim.radiation.beam import BeamCamera
 
 _SLICE_NS = 200_000_000
 MAX_PHOTONS = 1_000_000  # that interact in a recording: about a minute's computing
@@ -53,9 +53,9 @@ def hits(
     import numpy as np  # noqa: PLC0415  (heavy imports wait until they are needed)
     from rich.console import Console  # noqa: PLC0415
 
-    from sim.radiation.beam import BeamCamera  # noqa: PLC0415
-    from sim.radiation.camera import SourceView  # noqa: PLC0415
-    from sim.radiation.truth import CameraTruth  # noqa: PLC0415
+    from radron.sim.radiation.beam import BeamCamera  # noqa: PLC0415
+    from radron.sim.radiation.camera import SourceView  # noqa: PLC0415
+    from radron.sim.radiation.truth import CameraTruth  # noqa: PLC0415
 
     polar, turn = math.radians(angle), math.radians(azimuth)
     direction = (math.sin(polar) * math.cos(turn), math.sin(polar) * math.sin(turn), math.cos(polar))
@@ -92,7 +92,7 @@ def _record(camera: BeamCamera, span_ns: int, out: Path) -> int:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress  # noqa: PLC0415
 
-    from sim.radiation.t3pa import T3paWriter  # noqa: PLC0415
+    from radron.sim.radiation.t3pa import T3paWriter  # noqa: PLC0415
 
     terminal = Console(stderr=True)
     with (

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sim.geometry import Array
-from sim.radiation.truth import CameraTruth
+from radron.sim.geometry import Array
+from radron.sim.radiation.truth import CameraTruth
 
 
 class Individual:

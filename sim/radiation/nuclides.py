@@ -5,14 +5,14 @@ Cs-137's is the 0.851 of the project's reference. Weaker lines and the character
 sealed source absorbs X rays below about 50 keV. The 511 keV lines of Na-22 and F-18 assume that both annihilation photons
 leave the capsule.
 
-The table is independent of the agent's (``agent.detector.lines``), so that the truth does not share the agent's errors.
+The table is independent of the agent's (``radron.agent.detector.lines``), so that the truth does not share the agent's errors.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agent.errors import ConfigError
+from radron.agent.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)

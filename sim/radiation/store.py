@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from agent.outputs import cache_folder
-from sim.radiation.bank import EventBank, build_bank
-from sim.radiation.nuclides import Nuclide, nuclide
-from sim.radiation.timepix3 import Response, response
-from sim.radiation.truth import CameraTruth
+from radron.agent.outputs import cache_folder
+from radron.sim.radiation.bank import EventBank, build_bank
+from radron.sim.radiation.nuclides import Nuclide, nuclide
+from radron.sim.radiation.timepix3 import Response, response
+from radron.sim.radiation.truth import CameraTruth
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.radiation.materials import ELECTRON_MASS_KEV
-from sim.radiation.nuclides import Nuclide
+from radron.sim.radiation.materials import ELECTRON_MASS_KEV
+from radron.sim.radiation.nuclides import Nuclide
 
 Lines = tuple[tuple[float, float], ...]
 

@@ -9,7 +9,7 @@ from typing import TextIO
 
 import numpy as np
 
-from agent.detector.readout import Readout
+from radron.agent.detector.readout import Readout
 
 HEADER = ("Index", "Matrix Index", "ToA", "ToT", "FToA", "Overflow")
 LOST_START, LOST_END = 0x74, 0x75  # matrix indices of the rows that mark missing data

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM, TICK_NS
-from sim.radiation._jit import jit
-from sim.radiation.electrons import Electrons, track
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM, TICK_NS
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.electrons import Electrons, track
+from radron.sim.radiation.truth import CameraTruth
 
 FloatArray = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from sim.radiation._jit import jit
-from sim.radiation.electrons import rotated
-from sim.radiation.materials import ELECTRON_MASS_KEV, CdTe
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.electrons import rotated
+from radron.sim.radiation.materials import ELECTRON_MASS_KEV, CdTe
 
 FloatArray = NDArray[np.float64]
 

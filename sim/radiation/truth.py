@@ -97,7 +97,7 @@ class RainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class GroundTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The ground below sources and cameras, as it scatters and sends out photons (``sim.radiation.ground``).
+    """The ground below sources and cameras, as it scatters and sends out photons (``radron.sim.radiation.ground``).
 
     kinds: one of these, drawn from the seed. depth_m: of all sources that are not above the ground. natural: activity of K-40,
     uranium and thorium series, relative to the kind's own. rain: None: no rain.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from protocol.messages import Stage
-from sim.faults.process import Agent as Process
-from sim.scoring.believers import Believer, Excluding
-from sim.scoring.framescore import Graph
-from sim.scoring.score import Belief
+from radron.protocol.messages import Stage
+from radron.sim.faults.process import Agent as Process
+from radron.sim.scoring.believers import Believer, Excluding
+from radron.sim.scoring.framescore import Graph
+from radron.sim.scoring.score import Belief
 
 
 class Aboard:

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import Stage
-from sim.scoring.score import Belief
+from radron.protocol.messages import Stage
+from radron.sim.scoring.score import Belief
 
 
 class ByNuclide(Protocol):

@@ -16,9 +16,9 @@ its expectation over flights.
 
 State s: x, y, vx, vy of the source, ln activity, and the errors (x, y, yaw) of every vehicle's localisation, by kind: bias,
 wander, and the error of the autopilot's filter, each an Ornstein-Uhlenbeck process (a bias is constant). Measurements: counts
-(Poisson) and the cones that the mission selects, with ambiguous order, by ``sim.scoring.information``, from the true positions.
-Known are the line, the areas, the background, the kind of the source's motion, and the size of the localisation's errors; not the
-activity. Not included: tilt, clocks, gains of the cameras, shadows, walls.
+(Poisson) and the cones that the mission selects, with ambiguous order, by ``radron.sim.scoring.information``, from the true
+positions. Known are the line, the areas, the background, the kind of the source's motion, and the size of the localisation's
+errors; not the activity. Not included: tilt, clocks, gains of the cameras, shadows, walls.
 
 Motion: a source at rest has no noise. A moving one has an Ornstein-Uhlenbeck velocity of the same variance and correlation time:
 for ``circle`` v^2 / 2 along each axis and radius / v; for ``wander`` see ``_wandering``. Such a source could go anywhere; an
@@ -36,12 +36,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from sim.geometry import Array
-from sim.radiation.truth import CameraTruth
-from sim.scoring.information import Camera, camera_of
-from sim.world.localization import LocalizationTruth
-from sim.world.source import STRETCH_S, TURN_RPS
-from sim.world.sourcetruth import SourceTruth
+from radron.sim.geometry import Array
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.scoring.information import Camera, camera_of
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.source import STRETCH_S, TURN_RPS
+from radron.sim.world.sourcetruth import SourceTruth
 
 STEP_S = 1.0
 LOG_ACTIVITY_SIGMA = 3.0  # prior of ln activity: a factor of 20 up or down

@@ -23,9 +23,9 @@ from functools import cache
 import numpy as np
 import xraylib
 
-from sim.geometry import Array
-from sim.radiation.materials import CDTE_DENSITY_GCM3, ELECTRON_MASS_KEV, ELEMENTS
-from sim.radiation.transport import HALF_SIZE_MM
+from radron.sim.geometry import Array
+from radron.sim.radiation.materials import CDTE_DENSITY_GCM3, ELECTRON_MASS_KEV, ELEMENTS
+from radron.sim.radiation.transport import HALF_SIZE_MM
 
 SHARES = (0.77, 0.23)  # weights s_j of the two Gaussians; below, their widths c_j in units of a reading's sigma
 WIDTHS = (0.9, 2.8)

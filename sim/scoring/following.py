@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import sqrt
 
-from protocol.messages import Plan, Pose, Stage
+from radron.protocol.messages import Plan, Pose, Stage
 
 _OLDEST_NS = 1_000_000_000  # age limit of a plan in use
 PHASES: Mapping[Stage, str] = {Stage.SURVEY: "search", Stage.TRACK: "circle", Stage.REACQUIRE: "circle"}

@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from sim.geometry import Array, Vector3
-from sim.world.movingframes import MovingFrames
+from radron.agent.config.mission import MissionConfig
+from radron.sim.geometry import Array, Vector3
+from radron.sim.world.movingframes import MovingFrames
 
 RECOVERED_M = 3.0
 RECOVERY_S = 60.0  # longest measured recovery

@@ -6,11 +6,11 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from protocol.entries import Cone, Exposure
-from protocol.messages import AnyMessage, Estimate, Plan, Pose, Source, Stage
-from sim.result import ConeTrace, EstimateTrace
-from sim.scoring.following import Following
-from sim.world.frame import LocalFrames
+from radron.protocol.entries import Cone, Exposure
+from radron.protocol.messages import AnyMessage, Estimate, Plan, Pose, Source, Stage
+from radron.sim.result import ConeTrace, EstimateTrace
+from radron.sim.scoring.following import Following
+from radron.sim.world.frame import LocalFrames
 
 UNKNOWN = "unknown"  # nuclide of a source that matches no candidate
 KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the keys of scored messages

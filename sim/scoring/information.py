@@ -22,15 +22,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import Array
-from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, EventBank, bin_centres
-from sim.radiation.events import COMPLETE
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import nuclide as nuclide_of
-from sim.radiation.store import load_bank
-from sim.radiation.timepix3 import energies_kev
-from sim.radiation.truth import CameraTruth
-from sim.scoring.coneinformation import cone_information
+from radron.sim.geometry import Array
+from radron.sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, EventBank, bin_centres
+from radron.sim.radiation.events import COMPLETE
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import nuclide as nuclide_of
+from radron.sim.radiation.store import load_bank
+from radron.sim.radiation.timepix3 import energies_kev
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.scoring.coneinformation import cone_information
 
 WINDOW = 0.1  # relative to the line: a nearer event has all of the photon's energy
 # Of the two-cluster events of full energy that have enough pixels: 0.53 mm2 of usable cones of 15 pixels (reference, table) of

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, VehicleCommand
-from protocol.messages import Stage
-from sim.geometry import Array
-from sim.vehicle.autopilot import Autopilot
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, VehicleCommand
+from radron.protocol.messages import Stage
+from radron.sim.geometry import Array
+from radron.sim.vehicle.autopilot import Autopilot
 
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: missions in lockstep begin here
 OFF_GROUND_M = 0.5  # height above the ground of an airborne drone

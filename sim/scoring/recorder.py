@@ -10,23 +10,23 @@ import numpy as np
 from msgspec.structs import asdict, replace
 from shapely import Polygon
 
-from protocol.messages import AnyMessage, Pose, Stage
-from protocol.stages import CIRCLING, SEARCHING
-from sim.faults.told import told_faults
-from sim.geometry import Array
-from sim.result import RunResult, SourceTrace, Trace
-from sim.scenario import Scenario
-from sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, open_places
-from sim.scoring.bound import Bound, bound_of
-from sim.scoring.framescore import FrameScore
-from sim.scoring.heard import Heard
-from sim.scoring.safety import OFF_GROUND_M, Safety
-from sim.scoring.samples import Row
-from sim.scoring.score import Score, error_m, own_error_m
-from sim.scoring.sourcescore import SourceScore, score_sources
-from sim.world.frame import LocalFrames
-from sim.world.sources import Source
-from sim.world.terrain import Terrain
+from radron.protocol.messages import AnyMessage, Pose, Stage
+from radron.protocol.stages import CIRCLING, SEARCHING
+from radron.sim.faults.told import told_faults
+from radron.sim.geometry import Array
+from radron.sim.result import RunResult, SourceTrace, Trace
+from radron.sim.scenario import Scenario
+from radron.sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, open_places
+from radron.sim.scoring.bound import Bound, bound_of
+from radron.sim.scoring.framescore import FrameScore
+from radron.sim.scoring.heard import Heard
+from radron.sim.scoring.safety import OFF_GROUND_M, Safety
+from radron.sim.scoring.samples import Row
+from radron.sim.scoring.score import Score, error_m, own_error_m
+from radron.sim.scoring.sourcescore import SourceScore, score_sources
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.sources import Source
+from radron.sim.world.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: the drones do not start at all

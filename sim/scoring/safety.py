@@ -8,10 +8,10 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from agent.config.mission import AreaConfig
-from protocol.messages import Stage
-from protocol.stages import SEARCHING
-from sim.geometry import Array
+from radron.agent.config.mission import AreaConfig
+from radron.protocol.messages import Stage
+from radron.protocol.stages import SEARCHING
+from radron.sim.geometry import Array
 
 OFF_GROUND_M = 0.5
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocol.messages import Stage
-from protocol.stages import CIRCLING
-from sim.geometry import Array
-from sim.scoring.score import Belief, rms_m
+from radron.protocol.messages import Stage
+from radron.protocol.stages import CIRCLING
+from radron.sim.geometry import Array
+from radron.sim.scoring.score import Belief, rms_m
 
 
 class Row:

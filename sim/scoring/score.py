@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from sim.geometry import Array
+from radron.sim.geometry import Array
 
 LOST_ERROR_M = 20.0
 LOST_ERROR_S = 10.0

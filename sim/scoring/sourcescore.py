@@ -10,9 +10,9 @@ from msgspec import Struct
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from protocol.messages import Source as Found
-from sim.geometry import Array
-from sim.world.sources import Source
+from radron.protocol.messages import Source as Found
+from radron.sim.geometry import Array
+from radron.sim.world.sources import Source
 
 MATCH_M = 5.0  # an estimated source farther than this from each true one is false: the least distance of two equal ones
 _NEVER = 1e6  # cost of an impossible match

@@ -9,7 +9,7 @@ Definitions that the paper leaves open:
   median (mean) of these over the runs. Lost runs are included; runs without tracking have no error.
 - **Coverage**: with one sample per run, half-way through the tracking, the share of runs whose truth lies in the 50 % (90 %)
   region of the posterior; for a calibrated estimator that is half (nine tenths) of the runs.
-- **Bound**: each run has its own, for its trajectories (``sim.scoring.bound``); the ratio is the median over the runs of
+- **Bound**: each run has its own, for its trajectories (``radron.sim.scoring.bound``); the ratio is the median over the runs of
   each run's error over its bound.
 """
 
@@ -22,8 +22,8 @@ import numpy as np
 from msgspec import Struct
 from scipy.stats import beta, binom
 
-from sim.geometry import Array
-from sim.result import RunResult
+from radron.sim.geometry import Array
+from radron.sim.result import RunResult
 
 
 class Summary(Struct, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
 """Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and failsafes; with the handling of requests by the driver on
 board.
 
-Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. Like the driver (``agent.vehicle.requests``),
-it does not repeat a fulfilled request after another mode was chosen, not by the agent.
+Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. Like the driver
+(``radron.agent.vehicle.requests``), it does not repeat a fulfilled request after another mode was chosen, not by the agent.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import dist
 
-from agent.config.mission import MissionConfig
-from agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, descent_mps, return_height_m
+from radron.agent.config.mission import MissionConfig
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, descent_mps, return_height_m
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from sim.geometry import Array
+from radron.sim.geometry import Array
 
 LOW_PASS_PS = 2.0 * pi * 5.0  # cutoff of the velocity derivative's filter, PX4's MPC_VELD_LP
 SUBSTEP_S = 0.005  # step while a limit is active; PX4's own controllers step at 0.004-0.01 s

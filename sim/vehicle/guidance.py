@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import cos, hypot, radians, sin, sqrt, tan
 from typing import NamedTuple
 
-from sim.geometry import Vector3
+from radron.sim.geometry import Vector3
 
 ARRIVED_M = 0.3
 REST: Vector3 = (0.0, 0.0, 0.0)

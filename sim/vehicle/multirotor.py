@@ -10,9 +10,9 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from agent.errors import ConfigError
-from sim.geometry import Array
-from sim.vehicle.cascade import FILTERED, POSITION, THRUST, VELOCITY, Axis, Cascade, Limits, in_steps
+from radron.agent.errors import ConfigError
+from radron.sim.geometry import Array
+from radron.sim.vehicle.cascade import FILTERED, POSITION, THRUST, VELOCITY, Axis, Cascade, Limits, in_steps
 
 Gain = Annotated[float, Meta(gt=0.0, le=20.0)]
 NoGain = Annotated[float, Meta(ge=0.0, le=20.0)]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import Target
-from sim.vehicle.multirotor import Setpoints
-from sim.world.frame import LocalFrames
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.guidance import Target
+from radron.sim.vehicle.multirotor import Setpoints
+from radron.sim.world.frame import LocalFrames
 
 
 def in_world(targets: Sequence[Target], places: Sequence[Vector3], frames: LocalFrames, yaw_error_rad: Array) -> Setpoints:

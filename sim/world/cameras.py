@@ -9,19 +9,19 @@ from typing import Protocol
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.detector.readout import PixelHits, Readout
-from sim.geometry import Array
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.ground.materials import concrete_per
-from sim.scenario import Scenario
-from sim.world.frame import CameraMount
-from sim.world.owncameras import OwnCamera, drone_file
-from sim.world.sources import Source
-from sim.world.streams import Streams
-from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
-from sim.world.walls import Walls
+from radron.agent.config.drone import DroneConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.sim.geometry import Array
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.ground.materials import concrete_per
+from radron.sim.scenario import Scenario
+from radron.sim.world.frame import CameraMount
+from radron.sim.world.owncameras import OwnCamera, drone_file
+from radron.sim.world.sources import Source
+from radron.sim.world.streams import Streams
+from radron.sim.world.terrain import CONCRETE_PER_SOIL, Terrain
+from radron.sim.world.walls import Walls
 
 _SAME = OwnCamera()
 _ANY = "Cs-137"  # the nuclide of cameras that measure the background only, without a nuclide in the mission

@@ -1,6 +1,6 @@
 """Elevation grid of a scenario's ground for the agents: coarse, and slightly wrong.
 
-``python -m sim.world.elevation SCENARIO.toml OUT.asc``.
+``python -m radron.sim.world.elevation SCENARIO.toml OUT.asc``.
 
 An ESRI ASCII grid over the mission's area and its fence margin, in metres of the mission frame. The errors are white and drawn
 from a fixed seed: the same scenario gives the same grid.
@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.scenario import load_scenario
-from sim.world.terrain import Terrain
+from radron.sim.scenario import load_scenario
+from radron.sim.world.terrain import Terrain
 
 CELL_M = 5.0
 ERROR_M = 0.2  # 1 sigma

@@ -8,8 +8,8 @@ from math import cos, sin, sqrt
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.geometry import Array, Quaternion, Vector3
-from sim.radiation.camera import SourceView
+from radron.sim.geometry import Array, Quaternion, Vector3
+from radron.sim.radiation.camera import SourceView
 
 _DOWN: Vector3 = (0.0, 0.0, -1.0)
 

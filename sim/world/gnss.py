@@ -9,9 +9,9 @@ import numpy as np
 import pymap3d
 from msgspec import Meta, Struct
 
-from agent.config.mission import DatumConfig
-from agent.vehicle.interface import GnssFix
-from sim.geometry import Array
+from radron.agent.config.mission import DatumConfig
+from radron.agent.vehicle.interface import GnssFix
+from radron.sim.geometry import Array
 
 Metres = Annotated[float, Meta(ge=0.0, le=1000.0)]
 Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]

@@ -7,10 +7,10 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from agent.config.launchplaces import check_launch_places
-from agent.config.mission import Corner, MissionConfig
-from agent.errors import ConfigError
-from sim.geometry import Array
+from radron.agent.config.launchplaces import check_launch_places
+from radron.agent.config.mission import Corner, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.sim.geometry import Array
 
 _DENSITY = 0.35  # density of discs that sequential random placement reaches soon; its limit is 0.55
 _DRAWS = 1000  # per vehicle, before the placement starts again

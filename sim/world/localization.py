@@ -1,6 +1,7 @@
 """Small errors of the vehicles' localisation: filter errors, slowly varying ones, biases, and noise.
 
-The kind of localisation, and so the position of each local frame, is in ``sim.world.localizers`` and ``sim.world.movingframes``.
+The kind of localisation, and so the position of each local frame, is in ``radron.sim.world.localizers`` and
+``radron.sim.world.movingframes``.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from protocol.units import DroneId
-from sim.geometry import Array
-from sim.world.localizers import LiarTruth, VehicleTruth
+from radron.protocol.units import DroneId
+from radron.sim.geometry import Array
+from radron.sim.world.localizers import LiarTruth, VehicleTruth
 
 Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
 Degrees = Annotated[float, Meta(ge=0.0, le=45.0)]

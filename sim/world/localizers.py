@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from agent.errors import ConfigError
-from protocol.units import DroneId
-from sim.world.gnss import RTK, GnssTruth
+from radron.agent.errors import ConfigError
+from radron.protocol.units import DroneId
+from radron.sim.world.gnss import RTK, GnssTruth
 
 Kind = Literal["gnss", "rtk", "slam"]
 Metres = Annotated[float, Meta(ge=0.0, le=1000.0)]

@@ -1,7 +1,7 @@
 """Local frames of vehicles with different kinds of localisation: with initial errors, drift, rotation and jumps.
 
 A vehicle's error is stored as the present position of its local frame in the world: all measurements and commands in that
-frame then have the same error, as in flight. The small errors of ``sim.world.localization`` are added.
+frame then have the same error, as in flight. The small errors of ``radron.sim.world.localization`` are added.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.config.mission import DatumConfig
-from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import Reframing
-from sim.world.frame import LocalFrames
-from sim.world.gnss import Receiver
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, Kind, LiarTruth, SlamTruth, VehicleTruth
-from sim.world.streams import Streams
+from radron.agent.config.mission import DatumConfig
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.guidance import Reframing
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.gnss import Receiver
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import EventTruth, Kind, LiarTruth, SlamTruth, VehicleTruth
+from radron.sim.world.streams import Streams
 
 _FILTER_S = 1.0  # time constant with which an autopilot follows its receiver: positions do not jump with it, but slide
 # Shares of its receiver's error in a vehicle's position: heights depend more on barometer and rangefinder.

@@ -11,10 +11,10 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
-from agent.config.drone import DroneConfig
-from agent.errors import ConfigError
-from sim.geometry import Vector3
-from sim.radiation.truth import CameraTruth
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import ConfigError
+from radron.sim.geometry import Vector3
+from radron.sim.radiation.truth import CameraTruth
 
 _Degrees = Annotated[float, Meta(ge=-180.0, le=180.0)]
 

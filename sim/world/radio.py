@@ -58,7 +58,7 @@ class Radio:
             self._carry(sender, receiver, key, payload, delay, now_ns)
 
     def _carry(self, sender: int, receiver: int, key: str, payload: bytes, delay_s: float, now_ns: int) -> None:
-        """Put a payload on its way over one link; overridden by ``sim.faults.network`` with the link's faults."""
+        """Put a payload on its way over one link; overridden by ``radron.sim.faults.network`` with the link's faults."""
         self._sent += 1
         heapq.heappush(self._inboxes[receiver], (now_ns + int(delay_s * 1e9), self._sent, key, payload))
 

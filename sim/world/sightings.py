@@ -11,9 +11,9 @@ import numpy as np
 from msgspec import Meta, Struct
 from scipy.spatial.transform import Rotation
 
-from agent.vehicle.interface import SeenDrone
-from sim.geometry import Array, Quaternion
-from sim.world.walls import Walls
+from radron.agent.vehicle.interface import SeenDrone
+from radron.sim.geometry import Array, Quaternion
+from radron.sim.world.walls import Walls
 
 Share = Annotated[float, Meta(ge=0.0, lt=1.0)]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
+from radron.sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
 
 _EACH_ANGLE_RAD = 0.02  # 1 sigma reported for roll, pitch and yaw
 

@@ -8,7 +8,7 @@ from math import cos, pi, radians, sin
 import numpy as np
 from shapely import Point, Polygon
 
-from sim.world.sourcetruth import EDGE_M, SourceTruth
+from radron.sim.world.sourcetruth import EDGE_M, SourceTruth
 
 Place = tuple[float, float]
 Path = Callable[[float], Place]  # time in seconds -> x, y in the mission frame

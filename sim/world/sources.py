@@ -10,12 +10,12 @@ import numpy as np
 from msgspec import Struct
 from shapely import Polygon
 
-from sim.geometry import Vector3
-from sim.scenario import Scenario
-from sim.world.source import Path, Place, anywhere, source_path
-from sim.world.sourcetruth import RandomSourcesTruth
-from sim.world.streams import Streams
-from sim.world.terrain import Terrain
+from radron.sim.geometry import Vector3
+from radron.sim.scenario import Scenario
+from radron.sim.world.source import Path, Place, anywhere, source_path
+from radron.sim.world.sourcetruth import RandomSourcesTruth
+from radron.sim.world.streams import Streams
+from radron.sim.world.terrain import Terrain
 
 _TRIES = 1000  # for a place beside the others, before all are drawn anew
 

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from shapely import Polygon
 
-from agent.config.mission import Corner
-from agent.config.section import Degrees
-from agent.errors import ConfigError
-from sim.radiation.nuclides import NUCLIDES
+from radron.agent.config.mission import Corner
+from radron.agent.config.section import Degrees
+from radron.agent.errors import ConfigError
+from radron.sim.radiation.nuclides import NUCLIDES
 
 LONGEST_S = 36_000.0
 Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_S)]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 _FRAMES, _RECEIVERS, _LIAR, _SIGHTINGS = range(1_000_000, 1_000_004)  # beyond any camera's key
-_SOURCES, _GROUND = 1_000_008, 1_000_010  # the keys between belong to sim.faults and sim.campaign.faults
+_SOURCES, _GROUND = 1_000_008, 1_000_010  # the keys between belong to radron.sim.faults and radron.sim.campaign.faults
 
 
 class Streams(NamedTuple):

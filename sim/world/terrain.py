@@ -7,9 +7,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from agent.config.mission import Corner
-from agent.config.section import Coordinate
-from sim.geometry import Array
+from radron.agent.config.mission import Corner
+from radron.agent.config.section import Coordinate
+from radron.sim.geometry import Array
 
 Grade = Annotated[float, Meta(ge=-1.0, le=1.0)]
 

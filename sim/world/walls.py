@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from agent.config.mission import Corner
-from agent.errors import ConfigError
-from sim.geometry import Array
+from radron.agent.config.mission import Corner
+from radron.agent.errors import ConfigError
+from radron.sim.geometry import Array
 
 _PARALLEL = 1e-12  # stands for a zero component along an axis: the line is then between a wall's faces everywhere, or nowhere
 

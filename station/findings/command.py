@@ -9,14 +9,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from agent.outputs import replacing
-from protocol.identity import Identity
-from station.findings.earth import dose_geotiff, geojson, kml
-from station.findings.facts import Findings, FindingsError
-from station.findings.html import report_html
-from station.findings.n42 import n42
-from station.findings.seal import DIGEST, digest_of, sealed
-from station.findings.tables import cones_csv, tracks_csv
+from radron.agent.outputs import replacing
+from radron.protocol.identity import Identity
+from radron.station.findings.earth import dose_geotiff, geojson, kml
+from radron.station.findings.facts import Findings, FindingsError
+from radron.station.findings.html import report_html
+from radron.station.findings.n42 import n42
+from radron.station.findings.seal import DIGEST, digest_of, sealed
+from radron.station.findings.tables import cones_csv, tracks_csv
 
 MAX_FLAW = 300  # characters of a flaw
 

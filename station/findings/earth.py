@@ -15,12 +15,12 @@ from shapely.affinity import translate
 from shapely.geometry import mapping
 from shapely.geometry.base import BaseGeometry
 
-from agent.frames.geodesy import mission_from_geodetics
-from station.findings.facts import Findings, Located
-from station.findings.tables import utc
-from station.picture.dose import HEIGHT_M, expected_usvph
-from station.picture.frame import SourceFrame
-from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
+from radron.agent.frames.geodesy import mission_from_geodetics
+from radron.station.findings.facts import Findings, Located
+from radron.station.findings.tables import utc
+from radron.station.picture.dose import HEIGHT_M, expected_usvph
+from radron.station.picture.frame import SourceFrame
+from radron.station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
 
 Feature = tuple[str, dict[str, object], str, list[Sequence[float]]]  # name, properties, kind of geometry, its places
 _KINDS = {"Point": shapely.Point, "LineString": shapely.LineString, "Polygon": shapely.Polygon}

@@ -11,18 +11,18 @@ from typing import TypeVar
 
 from shapely import LineString, Polygon, union_all
 
-from agent.config.mission import DatumConfig, MissionConfig
-from agent.errors import RadronError
-from agent.flight.audit import Audited, audit, in_words, told
-from agent.flight.reader import RecordedFlight
-from agent.frames.geodesy import geodetic_from_mission
-from agent.fusion.observation import ConeObservation, observe
-from protocol.entries import Cone, Coverage, Exposure
-from station.hub import Hub
-from station.picture.frame import Frame, SearchFrame, SourceFrame
-from station.picture.orders import Heard, Orders
-from station.picture.picture import Picture
-from station.replay import Records, play
+from radron.agent.config.mission import DatumConfig, MissionConfig
+from radron.agent.errors import RadronError
+from radron.agent.flight.audit import Audited, audit, in_words, told
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.agent.fusion.observation import ConeObservation, observe
+from radron.protocol.entries import Cone, Coverage, Exposure
+from radron.station.hub import Hub
+from radron.station.picture.frame import Frame, SearchFrame, SourceFrame
+from radron.station.picture.orders import Heard, Orders
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
 
 BY_DRONES = "the drones that obeyed name who signed it"
 UNHEARD = "this station has not heard that it was obeyed"

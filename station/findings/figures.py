@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from protocol.spectrum import BINS, EDGES_KEV
-from station.findings.facts import Findings
-from station.findings.n42 import spectrum_of
-from station.picture.shapes import circle, cordon_radius_m, region
+from radron.protocol.spectrum import BINS, EDGES_KEV
+from radron.station.findings.facts import Findings
+from radron.station.findings.n42 import spectrum_of
+from radron.station.picture.shapes import circle, cordon_radius_m, region
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d00", "#555555")  # as on the page
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 640.0, 190.0, 52.0, 8.0, 34.0

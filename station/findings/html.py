@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable
 from html import escape
 
-from agent.config.beyond import towards
-from agent.flight.audit import Audited
-from station.findings.facts import Findings, Located
-from station.findings.figures import charts, flight_map
-from station.findings.tables import utc
-from station.picture.frame import SourceFrame
-from station.picture.shapes import CORDON_USVPH, cordon_radius_m
+from radron.agent.config.beyond import towards
+from radron.agent.flight.audit import Audited
+from radron.station.findings.facts import Findings, Located
+from radron.station.findings.figures import charts, flight_map
+from radron.station.findings.tables import utc
+from radron.station.picture.frame import SourceFrame
+from radron.station.picture.shapes import CORDON_USVPH, cordon_radius_m
 
 _STYLE = """
 body { font: 11pt/1.4 system-ui, sans-serif; color: #111; max-width: 48rem; margin: 2rem auto; padding: 0 1rem; }

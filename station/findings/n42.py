@@ -1,7 +1,7 @@
 """The measured spectra as ANSI N42.42-2012, the format of radiation instruments.
 
 A measurement holds the counts of one drone's camera in ten seconds: single clusters and coincidences together, in the bins of
-the exposures (``protocol.spectrum``), with live time, real time and the camera's place.
+the exposures (``radron.protocol.spectrum``), with live time, real time and the camera's place.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entries import Exposure
-from protocol.spectrum import BINS, EDGES_KEV
-from station.findings.facts import Findings
-from station.findings.tables import utc
+from radron.protocol.entries import Exposure
+from radron.protocol.spectrum import BINS, EDGES_KEV
+from radron.station.findings.facts import Findings
+from radron.station.findings.tables import utc
 
 WINDOW_NS = 10_000_000_000
 _MODEL = "Compton camera swarm"  # the schema has words and blanks only, and one run of other signs

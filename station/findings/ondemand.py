@@ -9,11 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.identity import Identity
-from station.hub import Hub
+from radron.protocol.identity import Identity
+from radron.station.hub import Hub
 
 if TYPE_CHECKING:
-    from station.replay import Records
+    from radron.station.replay import Records
 
 
 def reports(
@@ -26,9 +26,9 @@ def reports(
     """
 
     async def report() -> bytes:
-        await asyncio.to_thread(import_module, "station.findings.command")  # seconds, while pages are served
-        from station.findings.command import zipped  # noqa: PLC0415
-        from station.findings.facts import facts_of, of_records, of_station  # noqa: PLC0415
+        await asyncio.to_thread(import_module, "radron.station.findings.command")  # seconds, while pages are served
+        from radron.station.findings.command import zipped  # noqa: PLC0415
+        from radron.station.findings.facts import facts_of, of_records, of_station  # noqa: PLC0415
 
         live = of_station({"radron": version("radron")}, hub.picture.orders)
         source = live if records is None else await asyncio.to_thread(of_records, paths, records)

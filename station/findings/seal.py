@@ -1,7 +1,8 @@
 """The signature of a report: the checksums of its files, among them the log's digest, signed by a member of the swarm (Ed25519).
 
 The checksums have the format of ``sha256sum``, the signature is of the checksums' file as written: both can be verified without
-radron. Everything else that members sign begins with other words (``protocol.signing``): no signature counts for another purpose.
+radron. Everything else that members sign begins with other words (``radron.protocol.signing``): no signature counts for another
+purpose.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from pathlib import Path
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509 import load_der_x509_certificate, load_pem_x509_certificate
 
-from protocol.errors import ProtocolError
-from protocol.identity import Authority, Identity, Peer, utc
-from station.findings.facts import Findings, FindingsError
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Authority, Identity, Peer, utc
+from radron.station.findings.facts import Findings, FindingsError
 
 DIGEST, SUMS, SIGNATURE, SIGNER = "digest.txt", "SHA256SUMS", "SHA256SUMS.sig", "signer.pem"
 _LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9_.-]+)")

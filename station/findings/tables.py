@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from station.findings.facts import Findings
+from radron.station.findings.facts import Findings
 
 
 def tracks_csv(findings: Findings) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import get_coordinates, linestrings, simplify
 
-from agent.fusion.observation import ConeObservation
-from agent.terrain.ground import Ground
-from station.picture.frame import Point
+from radron.agent.fusion.observation import ConeObservation
+from radron.agent.terrain.ground import Ground
+from radron.station.picture.frame import Point
 
 REACH_M = 150.0  # curves farther away are of no use to an operator
 DETAIL_M = 0.1  # largest deviation of a drawn curve from the computed curve

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from station.picture.frame import DroneFrame, Event, Frame
-from station.picture.orders import Heard
+from radron.station.picture.frame import DroneFrame, Event, Frame
+from radron.station.picture.orders import Heard
 
 
 def told(order: Heard, at_ms: int) -> Event:

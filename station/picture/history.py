@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import msgspec
 from msgspec import Raw
 
-from station.picture.frame import ConeCurve, Event, Frame
-from station.picture.overview import Overview
+from radron.station.picture.frame import ConeCurve, Event, Frame
+from radron.station.picture.overview import Overview
 
 FRAME_MS = 1000  # interval of the frames kept
 RASTER_MS = 2000

@@ -8,11 +8,11 @@ from collections.abc import Collection
 
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform
-from protocol.entries import Exposure
-from protocol.messages import Estimate, Frame, Plan, Pose, Status
-from protocol.spectrum import BINS
-from station.picture.frame import DroneFrame, DroneSpectrum, Point
+from radron.agent.frames.transform import Transform
+from radron.protocol.entries import Exposure
+from radron.protocol.messages import Estimate, Frame, Plan, Pose, Status
+from radron.protocol.spectrum import BINS
+from radron.station.picture.frame import DroneFrame, DroneSpectrum, Point
 
 STALE_S = 1.5  # a drone is drawn as stale after this time without any message; poses come ten times a second
 RATES_S = 3.0  # averaging time of count rates

@@ -8,7 +8,7 @@ from math import dist
 
 from msgspec.structs import replace
 
-from station.picture.frame import SourceFrame
+from radron.station.picture.frame import SourceFrame
 
 KNOWN_MS = 15_000  # a freed number is not reused for this time: receivers still show its last source
 APART_M, APART_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of both counts

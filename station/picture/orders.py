@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from protocol.messages import Command, Obeyed, Order, Status, Upload
-from protocol.signing import Member, Verifier
+from radron.protocol.messages import Command, Obeyed, Order, Status, Upload
+from radron.protocol.signing import Member, Verifier
 
 OBEYED, UNSURE, TAKEN = "obeyed", "obeyed, or overtaken by another order", "taken over"
 OVERTAKEN = "overtaken by another order"

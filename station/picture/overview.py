@@ -6,7 +6,7 @@ import math
 from array import array
 from bisect import bisect_right
 
-from station.picture.frame import Frame, Point
+from radron.station.picture.frame import Frame, Point
 
 MOST_ROWS = 600  # of a flight: more than a chart has columns
 TRAIL_MS = 60_000

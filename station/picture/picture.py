@@ -12,24 +12,24 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.beyond import bearing_beyond
-from agent.config.mission import MissionConfig
-from agent.frames.geodesy import geodetic_from_mission
-from agent.fusion.estimator import Hypothesis, Outlook
-from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.registry import Estimators, estimator_named
-from agent.terrain.ground import Ground
-from protocol.codec import decode_from
-from protocol.entries import Cone, Entry, Exposure
-from protocol.errors import ProtocolError
-from protocol.messages import AnyDroneMessage, Order, Status
-from protocol.revocations import Revocation, Revoked
-from protocol.signing import Verifier
-from protocol.spectrum import EDGES_KEV, unknown_nuclide
-from station.picture.curves import ground_curves
-from station.picture.dose import rate_usvph
-from station.picture.events import Events, told
-from station.picture.frame import (
+from radron.agent.config.beyond import bearing_beyond
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.agent.fusion.estimator import Hypothesis, Outlook
+from radron.agent.fusion.observation import ConeObservation, observe
+from radron.agent.fusion.registry import Estimators, estimator_named
+from radron.agent.terrain.ground import Ground
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Cone, Entry, Exposure
+from radron.protocol.errors import ProtocolError
+from radron.protocol.messages import AnyDroneMessage, Order, Status
+from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.signing import Verifier
+from radron.protocol.spectrum import EDGES_KEV, unknown_nuclide
+from radron.station.picture.curves import ground_curves
+from radron.station.picture.dose import rate_usvph
+from radron.station.picture.events import Events, told
+from radron.station.picture.frame import (
     ConeCurve,
     DroneFrame,
     Event,
@@ -41,11 +41,11 @@ from station.picture.frame import (
     SourceFrame,
     Spectra,
 )
-from station.picture.member import Member
-from station.picture.numbering import Numbering
-from station.picture.orders import Orders
-from station.picture.rasters import Rasters
-from station.picture.swarmlog import SwarmLog
+from radron.station.picture.member import Member
+from radron.station.picture.numbering import Numbering
+from radron.station.picture.orders import Orders
+from radron.station.picture.rasters import Rasters
+from radron.station.picture.swarmlog import SwarmLog
 
 NINETY = math.sqrt(4.605170185988092)  # radius of the region of 90 %, in sigmas: the 0.9 quantile of chi squared with 2 degrees
 MOST_CURVES = 200  # waiting for the page

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import Hypothesis, Outlook
-from agent.fusion.posterior import Posterior
-from station.picture.dose import expected_usvph
-from station.picture.frame import Point, Raster
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import Hypothesis, Outlook
+from radron.agent.fusion.posterior import Posterior
+from radron.station.picture.dose import expected_usvph
+from radron.station.picture.frame import Point, Raster
 
 CELLS = 128  # along the longer side of a layer
 SEARCH_CELLS = 64  # of the dose rate while thousands of places are possible

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from station.picture.dose import HEIGHT_M, rate_usvph
-from station.picture.frame import Point, SourceFrame
+from radron.station.picture.dose import HEIGHT_M, rate_usvph
+from radron.station.picture.frame import Point, SourceFrame
 
 CORDON_USVPH = 10.0
 

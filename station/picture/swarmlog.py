@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform
-from agent.fusion.engine import Fusion
-from agent.fusion.exchange import LogExchange
-from agent.fusion.posterior import Posterior, posterior_of
-from agent.fusion.proofs import Proofs
-from agent.fusion.registry import Estimators, estimator_named
-from agent.fusion.revocations import Revocations
-from agent.mission.worldmodel import WorldModel
-from protocol.entries import Entry
-from protocol.messages import Status
-from protocol.revocations import Revocation
-from protocol.signing import Verifier
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.engine import Fusion
+from radron.agent.fusion.exchange import LogExchange
+from radron.agent.fusion.posterior import Posterior, posterior_of
+from radron.agent.fusion.proofs import Proofs
+from radron.agent.fusion.registry import Estimators, estimator_named
+from radron.agent.fusion.revocations import Revocations
+from radron.agent.mission.worldmodel import WorldModel
+from radron.protocol.entries import Entry
+from radron.protocol.messages import Status
+from radron.protocol.revocations import Revocation
+from radron.protocol.signing import Verifier
 
 
 class SwarmLog:

@@ -22,15 +22,15 @@ from foxglove.messages import (
     Vector3,
 )
 
-from agent import geometry
-from agent.frames.transform import Transform
-from protocol import messages
-from protocol.entries import Exposure
-from protocol.spectrum import BINS, EDGES_KEV
-from station.picture.frame import DroneFrame, Raster, SourceFrame
-from station.picture.rasters import DECADE, LEAST_USVPH
-from station.viewers.scene import moment
-from station.viewers.topics import BODY, LOCAL, MISSION, CountsTable, DroneTable, SourceTable, SpectrumTable
+from radron.agent import geometry
+from radron.agent.frames.transform import Transform
+from radron.protocol import messages
+from radron.protocol.entries import Exposure
+from radron.protocol.spectrum import BINS, EDGES_KEV
+from radron.station.picture.frame import DroneFrame, Raster, SourceFrame
+from radron.station.picture.rasters import DECADE, LEAST_USVPH
+from radron.station.viewers.scene import moment
+from radron.station.viewers.topics import BODY, LOCAL, MISSION, CountsTable, DroneTable, SourceTable, SpectrumTable
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 _MIDDLES_KEV = tuple(round(0.5 * (low + high), 2) for low, high in pairwise(EDGES_KEV))

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from xml.etree import ElementTree
 
-from agent.config.mission import DatumConfig
-from agent.frames.geodesy import geodetic_from_mission
-from station.picture.frame import DroneFrame, Frame, MissionFrame, SourceFrame
-from station.picture.numbering import numbered
-from station.picture.shapes import CORDON_USVPH, cordon_radius_m, region
+from radron.agent.config.mission import DatumConfig
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.station.picture.frame import DroneFrame, Frame, MissionFrame, SourceFrame
+from radron.station.picture.numbering import numbered
+from radron.station.picture.shapes import CORDON_USVPH, cordon_radius_m, region
 
 DRONE, SPOT, POLYGON, CIRCLE = "a-f-A-M-H-Q", "b-m-p-s-m", "u-d-f", "u-d-c-c"  # friendly rotary-wing drone; marks and drawings
 DRONE_STALE_S, SOURCE_STALE_S = 5.0, 15.0

@@ -12,17 +12,26 @@ from typing import NamedTuple, Protocol
 import msgspec
 from foxglove.messages import Log, LogLevel
 
-from agent.frames.transform import Transform
-from agent.geometry import Vector3
-from agent.terrain.ground import Ground
-from protocol.entries import Entry, Exposure
-from station.picture.frame import ConeCurve, DroneFrame, Event, Frame, Raster
-from station.picture.history import CONES_MS
-from station.picture.picture import Picture
-from station.viewers import topics
-from station.viewers.convert import counts_table, drone_table, grid, planned, posed_in, source_table, spectrum_table, transforms
-from station.viewers.onearth import OnEarth
-from station.viewers.scene import Scene, moment
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Vector3
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import Entry, Exposure
+from radron.station.picture.frame import ConeCurve, DroneFrame, Event, Frame, Raster
+from radron.station.picture.history import CONES_MS
+from radron.station.picture.picture import Picture
+from radron.station.viewers import topics
+from radron.station.viewers.convert import (
+    counts_table,
+    drone_table,
+    grid,
+    planned,
+    posed_in,
+    source_table,
+    spectrum_table,
+    transforms,
+)
+from radron.station.viewers.onearth import OnEarth
+from radron.station.viewers.scene import Scene, moment
 
 SLOW_NS = 1_000_000_000  # interval of everything but poses and plans
 AREA_NS = 2_000_000_000  # area and fence are repeated for later connections

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 
-from station.picture.frame import MissionFrame
-from station.viewers import topics
-from station.viewers.scene import COLOURS, RED
+from radron.station.picture.frame import MissionFrame
+from radron.station.viewers import topics
+from radron.station.viewers.scene import COLOURS, RED
 
 Panels = dict[str, dict[str, object]]
 Split = dict[str, object] | str

@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 import msgspec
 from msgspec import Struct
 
-from station.hub import Hub
-from station.picture.frame import ConeCurve, Event, Frame, Raster
-from station.viewers.foxglove import Foxglove, Message
+from radron.station.hub import Hub
+from radron.station.picture.frame import ConeCurve, Event, Frame, Raster
+from radron.station.viewers.foxglove import Foxglove, Message
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 SITE = "https://app.foxglove.dev"  # origin of Foxglove in a browser

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 
 from foxglove.messages import GeoJson, LocationFix, LocationFixPositionCovarianceType
 
-from agent.config.mission import DatumConfig
-from agent.frames.geodesy import geodetic_from_mission
-from agent.frames.transform import Transform
-from protocol.messages import Pose
-from station.picture.frame import DroneFrame, MissionFrame, Point, SourceFrame
-from station.picture.numbering import numbered
-from station.picture.shapes import circle, cordon_radius_m, region
-from station.viewers.scene import colour_of, moment, shade
-from station.viewers.topics import MISSION
+from radron.agent.config.mission import DatumConfig
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.agent.frames.transform import Transform
+from radron.protocol.messages import Pose
+from radron.station.picture.frame import DroneFrame, MissionFrame, Point, SourceFrame
+from radron.station.picture.numbering import numbered
+from radron.station.picture.shapes import circle, cordon_radius_m, region
+from radron.station.viewers.scene import colour_of, moment, shade
+from radron.station.viewers.topics import MISSION
 
 _BLACK, _RED = "#111111", "#a33b00"
 

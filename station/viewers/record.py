@@ -9,15 +9,15 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
-from agent.errors import FlightRecordError
-from agent.outputs import replacing
-from station.hub import Hub
-from station.picture.frame import ConeCurve, Event, Frame, Raster
-from station.picture.picture import Picture
-from station.replay import Records, play
-from station.viewers.foxglove import Foxglove, Message
-from station.viewers.layout import layout
-from station.viewers.topics import Topic
+from radron.agent.errors import FlightRecordError
+from radron.agent.outputs import replacing
+from radron.station.hub import Hub
+from radron.station.picture.frame import ConeCurve, Event, Frame, Raster
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
+from radron.station.viewers.foxglove import Foxglove, Message
+from radron.station.viewers.layout import layout
+from radron.station.viewers.topics import Topic
 
 STEP_MS = 100  # interval of the frames, equal to the drones' poses
 

@@ -24,12 +24,12 @@ from foxglove.messages import (
     Vector3,
 )
 
-from agent.geometry import Vector3 as Vector
-from agent.terrain.ground import Ground
-from station.picture.frame import ConeCurve, DroneFrame, MissionFrame, Point, SourceFrame
-from station.picture.numbering import numbered
-from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
-from station.viewers.topics import BODY, MISSION
+from radron.agent.geometry import Vector3 as Vector
+from radron.agent.terrain.ground import Ground
+from radron.station.picture.frame import ConeCurve, DroneFrame, MissionFrame, Point, SourceFrame
+from radron.station.picture.numbering import numbered
+from radron.station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
+from radron.station.viewers.topics import BODY, MISSION
 
 BLACK, GREY, RED, YELLOW = (0.07, 0.07, 0.07), (0.45, 0.45, 0.45), (0.64, 0.23, 0.0), (0.94, 0.89, 0.26)
 # colour-blind-safe (Okabe and Ito 2008)

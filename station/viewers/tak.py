@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from agent.errors import RadronError
-from station.picture.frame import ConeCurve, Event, Frame, Raster
-from station.picture.picture import Picture
-from station.viewers.cot import CursorOnTarget
+from radron.agent.errors import RadronError
+from radron.station.picture.frame import ConeCurve, Event, Frame, Raster
+from radron.station.picture.picture import Picture
+from radron.station.viewers.cot import CursorOnTarget
 
 with warnings.catch_warnings():  # from the parts of pytak that need further packages
     warnings.simplefilter("ignore")

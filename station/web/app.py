@@ -15,16 +15,16 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from protocol.messages import Action
-from protocol.units import DroneId
-from station.draft import Draft, drafted, told
-from station.hub import Hub, encode
-from station.outbox import LET_GO, Page
-from station.web.beat import MAX_COMMAND_AGE_S, age_s, stamp
-from station.web.content import content
-from station.web.flood import Credit
-from station.web.guard import HEADERS, Guard
-from station.web.talk import talk
+from radron.protocol.messages import Action
+from radron.protocol.units import DroneId
+from radron.station.draft import Draft, drafted, told
+from radron.station.hub import Hub, encode
+from radron.station.outbox import LET_GO, Page
+from radron.station.web.beat import MAX_COMMAND_AGE_S, age_s, stamp
+from radron.station.web.content import content
+from radron.station.web.flood import Credit
+from radron.station.web.guard import HEADERS, Guard
+from radron.station.web.talk import talk
 
 PAGE = Path(__file__).parent.parent / "page"
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".svg": "image/svg+xml"}
@@ -41,7 +41,7 @@ class Wish(Struct, frozen=True, forbid_unknown_fields=True):
     ``command`` to ``drones`` (none: all), to check a changed mission (``draft``), or to ``upload`` it. ``drawn``: the page has
     drawn the newest state of the swarm. ``beat``: the page's time, sent regularly and repeated in the answer. ``number``: number
     of an order (command or upload), repeated in the answer. ``stamp``: the newest time stamp of the station that the page has
-    received, which limits the order's age (``station.web.beat``).
+    received, which limits the order's age (``radron.station.web.beat``).
     """
 
     live: bool = False

@@ -7,7 +7,7 @@ station or browser, or by a computer that slept; the page's clock does not matte
 
 from __future__ import annotations
 
-from protocol.elapsed import elapsed_s
+from radron.protocol.elapsed import elapsed_s
 
 MAX_COMMAND_AGE_S = 2.0  # of a command at the station; the page shows it as failed from then on
 

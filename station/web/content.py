@@ -9,9 +9,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from agent.errors import RadronError
-from station.hub import Hub
-from station.web.guard import HEADERS, Guard
+from radron.agent.errors import RadronError
+from radron.station.hub import Hub
+from radron.station.web.guard import HEADERS, Guard
 
 KEPT = {**HEADERS, "Cache-Control": "private, max-age=3600"}  # by the browser, while the map is moved
 NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'  # in place of a missing tile

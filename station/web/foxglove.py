@@ -8,11 +8,11 @@ import msgspec
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from station.outbox import LET_GO
-from station.viewers.live import PROTOCOLS, Client, LiveFoxglove, is_foxglove
-from station.web.flood import Credit
-from station.web.guard import Guard
-from station.web.talk import talk
+from radron.station.outbox import LET_GO
+from radron.station.viewers.live import PROTOCOLS, Client, LiveFoxglove, is_foxglove
+from radron.station.web.flood import Credit
+from radron.station.web.guard import Guard
+from radron.station.web.talk import talk
 
 MOST_CLIENTS = 8
 

@@ -11,12 +11,12 @@ import uvicorn
 from msgspec import Struct
 from starlette.routing import WebSocketRoute
 
-from agent.errors import RadronError
-from station.hub import Hub
-from station.web.app import application
-from station.web.connections import MAX_CONNECTIONS, BoundedHttp
-from station.web.guard import LOCAL, Guard
-from station.web.token import token_from
+from radron.agent.errors import RadronError
+from radron.station.hub import Hub
+from radron.station.web.app import application
+from radron.station.web.connections import MAX_CONNECTIONS, BoundedHttp
+from radron.station.web.guard import LOCAL, Guard
+from radron.station.web.token import token_from
 
 MAX_MESSAGE_BYTES = 65_536  # received on a socket: Foxglove subscribes to all topics of 30 drones at once
 Doors = Callable[[Guard], Sequence[WebSocketRoute]]

@@ -9,7 +9,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from station.outbox import LET_GO
+from radron.station.outbox import LET_GO
 
 
 async def talk(socket: WebSocket, *directions: Coroutine[Any, Any, object], code: Callable[[], int] = lambda: LET_GO) -> None:

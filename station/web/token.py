@@ -6,9 +6,9 @@ import re
 import secrets
 from pathlib import Path
 
-from agent.errors import RadronError
-from protocol.access import shared_mode
-from protocol.issuing import write_file
+from radron.agent.errors import RadronError
+from radron.protocol.access import shared_mode
+from radron.protocol.issuing import write_file
 
 MIN_TOKEN_CHARACTERS = 22  # 128 bits in the encoding of token_urlsafe
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{MIN_TOKEN_CHARACTERS},256}}")

@@ -6,8 +6,8 @@ from math import nan
 
 import pytest
 
-from agent.config.beyond import bearing_beyond, outside_texts
-from agent.config.mission import AreaConfig
+from radron.agent.config.beyond import bearing_beyond, outside_texts
+from radron.agent.config.mission import AreaConfig
 
 YARD = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 

@@ -8,11 +8,11 @@ import pytest
 from msgspec import inspect
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.loading import convert, load_mission, load_toml
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.config.section import Section, content_of
-from agent.errors import ConfigError, RadronError
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.loading import convert, load_mission, load_toml
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.config.section import Section, content_of
+from radron.agent.errors import ConfigError, RadronError
 
 MISSION = """
 name = "harbour"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from agent.errors import OutputError
-from agent.outputs import check_output, replacing, write_durably
+from radron.agent.errors import OutputError
+from radron.agent.outputs import check_output, replacing, write_durably
 
 
 def test_a_file_is_written_as_a_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -25,18 +25,18 @@ from one_pilot import (
     tracking,
 )
 
-from agent.config.drone import DroneConfig
-from agent.config.estimators import FusionConfig
-from agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import ConfigError
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from protocol.codec import decode_from, encode
-from protocol.entries import Exposure
-from protocol.errors import ProtocolError
-from protocol.keys import key_of
-from protocol.messages import Action, Plan, Pose, Stage, Status
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import ConfigError
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Exposure
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Plan, Pose, Stage, Status
 
 
 def test_a_drone_that_is_not_in_the_mission():

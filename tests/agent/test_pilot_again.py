@@ -3,11 +3,11 @@
 import pytest
 from one_pilot import SECOND, START_NS, command, cone_of, messages, started, state, tracking
 
-from agent.vehicle.interface import FlightMode, Request
-from protocol.codec import encode
-from protocol.entries import Coverage, Entry
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.codec import encode
+from radron.protocol.entries import Coverage, Entry
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
 
 AGAIN_NS = START_NS + 120 * SECOND
 GROUND = {"armed": False, "in_air": False, "position": (2.0, 1.0, 0.0)}

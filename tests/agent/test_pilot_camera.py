@@ -3,9 +3,9 @@
 import numpy as np
 from one_pilot import SECOND, START_NS, TICK_NS, messages, pilot, state
 
-from agent.detector.readout import PixelHits, Readout
-from protocol.codec import decode_from
-from protocol.messages import Stage, Status
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.protocol.codec import decode_from
+from radron.protocol.messages import Stage, Status
 
 
 def after_30_s(hits_of):

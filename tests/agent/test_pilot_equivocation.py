@@ -7,8 +7,8 @@ from members import AUTHORITY, cones, credential, give, trusting
 from msgspec.structs import replace
 from one_pilot import SECOND, START_NS, messages, state
 
-from protocol.messages import Status
-from protocol.signing import sign_entries
+from radron.protocol.messages import Status
+from radron.protocol.signing import sign_entries
 
 NUMBER = 17
 COUNTED = list(cones(range(1, NUMBER)))

@@ -2,11 +2,11 @@
 
 from one_pilot import AREA, MISSION, SECOND, START_NS, cone_of, pilot
 
-from agent.config.mission import MissionConfig
-from agent.fusion.exchange import MOST_BYTES, MOST_ENTRIES
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.summary import encode_summary
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.exchange import MOST_BYTES, MOST_ENTRIES
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.summary import encode_summary
 
 END_NS = START_NS + 3600 * SECOND
 OTHER = MissionConfig(name="other", area=AREA, drones=MISSION.drones)

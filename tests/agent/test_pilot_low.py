@@ -5,8 +5,8 @@ from math import hypot
 import pytest
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, fly, state, tracking
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Action, Stage
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Action, Stage
 
 
 @pytest.mark.parametrize(("before", "action"), [(Action.LAND, Action.RETURN), (None, Action.RESUME)])

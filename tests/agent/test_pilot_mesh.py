@@ -7,9 +7,9 @@ from contextlib import asynccontextmanager
 from meshes import endpoint, until
 from one_pilot import MISSION, SECOND, cone_of, pilot
 
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 
 @asynccontextmanager

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
-from protocol.messages import Status
+from radron.protocol.messages import Status
 
-beam = pytest.importorskip("sim.radiation.beam")
-camera = pytest.importorskip("sim.radiation.camera")
-truth = pytest.importorskip("sim.radiation.truth")
+beam = pytest.importorskip("radron.sim.radiation.beam")
+camera = pytest.importorskip("radron.sim.radiation.camera")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 
 def last_status(nuclide, activity_bq):

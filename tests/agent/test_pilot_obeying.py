@@ -6,15 +6,15 @@ from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, 
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 
-from agent.fusion.revocations import MOST_REFUSED
-from agent.mission.memory import Memory
-from agent.navigation.home import REVOKED_NO_NEARER_S
-from agent.vehicle.interface import FlightMode, Request
-from protocol.codec import decode
-from protocol.identity import Role
-from protocol.messages import Action, Pose, Stage
-from protocol.revocations import MOST_HELD, Revoked
-from protocol.signing import sign_obeying
+from radron.agent.fusion.revocations import MOST_REFUSED
+from radron.agent.mission.memory import Memory
+from radron.agent.navigation.home import REVOKED_NO_NEARER_S
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.codec import decode
+from radron.protocol.identity import Role
+from radron.protocol.messages import Action, Pose, Stage
+from radron.protocol.revocations import MOST_HELD, Revoked
+from radron.protocol.signing import sign_obeying
 
 
 def obeying(one, now_ns):

@@ -8,18 +8,18 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, fly, messages, partner, pilot, state, tracking
 
-from agent.config.mission import MissionConfig, TrackConfig
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform
-from agent.localization.poseproblems import NO_PLACE
-from agent.mission.memory import OLDEST_NS, REFRESH_NS, Memory
-from agent.navigation.identification import FoundResponse
-from agent.shell.statestore import State, decode_state, encode_state
-from agent.vehicle.interface import FlightMode, Request
-from protocol.codec import encode
-from protocol.entries import Coverage
-from protocol.keys import key_of
-from protocol.messages import Action, Plan, Pose, Stage, Status
+from radron.agent.config.mission import MissionConfig, TrackConfig
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.poseproblems import NO_PLACE
+from radron.agent.mission.memory import OLDEST_NS, REFRESH_NS, Memory
+from radron.agent.navigation.identification import FoundResponse
+from radron.agent.shell.statestore import State, decode_state, encode_state
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.codec import encode
+from radron.protocol.entries import Coverage
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Plan, Pose, Stage, Status
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 HOME = (5.0, 5.0, 3.0)

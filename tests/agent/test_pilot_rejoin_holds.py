@@ -2,9 +2,9 @@
 
 from one_pilot import SECOND, START_NS, TICK_NS, command, fly, pilot, state
 
-from agent.shell.statestore import State, decode_state, encode_state
-from agent.vehicle.interface import FlightMode, Request
-from protocol.messages import Stage
+from radron.agent.shell.statestore import State, decode_state, encode_state
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.messages import Stage
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 NEW_BOOT = "f" * 16

@@ -26,18 +26,18 @@ from members import (
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, fly, messages, partner, state
 
-from agent.config.drone import DroneConfig
-from agent.fusion.revocations import MOST_REFUSED
-from agent.mission.commanding import Verdict
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode
-from protocol.codec import decode, encode
-from protocol.entries import Coverage
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.messages import Action, Pose, Stage, Status
-from protocol.revocations import MOST_HELD, Revoked
-from protocol.signing import sign_entries
+from radron.agent.config.drone import DroneConfig
+from radron.agent.fusion.revocations import MOST_REFUSED
+from radron.agent.mission.commanding import Verdict
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codec import decode, encode
+from radron.protocol.entries import Coverage
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Pose, Stage, Status
+from radron.protocol.revocations import MOST_HELD, Revoked
+from radron.protocol.signing import sign_entries
 
 ANNA = AUTHORITY.trust("anna", Role.OPERATOR, may_revoke=True)
 OBEYED = Verdict()

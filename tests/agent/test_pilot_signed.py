@@ -6,15 +6,15 @@ from msgspec import UNSET
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, state
 
-from agent.mission.orders import NONCE_NS, START_AGE_NS
-from agent.vehicle.interface import FlightMode
-from protocol.codec import decode_from, encode
-from protocol.entries import Credential, Entry
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Stage, Status
-from protocol.signing import Verifier, sign_command, sign_status
-from sim.lockstep.members import OPERATOR_NAME
+from radron.agent.mission.orders import NONCE_NS, START_AGE_NS
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Credential, Entry
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Stage, Status
+from radron.protocol.signing import Verifier, sign_command, sign_status
+from radron.sim.lockstep.members import OPERATOR_NAME
 
 
 def ready():

@@ -5,13 +5,13 @@ from members import AUTHORITY, FOREIGN, OPERATOR, order, trusting
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
-from agent.vehicle.interface import FlightMode
-from protocol.codec import decode, encode
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.messages import MAX_ORDER_AGE_NS, Action, Answer, Stage, Status, Ticket, Upload
-from protocol.signing import sign_command, sign_status
-from sim.lockstep.members import OPERATOR_NAME
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codec import decode, encode
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Answer, Stage, Status, Ticket, Upload
+from radron.protocol.signing import sign_command, sign_status
+from radron.sim.lockstep.members import OPERATOR_NAME
 
 NEW = "abcdef0123456789"
 PARTS = (b"h" * 32,)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from agent.detector.files.t3pa import T3paReader
-from agent.errors import ConfigError, OutputError
-from agent.flight.reader import RecordedFlight
-from agent.inputs import read_text
-from agent.outputs import cache_folder, check_output
-from agent.terminal import run_command
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.errors import ConfigError, OutputError
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.inputs import read_text
+from radron.agent.outputs import cache_folder, check_output
+from radron.agent.terminal import run_command
 
 
 def ascii_terminal(monkeypatch):

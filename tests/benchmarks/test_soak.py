@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from benchmarks.soak import Series
+from soak import Series
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pytest
+from packet_loss import _ratio, _worst, lateness
 
-from agent.flight.reader import FlightRecord, RecordedFlight
-from agent.flight.topics import MESSAGE, PUBLICATION
-from benchmarks.packet_loss import _ratio, _worst, lateness
+from radron.agent.flight.reader import FlightRecord, RecordedFlight
+from radron.agent.flight.topics import MESSAGE, PUBLICATION
 
 LATE_NS = 2_000_000_000
 

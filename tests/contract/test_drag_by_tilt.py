@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from recorded_series import Recording, recordings
 
-from agent.navigation.drag import DragFilter
-from agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.navigation.drag import DragFilter
+from radron.agent.vehicle.interface import FlightMode, VehicleState
 
 STEP_S = 0.05
 MOVING = sorted(name for name in recordings() if "circle" in name or "square" in name)

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from recorded_px4 import NAMES, Look, Replay
 
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.trust import CONFIRM_S
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.trust import CONFIRM_S
 
 HERE = Path(__file__).parent / "recordings"
 TIMELINES = {one["name"]: one for one in json.loads(lzma.decompress((HERE / "timelines.json.xz").read_bytes()))}

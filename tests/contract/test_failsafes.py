@@ -6,8 +6,8 @@ import pytest
 from linked_px4 import Solo
 from pymavlink.dialects.v20 import development as mavlink
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Action, Stage
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Action, Stage
 
 LOST_S = 40.0  # after its last heartbeat; a takeoff takes half of that
 

@@ -9,9 +9,9 @@ from linked_px4 import Solo
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.mavlink.messages import ExtendedState, Heartbeat
-from protocol.messages import Action, Stage
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.mavlink.messages import ExtendedState, Heartbeat
+from radron.protocol.messages import Action, Stage
 
 SEEDS = range(30)  # each with other phases of all streams of telemetry
 HIGH = replace(MISSION, survey=replace(MISSION.survey, height_m=8.0))

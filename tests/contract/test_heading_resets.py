@@ -8,7 +8,7 @@ import pytest
 from one_pilot import MISSION, own_pose
 from recorded_flown import MAIN, V1_16, FlownReplay
 
-from agent.frames.graph import FrameGraph
+from radron.agent.frames.graph import FrameGraph
 
 NEAR_M = 0.6  # error of an estimate in flight, and of the mean on the ground from which it is counted
 

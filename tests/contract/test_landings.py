@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from linked_px4 import Solo
 
-from agent.mission.standing import STANDS_NS
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Action, Stage
+from radron.agent.mission.standing import STANDS_NS
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Action, Stage
 
 
 def landing(seed: int, disarms_s: float | None = None) -> Solo:

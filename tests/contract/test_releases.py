@@ -9,13 +9,13 @@ import pytest
 from linked_px4 import Solo
 from recorded_flown import MAIN, V1_16, HeadingReset, Recorded, heading_resets, recorded
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Action, Stage
-from sim.vehicle.px4.filter.heading import STEP_RAD
-from sim.vehicle.px4.mavlink.status import extended_sys_state
-from sim.vehicle.px4.mavlink.telemetry import attitude, hil_state, local_position
-from sim.vehicle.px4.release import ReleaseName
-from sim.world.localization import LocalizationTruth
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Action, Stage
+from radron.sim.vehicle.px4.filter.heading import STEP_RAD
+from radron.sim.vehicle.px4.mavlink.status import extended_sys_state
+from radron.sim.vehicle.px4.mavlink.telemetry import attitude, hil_state, local_position
+from radron.sim.vehicle.px4.release import ReleaseName
+from radron.sim.world.localization import LocalizationTruth
 
 SEEDS = range(8)
 RECORDED: dict[ReleaseName, tuple[str, ...]] = {"1.16": V1_16, "1.17": MAIN}

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from recorded_series import CHANGED, Recording, fly, is_for_fitting, recordings
 
-from sim.vehicle.multirotor import MultirotorTruth
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.vehicle.multirotor import MultirotorTruth
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 SEEDS = 10
 LAG_S, RADIUS_M = 0.06, 0.3

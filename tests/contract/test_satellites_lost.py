@@ -9,12 +9,12 @@ from itertools import pairwise
 import pytest
 from recorded_px4 import LOOK_S, Asked, Replay
 
-from agent.config.mission import TrackConfig
-from agent.mission.situation import Situation
-from agent.mission.stages import Mission
-from agent.mission.transitions import Event
-from agent.vehicle.interface import Request, Setpoint, VehicleCommand
-from protocol.messages import Action, Stage
+from radron.agent.config.mission import TrackConfig
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.stages import Mission
+from radron.agent.mission.transitions import Event
+from radron.agent.vehicle.interface import Request, Setpoint, VehicleCommand
+from radron.protocol.messages import Action, Stage
 
 SECOND = 1_000_000_000
 SET_MODE, LAND = 176, 21
@@ -109,7 +109,7 @@ def test_a_loss_of_five_seconds_is_survived_where_it_is_certainly_high_enough(mo
     assert {mode for time_s, mode in high.modes(lost_s) if time_s < trusted_s} == {"hold"}
     assert high.setpoints(trusted_s + 0.3)
     assert not any("not in offboard" in (high.mission.unsteered(round(time_s * SECOND)) or "") for time_s, _ in high.stages)
-    monkeypatch.setattr("agent.mission.positionloss.NEAR_GROUND_M", 1.5)
+    monkeypatch.setattr("radron.agent.mission.positionloss.NEAR_GROUND_M", 1.5)
     low = Flown(name)
     assert low.mission.stage is Stage.LANDING
     assert low.setpoints(lost_s + 1.3) == []

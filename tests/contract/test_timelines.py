@@ -20,8 +20,8 @@ from px4_delays import DELAYS, Flown, delays
 from px4_replay import STEP_S, Replay, recordings, replay, start
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
-from sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
+from radron.sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
+from radron.sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
 
 pytestmark = pytest.mark.slow  # 25 minutes of recordings, replayed
 

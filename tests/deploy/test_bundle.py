@@ -14,19 +14,26 @@ import pytest
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from onboard import NEW, OLD, OnboardFiles, well
 
-from agent.update.errors import UpdateError as Refused
-from agent.update.install import Updater, run_told
-from deploy.image.errors import ImageError
-from deploy.image.layout import IMAGE_BYTES, ROOT_A
-from deploy.image.tools import run
-from deploy.pki import release
-from deploy.pki.authority import PkiFolder
-from deploy.update import bundle
-from deploy.update.bundle import BundleManifest, build_bundle, extract_root, manifest_file, read_bundle_manifest, write_bundle
-from deploy.update.errors import UpdateError
-from protocol.identity import Role
-from protocol.messages import Stage
-from protocol.onboard import Needs, Release, Report, Trial
+from radron.agent.update.errors import UpdateError as Refused
+from radron.agent.update.install import Updater, run_told
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import IMAGE_BYTES, ROOT_A
+from radron.deploy.image.tools import run
+from radron.deploy.pki import release
+from radron.deploy.pki.authority import PkiFolder
+from radron.deploy.update import bundle
+from radron.deploy.update.bundle import (
+    BundleManifest,
+    build_bundle,
+    extract_root,
+    manifest_file,
+    read_bundle_manifest,
+    write_bundle,
+)
+from radron.deploy.update.errors import UpdateError
+from radron.protocol.identity import Role
+from radron.protocol.messages import Stage
+from radron.protocol.onboard import Needs, Release, Report, Trial
 
 LACKING = [name for name in ("rauc", "mksquashfs") if shutil.which(name) is None]
 needs_rauc = pytest.mark.skipif(

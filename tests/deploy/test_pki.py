@@ -12,9 +12,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from deploy.cli import main
-from deploy.pki.authority import PkiFolder
-from protocol.identity import IdentityError, Role, load_identity
+from radron.deploy.cli import main
+from radron.deploy.pki.authority import PkiFolder
+from radron.protocol.identity import IdentityError, Role, load_identity
 
 PASSPHRASE = "four quite ordinary words"
 NOW_NS = 1_800_000_000_000_000_000
@@ -139,7 +139,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     """Runs the command in the test's folder: exit code, standard output and error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr("deploy.pki.command.time", SimpleNamespace(time_ns=lambda: NOW_NS))
+    monkeypatch.setattr("radron.deploy.pki.command.time", SimpleNamespace(time_ns=lambda: NOW_NS))
 
     def run(*arguments: str, passphrase: str | None = PASSPHRASE) -> tuple[int, str, str]:
         monkeypatch.setenv("RADRON_PKI_PASSPHRASE", passphrase or "")
@@ -224,7 +224,7 @@ def test_a_disk_that_takes_nothing_is_named(pki: PkiFolder, command: Command, mo
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     issue(pki, "d1")
-    monkeypatch.setattr("deploy.pki.authority.write_file", full)
+    monkeypatch.setattr("radron.deploy.pki.authority.write_file", full)
     code, _, wrong = command("revoke", "d1", "--pki", str(pki.folder))
     assert (code, wrong) == (
         2,

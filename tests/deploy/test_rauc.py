@@ -14,12 +14,11 @@ from pathlib import Path
 import pytest
 from onboard import NEW, OLD, OnboardFiles, well
 
-from agent.update.errors import UpdateError
-from agent.update.install import Updater, run_told
-from deploy.pki.authority import PkiFolder
-from protocol.identity import Role
+from radron.agent.update.errors import UpdateError
+from radron.agent.update.install import Updater, run_told
+from radron.deploy.pki.authority import PkiFolder
+from radron.protocol.identity import Role
 
-ROOT = Path(__file__).parents[2]
 LACKING = [name for name in ("rauc", "dbus-daemon", "mksquashfs") if shutil.which(name) is None]
 BUS = """<busconfig><type>system</type><listen>unix:path={folder}/bus</listen><auth>EXTERNAL</auth>
 <policy context="default"><allow send_destination="*" eavesdrop="true"/><allow eavesdrop="true"/><allow own="*"/><allow user="*"/>
@@ -63,7 +62,7 @@ class Rauc:
         pki = PkiFolder(folder / "pki")
         pki.init("radron", lambda: "four quite ordinary words", time.time_ns())
         pki.issue("builder", Role.RELEASE, None, folder / "builder", lambda: "four quite ordinary words", time.time_ns())
-        code = f"from pathlib import Path; import sys; sys.path.insert(0, {str(ROOT)!r}); from agent.update.slots import Slots; "
+        code = "from pathlib import Path; import sys; from radron.agent.update.slots import Slots; "
         code += f"print(Slots(Path({str(self.files.grubenv)!r}), Path({str(self.files.cmdline)!r})).answer(*sys.argv[1:]))"
         (folder / "bootloader").write_text(f'#!/bin/sh\nexec {sys.executable} -c {shlex.quote(code)} "$@"\n')
         (folder / "bootloader").chmod(0o755)

@@ -14,7 +14,7 @@ import pytest
 from meshes import free_port
 from sshserver import LACKING, ssh_server
 
-from deploy.remote import Host, RemoteError, at_all, fetch, run, send
+from radron.deploy.remote import Host, RemoteError, at_all, fetch, run, send
 
 pytestmark = pytest.mark.skipif(LACKING is not None, reason=LACKING or "")
 

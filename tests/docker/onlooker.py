@@ -13,12 +13,12 @@ import time
 import tomllib
 from pathlib import Path
 
-from agent.config.loading import load_mission
-from protocol.codec import decode_from
-from protocol.errors import ProtocolError
-from protocol.identity import load_identity
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Estimate, Pose, Status
+from radron.agent.config.loading import load_mission
+from radron.protocol.codec import decode_from
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import load_identity
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Estimate, Pose, Status
 
 PERIOD_S = 0.5
 FRESH_S = 2.5  # a status comes each second

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-from agent.shell.overrides import load_drone
-from sim.scenario import load_scenario, override
+from radron.agent.shell.overrides import load_drone
+from radron.sim.scenario import load_scenario, override
 
 ROOT = Path(__file__).resolve().parents[2]
 AGENTS = {f"agent-{i}": i for i in range(1, 11)}

@@ -75,7 +75,7 @@ def test_the_swarm_flies_and_closes_the_gap_of_a_killed_agent(composition: Compo
 
 
 def test_an_agent_has_nothing_of_the_simulation_and_few_rights(composition: Composition) -> None:
-    for module in ("sim", "pymavlink", "numba", "matplotlib"):
+    for module in ("radron.sim", "pymavlink", "numba", "matplotlib"):
         found = composition.compose("run", "--rm", "--no-deps", "--entrypoint", "python", "agent-4", "-c",
             f"import importlib.util; print(importlib.util.find_spec({module!r}))", within_s=30.0)  # fmt: skip
         assert found.strip() == "None"

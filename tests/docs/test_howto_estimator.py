@@ -6,8 +6,8 @@ import sys
 import docs_pages
 import pytest
 
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
 
 
 @pytest.fixture

@@ -8,16 +8,16 @@ from pathlib import Path
 import docs_pages
 import pytest
 
-from agent.config.drone import DroneConfig
-from agent.config.estimators import FusionConfig, GivenHypothesisConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
-from agent.detector.drivers.feed import FeedDetector
-from agent.pilot import Pilot
-from agent.sensing.sighting_feed import SightingsFeed
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Action, Command, Stage
-from sim.scenario import load_scenario
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig, GivenHypothesisConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
+from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.pilot import Pilot
+from radron.agent.sensing.sighting_feed import SightingsFeed
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Command, Stage
+from radron.sim.scenario import load_scenario
 
 SECOND = 1_000_000_000
 

@@ -24,8 +24,7 @@ def outputs(notebook):
 
 
 @pytest.mark.slow
-def test_it_runs_and_prints_what_it_is_about(monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(docs_pages.ROOT))
+def test_it_runs_and_prints_what_it_is_about():
     text, pictures = outputs(run_notebook().executed(NOTEBOOK))
     assert "Source estimate: (" in text
     assert "grid" in text

@@ -10,20 +10,20 @@ import pytest
 import typer
 import typer.main
 
-import agent.cli
-import deploy.cli
-import sim.cli
-import station.cli
-from agent.config.drone import DroneConfig
-from agent.config.loading import convert
-from agent.config.mission import MissionConfig
-from deploy.fleet.config import FleetConfig
+import radron.agent.cli
+import radron.deploy.cli
+import radron.sim.cli
+import radron.station.cli
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.loading import convert
+from radron.agent.config.mission import MissionConfig
+from radron.deploy.fleet.config import FleetConfig
 
 PROGRAMS = {
-    "radron-agent": agent.cli.app,
-    "radron-sim": sim.cli.app,
-    "radron-deploy": deploy.cli.app,
-    "radron-station": station.cli.app,
+    "radron-agent": radron.agent.cli.app,
+    "radron-sim": radron.sim.cli.app,
+    "radron-deploy": radron.deploy.cli.app,
+    "radron-station": radron.station.cli.app,
 }
 APPS = {name: typer.main.get_command(app) for name, app in PROGRAMS.items()}
 NAMES = [str(page.relative_to(docs_pages.ROOT)) for page in docs_pages.written()]
@@ -116,7 +116,7 @@ def check_toml(text, kind, where):
 
 
 def sim_scenario():
-    from sim.scenario import Scenario  # noqa: PLC0415
+    from radron.sim.scenario import Scenario  # noqa: PLC0415
 
     return Scenario
 

@@ -8,13 +8,13 @@ import docs_pages
 import msgspec
 import pytest
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from deploy.fleet.config import FleetConfig
-from protocol.messages import KINDS, Action, Stage
-from sim import api
-from sim.result import RunResult, Trace
-from sim.scenario import Scenario
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.deploy.fleet.config import FleetConfig
+from radron.protocol.messages import KINDS, Action, Stage
+from radron.sim import api
+from radron.sim.result import RunResult, Trace
+from radron.sim.scenario import Scenario
 
 
 def struct_types(kind, leave_out=()):
@@ -75,7 +75,9 @@ def test_all_of_the_api_and_its_results_are_there(reference):
     for field in (*RunResult.__struct_fields__, *Trace.__dataclass_fields__):
         assert f"`{field}`" in page
     public = {
-        name for name, value in vars(api).items() if isinstance(value, types.FunctionType) and value.__module__ == "sim.api"
+        name
+        for name, value in vars(api).items()
+        if isinstance(value, types.FunctionType) and value.__module__ == "radron.sim.api"
     }
     assert {name for name in public if not name.startswith("_")} <= set(api.__all__)
 

@@ -12,7 +12,7 @@ import pytest
 def test_the_own_scenario_flies_and_the_own_figure_is_drawn(tmp_path):
     written = docs_pages.files(docs_pages.DOCS / "tutorial.md", tmp_path)
     assert {path.name for path in written} == {"corner.toml", "figure.py"}
-    environment = {**os.environ, "PYTHONPATH": str(docs_pages.ROOT), "MPLBACKEND": "agg"}
+    environment = {**os.environ, "MPLBACKEND": "agg"}
     run = subprocess.run(
         [sys.executable, "figure.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )

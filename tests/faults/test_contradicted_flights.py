@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.mission.telling import LEFT_OUT
-from protocol.messages import Stage
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
+from radron.agent.mission.telling import LEFT_OUT
+from radron.protocol.messages import Stage
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
 
 SPOOFED = {"kind": "spoofed", "target": "d2", "at_s": 40.0, "speed_mps": 1.0, "most_m": 9.0}
 

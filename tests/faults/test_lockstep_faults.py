@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from agent.errors import ConfigError
-from protocol.messages import Stage
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
-from sim.scoring.moment import EPOCH_NS
+from radron.agent.errors import ConfigError
+from radron.protocol.messages import Stage
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.moment import EPOCH_NS
 
 
 class Seen:

@@ -24,7 +24,7 @@ STANDIN = f"""
 import json, sys
 from importlib.util import find_spec
 from pathlib import Path
-assert Path(find_spec("agent.fusion").origin).is_relative_to(Path.cwd()), "the packages flown are not those with the bug"
+assert Path(find_spec("radron.agent.fusion").origin).is_relative_to(Path.cwd()), "the packages flown are not those with the bug"
 given = [one for one in sys.argv[1:] if one != "--first"]
 options = dict(zip(given[::2], given[1::2]))
 seed, out = int(options["--seed"]), Path(options["--out"])

@@ -6,9 +6,9 @@ The seeds are none that anything was tuned on, and are not chosen: they are the 
 
 import pytest
 
-from sim.campaign.faults.course import FULL, SHORT, Course
-from sim.campaign.faults.mission import Mission, fly_mission
-from sim.campaign.faults.summary import told
+from radron.sim.campaign.faults.course import FULL, SHORT, Course
+from radron.sim.campaign.faults.mission import Mission, fly_mission
+from radron.sim.campaign.faults.summary import told
 
 
 def violations(seed: int, course: Course) -> str:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from protocol.messages import Stage
-from sim.faults.agents import Disk, Kill, Partition
-from sim.faults.machines import Takeover
-from sim.lockstep.flight import fly, watched
-from sim.scenario import load_scenario, override
-from sim.scoring.safety import OFF_GROUND_M
+from radron.protocol.messages import Stage
+from radron.sim.faults.agents import Disk, Kill, Partition
+from radron.sim.faults.machines import Takeover
+from radron.sim.lockstep.flight import fly, watched
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.safety import OFF_GROUND_M
 
 LEAST_M = 2.5
 BESIDE_M = 5.0  # a vehicle that returns without its agent, in its layer, may pass over others by more than this

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from sim.campaign.workers import cores
+from radron.sim.campaign.workers import cores
 from tests.fuzz.runner import Journal, Outcome, chunks, keep, run
 from tests.fuzz.target import run_case
 from tests.fuzz.targets import TARGETS

@@ -12,20 +12,20 @@ from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
 from recorded_flights import rewritten
 
-from agent.config.drone import DroneConfig
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import RadronError
-from agent.flight.audit import audit
-from agent.flight.audit_command import lines
-from agent.flight.header import FlightHeader
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.replay import replay
-from agent.flight.segment import Segment, segment_path
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
-from protocol.codec import encode
-from protocol.keys import key_of
+from radron.agent.config.drone import DroneConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import RadronError
+from radron.agent.flight.audit import audit
+from radron.agent.flight.audit_command import lines
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.replay import replay
+from radron.agent.flight.segment import Segment, segment_path
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
 from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 

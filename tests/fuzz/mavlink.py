@@ -16,18 +16,18 @@ from mavsdk_json import fields_of
 from one_pilot import MISSION
 from pymavlink.dialects.v20 import common
 
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.config.mission import DatumConfig, DroneInMission
-from agent.pilot import Pilot
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import GnssFix, Request, Setpoint, VehicleCommand, VehicleState
-from agent.vehicle.mavlink.link import Link
-from agent.vehicle.mavlink.messages import DECODERS
-from agent.vehicle.px4 import Px4Vehicle
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.world.localization import Localization, LocalizationTruth
+from radron.agent.config.drone import DroneConfig, VehicleConfig
+from radron.agent.config.mission import DatumConfig, DroneInMission
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import GnssFix, Request, Setpoint, VehicleCommand, VehicleState
+from radron.agent.vehicle.mavlink.link import Link
+from radron.agent.vehicle.mavlink.messages import DECODERS
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.world.localization import Localization, LocalizationTruth
 from tests.fuzz.mutation import broken, mutated
 from tests.fuzz.packets import from_companion, odd_payload, recorded
 from tests.fuzz.target import Probe, Target, expect

@@ -15,14 +15,14 @@ import msgspec
 from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, nonce_key_of, state
 
-from agent.config.drone import DroneConfig
-from agent.config.estimators import FusionConfig
-from agent.config.mission import DatumConfig, DroneInMission, MissionConfig
-from agent.pilot import Pilot, Step
-from agent.vehicle.interface import FlightMode
-from protocol.codec import decode_from, encode
-from protocol.keys import drone_key, key_of, station_key
-from protocol.messages import DRONE_KINDS, KINDS, STATION_KINDS, Status
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import DatumConfig, DroneInMission, MissionConfig
+from radron.agent.pilot import Pilot, Step
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.keys import drone_key, key_of, station_key
+from radron.protocol.messages import DRONE_KINDS, KINDS, STATION_KINDS, Status
 from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
 from tests.fuzz.target import Probe, Target, expect
 from tests.fuzz.valid import documents

@@ -8,14 +8,14 @@ from random import Random
 
 import numpy as np
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.drivers.t3pa import playback
-from agent.detector.files.calibration import Calibration
-from agent.detector.files.t3pa import T3paReader, readouts
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import DetectorError
-from sim.radiation.t3pa import T3paWriter
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.drivers.t3pa import playback
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.files.t3pa import T3paReader, readouts
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import DetectorError
+from radron.sim.radiation.t3pa import T3paWriter
 from tests.fuzz.mutation import broken, broken_text
 from tests.fuzz.target import Probe, Target, expect
 

@@ -11,16 +11,16 @@ import numpy as np
 import structlog
 from one_pilot import MISSION, SECOND, START_NS, state
 
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.frames.kept import KeptFrame, KeptTransform
-from agent.mission.memory import Memory
-from agent.navigation.identification import FoundResponse
-from agent.pilot import Pilot
-from agent.shell.statestore import State, StateStore, encode_state
-from agent.vehicle.interface import FlightMode, LaunchPlace
-from agent.vehicle.mavlink.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
-from agent.vehicle.telemetry import Telemetry
-from protocol.messages import Stage
+from radron.agent.config.drone import DroneConfig, VehicleConfig
+from radron.agent.frames.kept import KeptFrame, KeptTransform
+from radron.agent.mission.memory import Memory
+from radron.agent.navigation.identification import FoundResponse
+from radron.agent.pilot import Pilot
+from radron.agent.shell.statestore import State, StateStore, encode_state
+from radron.agent.vehicle.interface import FlightMode, LaunchPlace
+from radron.agent.vehicle.mavlink.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
+from radron.agent.vehicle.telemetry import Telemetry
+from radron.protocol.messages import Stage
 from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated
 from tests.fuzz.target import Probe, Target, expect
 

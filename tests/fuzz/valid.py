@@ -9,9 +9,9 @@ from typing import Any
 from msgspec import inspect
 from schema_messages import CONSISTENT, UNIT_BOUND, document, normalised
 
-from protocol.messages import KINDS
+from radron.protocol.messages import KINDS
 
-_TEXTS = {  # of the patterns of protocol.units, by a part of them
+_TEXTS = {  # of the patterns of radron.protocol.units, by a part of them
     "0-9]{1,3}m?": ("Cs-137", "Co-60", "Am-241", "Ba-133", "Zz-999m"),
     "{32}": ("0" * 32, "f" * 32, "0123456789abcdef" * 2),
     "{16}": ("0" * 16, "f" * 16, "0123456789abcdef"),

@@ -14,9 +14,9 @@ from cutdisk import Content
 from dronedisk import BOOT_S, ROOT, Drone
 from machine import Machine
 
-from deploy.image.build import build_image
-from deploy.image.layout import ROOT_B
-from deploy.update.bundle import build_bundle
+from radron.deploy.image.build import build_image
+from radron.deploy.image.layout import ROOT_B
+from radron.deploy.update.bundle import build_bundle
 
 _KEPT = "bench.pickle"
 

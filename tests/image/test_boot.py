@@ -14,10 +14,10 @@ from dronedisk import BOOT_S, Drone
 from machine import Machine, lacking
 from time_teller import telling
 
-from deploy.image.compare import unpack_root
-from deploy.image.layout import LEAST_DISK_BYTES, ROOT_A
-from protocol.identity import load_identity
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.deploy.image.compare import unpack_root
+from radron.deploy.image.layout import LEAST_DISK_BYTES, ROOT_A
+from radron.protocol.identity import load_identity
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 pytestmark = [
     pytest.mark.long,

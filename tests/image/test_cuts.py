@@ -15,7 +15,7 @@ from cutdisk import Moment
 from dronedisk import BOOT_S
 from machine import lacking
 
-from deploy.image.layout import ROOT_B
+from radron.deploy.image.layout import ROOT_B
 
 pytestmark = [
     pytest.mark.long,

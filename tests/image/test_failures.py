@@ -13,8 +13,8 @@ from cutbench import IN_MESH, PROVISIONED, SETTLED, Bench, Push
 from dronedisk import BOOT_S, Drone
 from machine import Machine, lacking
 
-from agent.shell.heartbeat import SILENT_START_S
-from deploy.image.layout import CONFIG
+from radron.agent.shell.heartbeat import SILENT_START_S
+from radron.deploy.image.layout import CONFIG
 
 pytestmark = [
     pytest.mark.long,
@@ -49,7 +49,7 @@ def test_a_computer_that_panics_or_hangs_starts_again_by_itself(
 
 def test_an_agent_that_hangs_before_the_flight_is_started_again(bench: Bench) -> None:
     run = bench.run("in service")
-    assert bench.drone.ssh("pkill -STOP -f '^[^ ]+ -m agent /' && echo stopped") == "stopped\n"
+    assert bench.drone.ssh("pkill -STOP -f '^[^ ]+ -m radron.agent /' && echo stopped") == "stopped\n"
     run.machine.wait_for(rf"radron-agent: no heartbeat for {SILENT_START_S:g} s: killed", SILENT_START_S + BOOT_S)
     run.machine.wait_for(IN_MESH, BOOT_S)
     run.machine.wait_for(NO_AUTOPILOT, BOOT_S)

@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from machine import lacking
 
-from deploy.image.compare import unpack_root
-from deploy.image.layout import ROOT_A
-from sim.live.processes import Child
-from sim.live.swarm import fly_live
-from sim.live.view import View
-from sim.scenario import load_scenario
+from radron.deploy.image.compare import unpack_root
+from radron.deploy.image.layout import ROOT_A
+from radron.sim.live.processes import Child
+from radron.sim.live.swarm import fly_live
+from radron.sim.live.view import View
+from radron.sim.scenario import load_scenario
 
 pytestmark = [
     pytest.mark.long,

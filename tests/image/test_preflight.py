@@ -16,9 +16,9 @@ from machine import Machine, lacking
 from serial_line import SerialLine
 from timeserver import time_server
 
-from agent.doctor.report import Report
-from deploy.computer.doctor import BENCH, report_in
-from deploy.remote import RemoteError
+from radron.agent.doctor.report import Report
+from radron.deploy.computer.doctor import BENCH, report_in
+from radron.deploy.remote import RemoteError
 
 pytestmark = [
     pytest.mark.long,

@@ -17,12 +17,12 @@ from cutdisk import BLOCK_BYTES, Content
 from dronedisk import BOOT_S, ROOT, Drone
 from machine import lacking
 
-from deploy.digest import digest
-from deploy.image.build import read_manifest
-from deploy.image.layout import ROOT_B
-from deploy.image.rootfs import COMPRESSION
-from deploy.update.bundle import BundleManifest, extract_root, manifest_file, write_bundle
-from protocol.onboard import Release
+from radron.deploy.digest import digest
+from radron.deploy.image.build import read_manifest
+from radron.deploy.image.layout import ROOT_B
+from radron.deploy.image.rootfs import COMPRESSION
+from radron.deploy.update.bundle import BundleManifest, extract_root, manifest_file, write_bundle
+from radron.protocol.onboard import Release
 
 pytestmark = [
     pytest.mark.long,
@@ -121,7 +121,7 @@ def without_agent(image: Path, folder: Path) -> Path:
     extract_root(image, root)
     subprocess.run(["unsquashfs", "-q", "-n", "-d", str(tree), str(root)], check=True)
     root.unlink()
-    (pilot,) = tree.glob("opt/radron/lib/python3*/site-packages/agent/shell/running.py")
+    (pilot,) = tree.glob("opt/radron/lib/python3*/site-packages/radron/agent/shell/running.py")
     pilot.write_text("raise RuntimeError('a release that does not work')\n")
     shutil.rmtree(pilot.parent / "__pycache__")
     unit = tree / "etc/systemd/system/radron-settle.service"

@@ -12,10 +12,10 @@ import pytest
 from identities import private_key
 from live_run import live_run
 
-from agent.flight.replay import replay
-from sim.live.world import SLIP_S
-from sim.result import RunResult
-from station.replay import Records
+from radron.agent.flight.replay import replay
+from radron.sim.live.world import SLIP_S
+from radron.sim.result import RunResult
+from radron.station.replay import Records
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 

@@ -14,9 +14,9 @@ from browser import browsing, needs_browser, until
 from live_agents import Agent, Vehicles, closing, operator_folder, station_endpoint, write_configs
 from live_agents import until as until_true
 
-from agent.config.loading import load_mission
-from agent.flight.audit import audit
-from agent.flight.reader import RecordedFlight
+from radron.agent.config.loading import load_mission
+from radron.agent.flight.audit import audit
+from radron.agent.flight.reader import RecordedFlight
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from live_run import live_run
 
-from agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
-from sim.live.runfolder import as_toml
+from radron.agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
+from radron.sim.live.runfolder import as_toml
 
 READY_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on an unshared machine
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"

@@ -16,24 +16,24 @@ import pytest
 from live_run import PATIENCE_S, live_run, stretched
 from msgspec.structs import replace
 
-from agent.flight import topics
-from agent.flight.reader import FlightRecord, RecordedFlight
-from protocol.keys import parse_key
-from protocol.messages import Stage
-from sim.faults.agents import Cut, Flood, Kill, Late, Partition
-from sim.faults.kinds import AnyFault
-from sim.live.course import Course
-from sim.live.faults.player import FaultPlayer
-from sim.live.monitor import ObservedAgent
-from sim.live.places import Places
-from sim.live.relays.linkstate import PASSING, LinkState
-from sim.live.relays.plan import vehicle_of
-from sim.live.swarm import READY_S, Swarm, live_swarm
-from sim.live.view import View
-from sim.live.worldlink import Order, Truth
-from sim.px4test.witness import Moment, Witness
-from sim.result import Flight
-from sim.scenario import load_scenario, override
+from radron.agent.flight import topics
+from radron.agent.flight.reader import FlightRecord, RecordedFlight
+from radron.protocol.keys import parse_key
+from radron.protocol.messages import Stage
+from radron.sim.faults.agents import Cut, Flood, Kill, Late, Partition
+from radron.sim.faults.kinds import AnyFault
+from radron.sim.live.course import Course
+from radron.sim.live.faults.player import FaultPlayer
+from radron.sim.live.monitor import ObservedAgent
+from radron.sim.live.places import Places
+from radron.sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.relays.plan import vehicle_of
+from radron.sim.live.swarm import READY_S, Swarm, live_swarm
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Order, Truth
+from radron.sim.px4test.witness import Moment, Witness
+from radron.sim.result import Flight
+from radron.sim.scenario import load_scenario, override
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 CIRCLED_S = 3.0

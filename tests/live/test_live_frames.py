@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from live_run import live_run
 
-from agent.flight.replay import replay
+from radron.agent.flight.replay import replay
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from agent.errors import RadronError
-from sim.campaign.faults.course import LIVE
-from sim.campaign.faults.dealt import deal
-from sim.campaign.faults.mission import Mission
-from sim.live.faults.mission import TOO_BUSY, fly_live_mission
+from radron.agent.errors import RadronError
+from radron.sim.campaign.faults.course import LIVE
+from radron.sim.campaign.faults.dealt import deal
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.live.faults.mission import TOO_BUSY, fly_live_mission
 
 # MAVLink as bad as a radio's at the end of its range; the mesh links then stand still for less than a partition of `live-faults`.
 FAULTS = (

@@ -12,8 +12,8 @@ import pytest
 from browser import browsing, needs_browser, until
 from live_run import PATIENCE_S, LiveRun, live_run, stretched
 
-from station.findings.facts import BY_DRONES
-from station.findings.seal import verify
+from radron.station.findings.facts import BY_DRONES
+from radron.station.findings.seal import verify
 
 PICTURES = Path("results/page")
 

@@ -11,19 +11,19 @@ from pathlib import Path
 import pytest
 from live_run import PATIENCE_S, stretched
 
-from agent.flight import topics
-from agent.flight.audit import audit
-from agent.flight.reader import RecordedFlight
-from protocol.keys import parse_key
-from protocol.messages import Stage
-from sim.live.course import Course
-from sim.live.places import Places
-from sim.live.runfolder import OPERATOR
-from sim.live.swarm import READY_S, live_swarm
-from sim.live.view import View
-from sim.live.worldlink import Order
-from sim.px4test.witness import Witness, least_distance_m
-from sim.scenario import load_scenario, override
+from radron.agent.flight import topics
+from radron.agent.flight.audit import audit
+from radron.agent.flight.reader import RecordedFlight
+from radron.protocol.keys import parse_key
+from radron.protocol.messages import Stage
+from radron.sim.live.course import Course
+from radron.sim.live.places import Places
+from radron.sim.live.runfolder import OPERATOR
+from radron.sim.live.swarm import READY_S, live_swarm
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Order
+from radron.sim.px4test.witness import Witness, least_distance_m
+from radron.sim.scenario import load_scenario, override
 
 TOOL = str(Path(sysconfig.get_path("scripts")) / "radron-agent")
 SHUT_OUT_S = 10.0

@@ -9,9 +9,9 @@ import psutil
 import pytest
 from live_run import live_run, stretched
 
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from agent.flight.replay import replay
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.replay import replay
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 STEP_S = 0.2  # for a step of the pilot, on a machine with nothing else to do; a search for further sources takes as long

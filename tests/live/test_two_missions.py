@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from agent.flight.replay import replay
-from sim.live.course import Course
-from sim.live.places import Places
-from sim.live.swarm import READY_S, live_swarm
-from sim.live.view import View
-from sim.live.worldlink import Order
-from sim.px4test.witness import Moment, Witness
-from sim.result import RunResult
-from sim.scenario import load_scenario, override
+from radron.agent.flight.replay import replay
+from radron.sim.live.course import Course
+from radron.sim.live.places import Places
+from radron.sim.live.swarm import READY_S, live_swarm
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Order
+from radron.sim.px4test.witness import Moment, Witness
+from radron.sim.result import RunResult
+from radron.sim.scenario import load_scenario, override
 
 SEED = 2
 AGAIN_S = 60.0  # a landing may be noticed late

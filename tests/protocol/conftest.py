@@ -8,8 +8,8 @@ import pytest
 from encrypted import DRONES
 from identities import identity, new_issuer
 
-from protocol.identity import Role
-from protocol.issuing import Issuer
+from radron.protocol.identity import Role
+from radron.protocol.issuing import Issuer
 
 
 @pytest.fixture(scope="session")

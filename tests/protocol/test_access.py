@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.access import shared_mode
+from radron.protocol.access import shared_mode
 
 OWNER, USER, GROUP, NAMED_GROUP, MASK, OTHER = 0x01, 0x02, 0x04, 0x08, 0x10, 0x20
 NOBODY = 0xFFFFFFFF

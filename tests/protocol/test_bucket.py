@@ -2,7 +2,7 @@
 
 import pytest
 
-from protocol.bucket import Bucket
+from radron.protocol.bucket import Bucket
 
 
 def test_what_it_holds_is_taken_at_once_and_then_as_much_as_it_gains() -> None:

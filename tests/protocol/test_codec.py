@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from schema_messages import document, messages
 
-from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_as, decode_from, encode
-from protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Exposure, PoseSample, Retraction, Sighting
-from protocol.errors import ProtocolError
-from protocol.keys import command_key, drone_key, key_of
-from protocol.message import Message
-from protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Source, Status, Ticket
-from protocol.spectrum import SpectrumBin
+from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_as, decode_from, encode
+from radron.protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Exposure, PoseSample, Retraction, Sighting
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import command_key, drone_key, key_of
+from radron.protocol.message import Message
+from radron.protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Source, Status, Ticket
+from radron.protocol.spectrum import SpectrumBin
 
 POSE = Pose(
     stamp_ns=1,

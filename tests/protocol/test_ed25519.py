@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.ed25519 import PublicKey, Signer
+from radron.protocol.ed25519 import PublicKey, Signer
 
 ORDER = 2**252 + 27742317777372353535851937790883648493  # of the base point (RFC 8032, 5.1)
 PRIME = 2**255 - 19

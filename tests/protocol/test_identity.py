@@ -15,8 +15,8 @@ import pytest
 from cryptography import x509
 from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, private_key, write_wrong
 
-from protocol.identity import IdentityError, Role, load_identity
-from protocol.issuing import Issuer, throwaway, write_identity
+from radron.protocol.identity import IdentityError, Role, load_identity
+from radron.protocol.issuing import Issuer, throwaway, write_identity
 
 
 @pytest.fixture(scope="module")

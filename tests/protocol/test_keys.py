@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.errors import ProtocolError
-from protocol.keys import Key, command_key, drone_key, key_of, parse_key
-from protocol.message import Message
-from protocol.messages import DRONE_KINDS
-from protocol.units import IDENTIFIER, STATION
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import Key, command_key, drone_key, key_of, parse_key
+from radron.protocol.message import Message
+from radron.protocol.messages import DRONE_KINDS
+from radron.protocol.units import IDENTIFIER, STATION
 
 identifiers = st.from_regex(IDENTIFIER)
 drones = identifiers.filter(lambda name: name != STATION)

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from msgspec import inspect
 
-from protocol.messages import KINDS
+from radron.protocol.messages import KINDS
 
 
 def parts(kind: inspect.Type, where: str) -> Iterator[tuple[str, inspect.Type]]:

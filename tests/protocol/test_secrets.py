@@ -13,17 +13,17 @@ import pytest
 import typer
 from identities import identity, new_issuer
 
-import agent.cli
-import deploy.cli
-import sim.cli
-import station.cli
+import radron.agent.cli
+import radron.deploy.cli
+import radron.sim.cli
+import radron.station.cli
 
 ROOT = Path(__file__).parents[2]
 CRASH = """
 import os, resource, sys
 from pathlib import Path
-from deploy.pki.authority import PkiFolder
-from protocol.identity import load_identity
+from radron.deploy.pki.authority import PkiFolder
+from radron.protocol.identity import load_identity
 child = os.fork()
 if child == 0:
     resource.setrlimit(resource.RLIMIT_CORE, [resource.getrlimit(resource.RLIMIT_CORE)[1]] * 2)
@@ -65,7 +65,11 @@ def _options(app: typer.Typer) -> Iterator[tuple[str, object]]:
 
 def test_no_command_takes_a_secret_where_everybody_can_read_it_in_the_process_list() -> None:
     """Keys are given by files, the passphrase by a prompt or the environment of a process, which its user alone can read."""
-    options = [option for app in (agent.cli.app, sim.cli.app, deploy.cli.app, station.cli.app) for option in _options(app)]
+    options = [
+        option
+        for app in (radron.agent.cli.app, radron.sim.cli.app, radron.deploy.cli.app, radron.station.cli.app)
+        for option in _options(app)
+    ]
     assert len(options) > 30
     named = {(name, kind) for name, kind in options if re.search("pass|secret|key|token|identity", name)}
     assert {name for name, _ in named} >= {"key", "identity"}

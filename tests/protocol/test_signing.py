@@ -10,11 +10,11 @@ from msgspec import UNSET, msgpack
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS
 
-from protocol.codec import MAX_ENTRY_BYTES, decode, encode
-from protocol.entries import SIGNATURE_BYTES
-from protocol.errors import ProtocolError
-from protocol.messages import Obeyed, Stage, Status, Ticket
-from protocol.signing import MOST_IN_BATCH, Verifier, sign_entries, sign_status
+from radron.protocol.codec import MAX_ENTRY_BYTES, decode, encode
+from radron.protocol.entries import SIGNATURE_BYTES
+from radron.protocol.errors import ProtocolError
+from radron.protocol.messages import Obeyed, Stage, Status, Ticket
+from radron.protocol.signing import MOST_IN_BATCH, Verifier, sign_entries, sign_status
 
 
 def verifier(*credentials):

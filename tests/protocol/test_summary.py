@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.codec import MAX_PAYLOAD_BYTES
-from protocol.errors import ProtocolError
-from protocol.summary import MOST_BLOCKS, MOST_PUBLISHERS, MOST_RANGES, Held, decode_summary, encode_summary
+from radron.protocol.codec import MAX_PAYLOAD_BYTES
+from radron.protocol.errors import ProtocolError
+from radron.protocol.summary import MOST_BLOCKS, MOST_PUBLISHERS, MOST_RANGES, Held, decode_summary, encode_summary
 
 MISSION = "0123456789abcdef"
 BOOT = "00000000000000aa"

@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.errors import ConfigError
-from sim import api
-from sim.lockstep.flight import fly
+from radron.agent.errors import ConfigError
+from radron.sim import api
+from radron.sim.lockstep.flight import fly
 
 SHORT = {"end.track_s": 4, "drones": 2}
 

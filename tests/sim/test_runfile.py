@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from agent.errors import ConfigError, OutputError
-from sim.runfile import RunFile, make_folder
+from radron.agent.errors import ConfigError, OutputError
+from radron.sim.runfile import RunFile, make_folder
 
 
 def test_lines_come_back_to_the_last_bit(tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from shapely import Point, Polygon
 
-from agent.config.mission import DetectionConfig
-from agent.errors import ConfigError
-from sim.scenario import load_scenario, override, shipped
-from sim.world.localization import LocalizationTruth
-from sim.world.source import source_path
-from sim.world.walls import Walls
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.errors import ConfigError
+from radron.sim.scenario import load_scenario, override, shipped
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.source import source_path
+from radron.sim.world.walls import Walls
 
 NAMES = {
     "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",

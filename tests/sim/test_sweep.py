@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from agent.errors import ConfigError
-from sim.sweep import cases, parse_settings, parse_sweep, without_effect
+from radron.agent.errors import ConfigError
+from radron.sim.sweep import cases, parse_settings, parse_sweep, without_effect
 
 
 def test_values_keep_their_order_and_kind() -> None:

@@ -11,13 +11,13 @@ from msgspec.structs import replace
 from one_pilot import MISSION
 from served_page import served
 
-from agent.config.mission import DatumConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
-from station.background import background
-from station.hub import Hub
-from station.picture.picture import Picture
+from radron.agent.config.mission import DatumConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
+from radron.station.background import background
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

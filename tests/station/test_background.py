@@ -11,12 +11,12 @@ from msgspec.structs import replace
 from one_pilot import MISSION
 from served_page import served
 
-from agent.config.mission import DatumConfig
-from agent.errors import ConfigError
-from station.background import Background, BackgroundError, FolderTiles, MbTiles, background
-from station.hub import Hub
-from station.picture.frame import TileLevels
-from station.picture.picture import Picture
+from radron.agent.config.mission import DatumConfig
+from radron.agent.errors import ConfigError
+from radron.station.background import Background, BackgroundError, FolderTiles, MbTiles, background
+from radron.station.hub import Hub
+from radron.station.picture.frame import TileLevels
+from radron.station.picture.picture import Picture
 
 HERE = DatumConfig(latitude_deg=47.4, longitude_deg=8.5, altitude_m=488.0)
 ON_EARTH = replace(MISSION, datum=HERE)

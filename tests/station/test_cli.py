@@ -5,12 +5,11 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from websockets.sync.client import connect
 
-import station.cli
+import radron.station.cli
 
 MISSION = """
 name = "m"
@@ -32,7 +31,7 @@ def run(tmp_path, monkeypatch, capsys):
     def run(*words):
         monkeypatch.setattr("sys.argv", ["radron-station", *words])
         with pytest.raises(SystemExit) as end:
-            station.cli.main()
+            radron.station.cli.main()
         said = capsys.readouterr().err
         assert (end.value.code, said.count("\n")) == (2, 1)
         return said
@@ -50,7 +49,7 @@ def test_tak_needs_a_place_on_earth(run):
 @pytest.mark.parametrize(("option", "value", "library"), [("foxglove", "out.json", "foxglove"), ("tak", "udp://a:1", "pytak")])
 def test_a_library_that_is_not_installed_is_named(run, monkeypatch, option, value, library, tmp_path):
     known = importlib.util.find_spec
-    monkeypatch.setattr(station.cli, "find_spec", lambda name: None if name == library else known(name))
+    monkeypatch.setattr(radron.station.cli, "find_spec", lambda name: None if name == library else known(name))
     assert f"install radron with its extra: radron[station,{option}]" in run(*SERVE, f"--{option}", value)
     assert not (tmp_path / "out.json").exists()
 
@@ -70,9 +69,8 @@ def test_a_page_that_is_not_served_writes_no_layout(run, tmp_path):
 @pytest.mark.slow
 def test_foxglove_connects_to_the_address_that_is_printed(tmp_path):
     (tmp_path / "mission.toml").write_text(MISSION)
-    command = [sys.executable, "-m", "station", *SERVE, "--foxglove", "layout.json"]
-    environment = os.environ | {"PYTHONPATH": str(Path(station.cli.__file__).parents[1])}
-    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", "radron.station", *SERVE, "--foxglove", "layout.json"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
         try:
             lines = [process.stdout.readline() for _ in range(2)]
             address = lines[1].removeprefix("radron-station: for Foxglove: ").strip()

@@ -11,12 +11,12 @@ from mission_takers import Drone as Taker
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from protocol.codec import decode, encode
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Action, Command, Stage, Status, Ticket
-from station.commander import Commander, may_command
+from radron.protocol.codec import decode, encode
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Action, Command, Stage, Status, Ticket
+from radron.station.commander import Commander, may_command
 
 NEW = replace(MISSION, name="new")
 STAGES = {Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING, Action.START: Stage.TAKEOFF}

@@ -5,9 +5,9 @@ from browser import browsing, needs_browser, until
 from msgspec.structs import replace
 from served_page import served
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from station.hub import Hub
-from station.picture.picture import Picture
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MANY = tuple(DroneInMission(id=f"d{number + 1}", origin_m=(5.0 * number, 0.0, 0.0)) for number in range(12))

@@ -6,9 +6,9 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from agent.config.loading import convert, load_mission
-from agent.config.mission import AreaConfig, DroneInMission, GroundConfig, MissionConfig
-from station.draft import AREA, KEYS, LAUNCHES, Draft, drafted, editor, told
+from radron.agent.config.loading import convert, load_mission
+from radron.agent.config.mission import AreaConfig, DroneInMission, GroundConfig, MissionConfig
+from radron.station.draft import AREA, KEYS, LAUNCHES, Draft, drafted, editor, told
 
 MISSION = MissionConfig(
     name="yard",

@@ -9,12 +9,12 @@ from mission_takers import Drone
 from one_pilot import MISSION
 from served_page import served
 
-from agent.config.loading import load_mission, read_content
-from protocol.mesh.session import MeshConfig
-from protocol.messages import Stage
-from station.hub import Hub
-from station.live import follow
-from station.picture.picture import Picture
+from radron.agent.config.loading import load_mission, read_content
+from radron.protocol.mesh.session import MeshConfig
+from radron.protocol.messages import Stage
+from radron.station.hub import Hub
+from radron.station.live import follow
+from radron.station.picture.picture import Picture
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

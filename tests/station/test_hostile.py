@@ -9,12 +9,12 @@ from browser import browsing, needs_browser, until, visiting
 from msgspec.structs import replace
 from served_page import first, served
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Pose, Stage, Status
-from station.hub import Hub
-from station.picture.picture import Picture
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Pose, Stage, Status
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MISSION = MissionConfig(

@@ -8,13 +8,13 @@ from browser import browsing, needs_browser, until
 from gate import gate
 from served_page import served
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
-from station.hub import Hub
-from station.picture.picture import Picture
-from station.web.beat import MAX_COMMAND_AGE_S
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
+from radron.station.web.beat import MAX_COMMAND_AGE_S
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MISSION = MissionConfig(

@@ -1,6 +1,6 @@
 import pytest
 
-from station.outbox import MAX_AHEAD, MAX_PASSING, MAX_WAITING, Page
+from radron.station.outbox import MAX_AHEAD, MAX_PASSING, MAX_WAITING, Page
 
 
 def taken(page):

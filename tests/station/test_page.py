@@ -10,15 +10,15 @@ from msgspec.structs import replace
 from recorded_flights import MISSION, fly_recorded
 from served_page import served
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
-from station.findings.facts import FindingsError
-from station.hub import Hub
-from station.outbox import GAVE_WAY, LET_GO
-from station.picture.picture import Picture
-from station.replay import Records, play
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
+from radron.station.findings.facts import FindingsError
+from radron.station.hub import Hub
+from radron.station.outbox import GAVE_WAY, LET_GO
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

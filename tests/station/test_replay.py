@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from recorded_flights import HEADER
 
-from agent.errors import FlightRecordError
-from agent.flight.reader import UNFINISHED, RecordedFlight
-from agent.flight.recorder import FlightRecorder
-from agent.flight.topics import HYPOTHESIS
-from station.findings.facts import of_records
-from station.hub import Hub
-from station.picture.frame import Frame
-from station.picture.history import CONES_MS
-from station.picture.picture import Picture
-from station.replay import Records, play
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight.reader import UNFINISHED, RecordedFlight
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.topics import HYPOTHESIS
+from radron.station.findings.facts import of_records
+from radron.station.hub import Hub
+from radron.station.picture.frame import Frame
+from radron.station.picture.history import CONES_MS
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
 
 OLDER_RECORD = Path(__file__).parents[1] / "agent" / "flight" / "records" / "protocol-2.mcap"
 

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from agent.fusion.registry import estimator_named
-from protocol.entries import Cone, ConeOrder, Counts
+from radron.agent.fusion.registry import estimator_named
+from radron.protocol.entries import Cone, ConeOrder, Counts
 
 # Events of one cluster with less than a photon's energy and with all of it, and of two clusters.
 BACKGROUND_PS = np.array([1.45, 0.03, 0.01, 0.0])

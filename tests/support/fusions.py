@@ -1,7 +1,7 @@
 """Fusions with the frames of the launch layout."""
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.fusion.engine import Fusion
 
 
 def fusion_of(mission, estimator=None):

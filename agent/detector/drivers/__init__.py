@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agent.config.drone import DetectorConfig
-from agent.detector.drivers.feed import FeedDetector
-from agent.detector.drivers.t3pa import RecordedDetector
-from agent.detector.readout import Detector
-from agent.errors import ConfigError
+from radron.agent.config.drone import DetectorConfig
+from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.detector.drivers.t3pa import RecordedDetector
+from radron.agent.detector.readout import Detector
+from radron.agent.errors import ConfigError
 
 
 def open_detector(config: DetectorConfig) -> Detector | None:
@@ -24,7 +24,7 @@ def open_detector(config: DetectorConfig) -> Detector | None:
         case "t3pa":
             return RecordedDetector(Path(_needed(config.file, "t3pa", "file")))
         case "pypixet":
-            from agent.detector.drivers.pypixet import PixetDetector, load_pypixet  # noqa: PLC0415
+            from radron.agent.detector.drivers.pypixet import PixetDetector, load_pypixet  # noqa: PLC0415
 
             folder = None if config.pixet_folder is None else Path(config.pixet_folder)
             return PixetDetector(load_pypixet(folder), config.bias_v)

@@ -10,9 +10,9 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from agent.detector.delivery import LOST_END, Delivery, Gathering
-from agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.delivery import LOST_END, Delivery, Gathering
+from radron.agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
+from radron.agent.detector.readout import PixelHits, Readout
 
 STEP_NS = 20_000_000  # more than any slew of a clock from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout

@@ -6,10 +6,10 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 
-from agent.detector.readout import Readout
-from agent.detector.wire import Unpacker
-from agent.errors import DetectorError
-from agent.feed import Feed
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.wire import Unpacker
+from radron.agent.errors import DetectorError
+from radron.agent.feed import Feed
 
 STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not find its pose any more
 

@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, Utc, block_of
-from agent.detector.readout import Readout
-from agent.errors import DetectorError
+from radron.agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, Utc, block_of
+from radron.agent.detector.readout import Readout
+from radron.agent.errors import DetectorError
 
 ACQUISITION_S = 60.0
 SLICE_S = 0.2

@@ -7,11 +7,11 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
-from agent.detector.delivery import Gathering
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.files.toa import MAX_DISORDER_NS
-from agent.detector.readout import Readout
-from agent.errors import DetectorError
+from radron.agent.detector.delivery import Gathering
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.files.toa import MAX_DISORDER_NS
+from radron.agent.detector.readout import Readout
+from radron.agent.errors import DetectorError
 
 SLICE_NS = 200_000_000
 _PIECE_BYTES = 1 << 16  # parsing holds the interpreter lock: 1 ms per piece

@@ -12,8 +12,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.files.table import FTOA, MATRIX, NO_INDEX, OVERFLOW, TOA, TOT, check_ranges
-from agent.errors import DetectorError
+from radron.agent.detector.files.table import FTOA, MATRIX, NO_INDEX, OVERFLOW, TOA, TOT, check_ranges
+from radron.agent.errors import DetectorError
 
 _RECORD = np.dtype([("matrix", "<u4"), ("toa", "<u8"), ("overflow", "u1"), ("ftoa", "u1"), ("tot", "<u2")])
 _ROWS = 1 << 16

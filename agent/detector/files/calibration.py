@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.files.pixetxml import read_pixet_xml
-from agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from agent.detector.sensor import DRIFT_NS, drift_time_ns
-from agent.errors import DetectorError
+from radron.agent.detector.files.pixetxml import read_pixet_xml
+from radron.agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from radron.agent.detector.sensor import DRIFT_NS, drift_time_ns
+from radron.agent.errors import DetectorError
 
 NAMES = ("a", "b", "c", "t")
 DRIFT_FILE = "drift.txt"

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS
-from agent.errors import DetectorError
+from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.agent.errors import DetectorError
 
 _MAX_BYTES = 16 << 20  # 65,536 numbers need less than 2 MB
 _ACQUIRED = re.compile(r'"Acq time"[^\n]*\n[^\n]*\n\s*([0-9.,]+)')

@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
-from agent.errors import DetectorError
+from radron.agent.detector.readout import SENSOR_PIXELS, SENSOR_THICKNESS_MM
+from radron.agent.errors import DetectorError
 
 MAX_XML_BYTES = 32 << 20  # ten times as large as a camera's file
 _CONSTANTS = ("caliba", "calibb", "calibc", "calibt")

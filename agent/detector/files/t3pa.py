@@ -16,13 +16,13 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.delivery import LOST_END, Delivery, Gathering
-from agent.detector.files.binary import binary_tables, is_binary
-from agent.detector.files.table import CHIP_PIXELS, INDEX, NO_INDEX, OVERFLOW, TOA, Layout, find_layout, parse_rows
-from agent.detector.files.toa import MAX_DISORDER_NS, PERIOD_BITS, BorderRepair, Unwrapper, wraps_in_chip
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import DetectorError
-from agent.inputs import refuse_stream
+from radron.agent.detector.delivery import LOST_END, Delivery, Gathering
+from radron.agent.detector.files.binary import binary_tables, is_binary
+from radron.agent.detector.files.table import CHIP_PIXELS, INDEX, NO_INDEX, OVERFLOW, TOA, Layout, find_layout, parse_rows
+from radron.agent.detector.files.toa import MAX_DISORDER_NS, PERIOD_BITS, BorderRepair, Unwrapper, wraps_in_chip
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import DetectorError
+from radron.agent.inputs import refuse_stream
 
 MAX_UNNUMBERED_ROWS = 5_000_000  # of a file without Index, which is held in memory to be sorted
 _PIECE_BYTES = 1 << 22

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import SENSOR_PIXELS
-from agent.errors import DetectorError
+from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.agent.errors import DetectorError
 
 INDEX, MATRIX, TOA, TOT, FTOA, OVERFLOW = range(6)  # columns of a parsed table
 COLUMNS = ("index", "matrix index", "toa", "tot", "ftoa", "overflow")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.errors import DetectorError
+from radron.agent.errors import DetectorError
 
 PERIOD_BITS = 14
 PERIOD = 1 << PERIOD_BITS  # 25 ns steps

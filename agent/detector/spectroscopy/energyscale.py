@@ -13,11 +13,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.detector.lines import CANDIDATES, GAMMAS
-from agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, LEAST_SHARE, Recogniser, fitted, mixtures
-from agent.detector.spectroscopy.residuals import contradiction
-from agent.detector.spectroscopy.shapes import Reading, strongest_line_kev
-from agent.geometry import Array
+from radron.agent.detector.lines import CANDIDATES, GAMMAS
+from radron.agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, LEAST_SHARE, Recogniser, fitted, mixtures
+from radron.agent.detector.spectroscopy.residuals import contradiction
+from radron.agent.detector.spectroscopy.shapes import Reading, strongest_line_kev
+from radron.agent.geometry import Array
 
 CALIBRATION_SIGMA = 0.02  # relative, of the gain at the start
 # Of the places of the lines as they are modelled: relative, and charge that pixels lose below their thresholds. Spectra of 6,000

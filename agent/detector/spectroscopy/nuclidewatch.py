@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.detector.spectroscopy.energyscale import EnergyScale
-from agent.detector.spectroscopy.recognition import Recogniser, Recognition, prepare
-from agent.detector.spectroscopy.residuals import told
-from agent.detector.windows import candidates_of
-from agent.geometry import Array
-from protocol.messages import Recognised
+from radron.agent.detector.spectroscopy.energyscale import EnergyScale
+from radron.agent.detector.spectroscopy.recognition import Recogniser, Recognition, prepare
+from radron.agent.detector.spectroscopy.residuals import told
+from radron.agent.detector.windows import candidates_of
+from radron.agent.geometry import Array
+from radron.protocol.messages import Recognised
 
 LOOK_NS = 10_000_000_000
 

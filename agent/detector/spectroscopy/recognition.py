@@ -17,10 +17,10 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.lines import CANDIDATES, GAMMAS
-from agent.detector.spectroscopy.residuals import contradiction, line_energies, single_lines
-from agent.detector.spectroscopy.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
-from agent.geometry import Array
+from radron.agent.detector.lines import CANDIDATES, GAMMAS
+from radron.agent.detector.spectroscopy.residuals import contradiction, line_energies, single_lines
+from radron.agent.detector.spectroscopy.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
+from radron.agent.geometry import Array
 
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks

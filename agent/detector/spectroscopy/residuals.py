@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.spectroscopy.shapes import MIDDLES_KEV, of_nuclide, peaks
-from agent.geometry import Array
+from radron.agent.detector.spectroscopy.shapes import MIDDLES_KEV, of_nuclide, peaks
+from radron.agent.geometry import Array
 
 _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place of scattered photons
 MORE_SIGMAS = 7.0  # of a peak that is not explained; spectra of known nuclides reach 6

@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 from scipy.special import erf, erfcx
 
-from agent.detector.cones import compton_edge_kev, klein_nishina_recoil
-from agent.detector.lines import GAMMAS, lines_of
-from agent.detector.sensor import attenuation_per_mm, energy_variance
-from agent.geometry import Array
+from radron.agent.detector.cones import compton_edge_kev, klein_nishina_recoil
+from radron.agent.detector.lines import GAMMAS, lines_of
+from radron.agent.detector.sensor import attenuation_per_mm, energy_variance
+from radron.agent.geometry import Array
 
 EDGES_KEV: Array = np.geomspace(45.0, 1600.0, 141)  # 2.6 % wide: one standard deviation of the resolution
 MIDDLES_KEV: Array = np.sqrt(EDGES_KEV[1:] * EDGES_KEV[:-1])

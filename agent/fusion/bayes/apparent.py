@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from agent.fusion.bayes.motion import BIAS, BIASES
-from agent.fusion.estimator import Sight
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.fusion.bayes.motion import BIAS, BIASES
+from radron.agent.fusion.estimator import Sight
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 
 class Sights(Mapping[str, Sight]):

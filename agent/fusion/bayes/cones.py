@@ -20,8 +20,8 @@ from math import sin
 import numpy as np
 from msgspec import Struct
 
-from agent.fusion.observation import ConeObservation
-from agent.geometry import Array
+from radron.agent.fusion.observation import ConeObservation
+from radron.agent.geometry import Array
 
 OUTLIER_FRACTION = 0.08  # eps: share of the source's cones that do not point to it
 _DENSITIES: Array = 2.0 * (1.0 - OUTLIER_FRACTION) * np.array([0.7, 0.3])  # 2 (1 - eps) f_j

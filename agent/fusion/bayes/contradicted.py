@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from agent.fusion.bayes.doubted import Sure, others
+from radron.agent.fusion.bayes.doubted import Sure, others
 
 MOST = 3.0  # rejections: more than three in succession
 CONE_NATS = 6.0  # log Bayes factor of cones that counts as one rejection

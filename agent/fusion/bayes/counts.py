@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 # t_c. While the direction of the photons is unknown, events of less than a photon's energy are down-weighted: cameras
 # see 14 % fewer from the edge, and many of them are of scattered photons.

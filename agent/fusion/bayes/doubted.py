@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from agent.fusion.bayes.motion import BIAS
-from agent.fusion.observation import Observation
-from agent.geometry import Array
+from radron.agent.fusion.bayes.motion import BIAS
+from radron.agent.fusion.observation import Observation
+from radron.agent.geometry import Array
 
 MOST_SIGMA_M = 6.0  # of the horizontal distance: 4.2 m along each axis, half the distance of a camera on a small circle
 RECENT_NS = 5_000_000_000  # several exposures

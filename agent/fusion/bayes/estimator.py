@@ -1,6 +1,6 @@
 """The estimator ``bayes``: its decisions on the grid search, the declaration of a source, and the end of a track.
 
-Rules (parameters: ``agent.config.BayesEstimatorConfig``):
+Rules (parameters: ``radron.agent.config.BayesEstimatorConfig``):
 
 - Initial estimate x0: a search becomes a track once P(H0) <= ``doubt`` and the RMS of the place given H1 <= ``declared_rms_m``,
   unless the source is probably beyond the fence, where the drones cannot circle it (``SearchState.beyond``).
@@ -21,27 +21,27 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.estimators import BayesEstimatorConfig
-from agent.config.mission import MissionConfig
-from agent.fusion.bayes.apparent import Sights, apparent_rms_m, on_ground
-from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
-from agent.fusion.bayes.grid import Grid
-from agent.fusion.bayes.mixture import Mixture, with_variance
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, Motion
-from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
-from agent.fusion.bayes.search import SearchState
-from agent.fusion.bayes.sight import Scene
-from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, SCATTER_SIGMA
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
-from agent.fusion.bayes.turned import turned_deg
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook
-from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.geometry import Array
-from agent.terrain.buildings import Buildings
-from agent.terrain.ground import Ground
-from protocol.entries import AnyEntry, Cone, Exposure
+from radron.agent.config.estimators import BayesEstimatorConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.bayes.apparent import Sights, apparent_rms_m, on_ground
+from radron.agent.fusion.bayes.cones import Orders
+from radron.agent.fusion.bayes.doubted import is_left_out, noted, of_counting
+from radron.agent.fusion.bayes.grid import Grid
+from radron.agent.fusion.bayes.mixture import Mixture, with_variance
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, Motion
+from radron.agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
+from radron.agent.fusion.bayes.search import SearchState
+from radron.agent.fusion.bayes.sight import Scene
+from radron.agent.fusion.bayes.soil import HEIGHT_SIGMA_M, SCATTER_SIGMA
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
+from radron.agent.fusion.bayes.turned import turned_deg
+from radron.agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from radron.agent.fusion.observation import ConeObservation, CountObservation, Observation
+from radron.agent.geometry import Array
+from radron.agent.terrain.buildings import Buildings
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import AnyEntry, Cone, Exposure
 
 _NS = 1e9
 _HOLD_S = 0.25  # usual time for one instant's entries of all drones: a camera's readout at 5 Hz, and the radio

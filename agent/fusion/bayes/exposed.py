@@ -7,14 +7,14 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from agent.fusion.bayes import hidden
-from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEIGHT, SCATTER
-from agent.fusion.bayes.sight import LineOfSight, Scene
-from agent.fusion.bayes.soil import IMAGE_DEPTH, SoilTable
-from agent.fusion.bayes.spectrum import Contrast, soil_share
-from agent.fusion.facing import Facing
-from agent.geometry import Array, Vector3
+from radron.agent.fusion.bayes import hidden
+from radron.agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEIGHT, SCATTER
+from radron.agent.fusion.bayes.sight import LineOfSight, Scene
+from radron.agent.fusion.bayes.soil import IMAGE_DEPTH, SoilTable
+from radron.agent.fusion.bayes.spectrum import Contrast, soil_share
+from radron.agent.fusion.facing import Facing
+from radron.agent.geometry import Array, Vector3
 
 _ITERATIONS = 6
 _LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, and a share of 0 is undefined
@@ -30,7 +30,7 @@ _WHOLE_S = 0.5  # live time of an exposure of full cost; shorter ones cost a sha
 class Exposed(Struct, frozen=True, eq=False):
     """An exposure of a vehicle (its index). position: p, mission frame. counts: (2,) k. background: (2,) expected.
 
-    middle_ns: UTC, of the exposure's middle. facing: C and S of the heading (``agent.fusion.facing``).
+    middle_ns: UTC, of the exposure's middle. facing: C and S of the heading (``radron.agent.fusion.facing``).
     """
 
     vehicle: int

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter
 from shapely import Polygon, contains_xy
 
-from agent.config.estimators import BayesEstimatorConfig
-from agent.fusion.bayes.response import REFERENCE_BQ
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.config.estimators import BayesEstimatorConfig
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 Weights = NDArray[np.float32]  # numerous, and every checkpoint has its own
 Real = TypeVar("Real", np.float32, np.float64)

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.fusion.bayes.shielding import Shielding
-from agent.geometry import Array
+from radron.agent.fusion.bayes.shielding import Shielding
+from radron.agent.geometry import Array
 
 # By level: t, its 1 sigma, prior probability, and the share of the scattered photons that pass. Scattered photons come around
 # walls, but neither through a hill nor into a dead camera.

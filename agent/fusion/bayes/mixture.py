@@ -11,7 +11,7 @@ model of vehicle i, at time t of a measurement of age T = time_s - t, with p_i i
     w = (x - T vx + bx, y - T vy + by, ground height) - p_i     line of sight from the camera's true position
     D = |w|,   u = w / D
 
-References: agent.fusion.bayes.
+References: radron.agent.fusion.bayes.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.fusion.bayes import hidden
-from agent.fusion.bayes.apparent import shares
-from agent.fusion.bayes.cones import OUTLIER_FRACTION, Orders
-from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, SCATTER, Motion
-from agent.fusion.bayes.reduction import clusters, merged, moments_of
-from agent.fusion.bayes.sight import LineOfSight, Scene
-from agent.geometry import Array, Vector3
+from radron.agent.fusion.bayes import hidden
+from radron.agent.fusion.bayes.apparent import shares
+from radron.agent.fusion.bayes.cones import OUTLIER_FRACTION, Orders
+from radron.agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, SCATTER, Motion
+from radron.agent.fusion.bayes.reduction import clusters, merged, moments_of
+from radron.agent.fusion.bayes.sight import LineOfSight, Scene
+from radron.agent.geometry import Array, Vector3
 
 _MIX_S = 1.0  # greatest interval of mixing the modes; in the textbook at each step
 _LEAST_SINE = 1e-3

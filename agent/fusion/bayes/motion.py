@@ -2,7 +2,7 @@
 
 Symbols of the equations and their names here: s the state (x, y, vx, vy, a, biases of vehicle 1, .., biases of vehicle V),
 a = ln(activity / REFERENCE_BQ); tau = ``velocity_s``, sigma_v^2 = ``velocity_variance``, Q = ``switching_ps`` with its
-diagonal filled, q = ``bias_drift``, P0 = ``bias_variance``. References: agent.fusion.bayes.
+diagonal filled, q = ``bias_drift``, P0 = ``bias_variance``. References: radron.agent.fusion.bayes.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import expm
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 ACTIVITY = 4  # index of the log activity in the state
 BIASES = 5  # index of the first vehicle's biases:

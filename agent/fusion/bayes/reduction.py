@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 LEAST_WEIGHT = 1e-4  # relative to the heaviest site; lighter ones are dropped
 NEAR = 0.5  # sites nearer than this multiple of their sigma are merged

@@ -26,10 +26,10 @@ from functools import cached_property
 
 import numpy as np
 
-from agent.errors import ConfigError
-from agent.fusion.bayes.soil import BODY_SHARE, SOIL, SoilChannel, SoilTable
-from agent.fusion.facing import MEAN_FACING
-from agent.geometry import Array
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.bayes.soil import BODY_SHARE, SOIL, SoilChannel, SoilTable
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities
 NEAREST_M = 0.3  # least distance of a camera from a source in the model
@@ -70,7 +70,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Response:
-    """The rates of one nuclide in the detector chain of agent.detector with its default configuration.
+    """The rates of one nuclide in the detector chain of radron.agent.detector with its default configuration.
 
     photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
     events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events

@@ -8,7 +8,7 @@ distribution. Otherwise a background stronger than configured would in the end l
     background[f, a, cell] = P(f | H1, a, cell),   background_alone[f] = P(f | H0).
 
 Poses are assumed exact: the search yields the apparent place of the source (``mixture.Mixture.of_sites`` accounts for biases).
-References: agent.fusion.bayes.
+References: radron.agent.fusion.bayes.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agent.fusion.bayes.cones import Orders, cone_likelihood
-from agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
-from agent.fusion.bayes.grid import Grid, Weights
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import ACTIVITY
-from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
-from agent.fusion.estimator import Outlook
-from agent.geometry import Array, Point2, Vector3
+from radron.agent.fusion.bayes.cones import Orders, cone_likelihood
+from radron.agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
+from radron.agent.fusion.bayes.grid import Grid, Weights
+from radron.agent.fusion.bayes.mixture import Mixture
+from radron.agent.fusion.bayes.motion import ACTIVITY
+from radron.agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
+from radron.agent.fusion.estimator import Outlook
+from radron.agent.geometry import Array, Point2, Vector3
 
 _MOVE_S = 0.5  # least time step of the prediction
 _LONGEST_MOVE_S = 60.0  # greatest time step of the prediction: a stamp may be years off

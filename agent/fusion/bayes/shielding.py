@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry import Array
-from agent.terrain.buildings import Buildings
+from radron.agent.geometry import Array
+from radron.agent.terrain.buildings import Buildings
 
 _MAP_SIGMA = 0.03  # relative, of the optical depth: a map's thicknesses and densities
 _WIDEST_M = 5.0  # of the sigmas; beyond it, the obstacles in between are unknown

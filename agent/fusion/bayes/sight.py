@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from agent.fusion.bayes.motion import BIAS, BIASES, HEADING, HEIGHT
-from agent.fusion.bayes.response import NEAREST_M, Response
-from agent.fusion.bayes.shielding import Shielding
-from agent.fusion.bayes.soil import IMAGE_DEPTH
-from agent.geometry import Array, Vector3
-from agent.terrain.buildings import Buildings
-from agent.terrain.ground import Ground
+from radron.agent.fusion.bayes.motion import BIAS, BIASES, HEADING, HEIGHT
+from radron.agent.fusion.bayes.response import NEAREST_M, Response
+from radron.agent.fusion.bayes.shielding import Shielding
+from radron.agent.fusion.bayes.soil import IMAGE_DEPTH
+from radron.agent.geometry import Array, Vector3
+from radron.agent.terrain.buildings import Buildings
+from radron.agent.terrain.ground import Ground
 
 _MIN_ABOVE_M = 0.3  # of a camera above the image of the source
 

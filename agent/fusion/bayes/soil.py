@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.fusion.facing import MEAN_FACING
-from agent.geometry import Array
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.agent.geometry import Array
 
 BODY_SHARE = 0.25  # vehicle and mount scatter a quarter of the scatter assumed for the surroundings over nothing
 SCATTER_SIGMA = 0.3  # of the logarithm of the scatter factor

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 
 class Contrast(Struct, frozen=True, eq=False):

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from agent.frames.transform import Transform
-from agent.fusion.bayes.contradicted import Rejections, is_contradicted
-from agent.fusion.bayes.doubted import Sure
-from agent.fusion.bayes.exposed import Exposed
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.search import SearchState
-from agent.fusion.bayes.turned import Turns
-from agent.geometry import Array
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.contradicted import Rejections, is_contradicted
+from radron.agent.fusion.bayes.doubted import Sure
+from radron.agent.fusion.bayes.exposed import Exposed
+from radron.agent.fusion.bayes.mixture import Mixture
+from radron.agent.fusion.bayes.search import SearchState
+from radron.agent.fusion.bayes.turned import Turns
+from radron.agent.geometry import Array
 
 
 class BayesState(Struct, frozen=True, eq=False):

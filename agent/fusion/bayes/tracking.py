@@ -7,18 +7,18 @@ from collections.abc import Callable, Mapping
 
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform, same
-from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.contradicted import CONE_NATS, is_disputed, rejected
-from agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import GAIN
-from agent.fusion.bayes.sight import Scene
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.bayes.turned import with_score
-from agent.fusion.estimator import GridStep
-from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.geometry import Array
+from radron.agent.frames.transform import Transform, same
+from radron.agent.fusion.bayes.cones import Orders
+from radron.agent.fusion.bayes.contradicted import CONE_NATS, is_disputed, rejected
+from radron.agent.fusion.bayes.exposed import REJECTED_COST, Exposed, Fit
+from radron.agent.fusion.bayes.mixture import Mixture
+from radron.agent.fusion.bayes.motion import GAIN
+from radron.agent.fusion.bayes.sight import Scene
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.bayes.turned import with_score
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.observation import ConeObservation, CountObservation, Observation
+from radron.agent.geometry import Array
 
 EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
 _NS = 1e9

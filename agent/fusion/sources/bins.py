@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.geometry import Array
-from protocol.spectrum import EDGES_KEV
+from radron.agent.geometry import Array
+from radron.protocol.spectrum import EDGES_KEV
 
 LEAST_MM2 = 1e-9  # lower limit of an area, against division by 0
 _POOLED = 2  # bins, up to 69 keV

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import Polygon, contains_xy
 
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 _LEAST_GAIN = 6.0  # of log likelihood by the score test; the following fit usually gains more
 _MOST = 6  # fitted candidates

@@ -20,17 +20,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from agent.fusion.facing import MEAN_FACING, Facing
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.hidden import Cells, Expected, Views
-from agent.fusion.sources.shades import KnownWalls, Shades
-from agent.fusion.sources.shapes import Mixture, Part, products
-from agent.fusion.sources.soil import SOIL_SHAPES
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import AIR, NEAR, NEAREST_M, PER_MM2, Spectra
-from agent.geometry import Array, Vector3
-from agent.terrain.ground import Ground
-from protocol.spectrum import BINS
+from radron.agent.fusion.facing import MEAN_FACING, Facing
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.hidden import Cells, Expected, Views
+from radron.agent.fusion.sources.shades import KnownWalls, Shades
+from radron.agent.fusion.sources.shapes import Mixture, Part, products
+from radron.agent.fusion.sources.soil import SOIL_SHAPES
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import AIR, NEAR, NEAREST_M, PER_MM2, Spectra
+from radron.agent.geometry import Array, Vector3
+from radron.agent.terrain.ground import Ground
+from radron.protocol.spectrum import BINS
 
 _MODEL_ERROR = 0.05  # eps
 _EDGE_ON = 0.05  # f of a camera with its edge towards the source, counting by its sides

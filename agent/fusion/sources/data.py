@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from agent.fusion.bayes.cones import Orders
-from agent.fusion.observation import ConeObservation, CountObservation
-from agent.fusion.sources.bins import pooled
-from agent.geometry import Array
-from protocol.spectrum import BINS
+from radron.agent.fusion.bayes.cones import Orders
+from radron.agent.fusion.observation import ConeObservation, CountObservation
+from radron.agent.fusion.sources.bins import pooled
+from radron.agent.geometry import Array
+from radron.protocol.spectrum import BINS
 
 _VOXEL_MM = 500
 _COARSE = 4  # voxels on a side of a coarse one

@@ -16,15 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.windows import Windows
-from agent.fusion.bayes.cones import OUTLIER_FRACTION
-from agent.fusion.sources.counts import Derivatives
-from agent.fusion.sources.data import Cones
-from agent.fusion.sources.shades import KnownWalls, Shades
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.detector.windows import Windows
+from radron.agent.fusion.bayes.cones import OUTLIER_FRACTION
+from radron.agent.fusion.sources.counts import Derivatives
+from radron.agent.fusion.sources.data import Cones
+from radron.agent.fusion.sources.shades import KnownWalls, Shades
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 _PER_ROOT_TWO_PI = (2.0 * np.pi) ** -0.5
 _LEAST_SINE = 1e-3

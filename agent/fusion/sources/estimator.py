@@ -16,26 +16,26 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig
-from agent.detector.windows import Windows, candidates_of
-from agent.errors import ConfigError
-from agent.fusion.estimator import GridStep, Outlook
-from agent.fusion.observation import Observation
-from agent.fusion.sources.candidates import Scan, grid_of, raised_grid, spacing_m
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Cones, Rows
-from agent.fusion.sources.directions import ConeModel
-from agent.fusion.sources.fit import Fitted, Prior, Problem
-from agent.fusion.sources.hiding import Target
-from agent.fusion.sources.misled import misled
-from agent.fusion.sources.moves import Moves
-from agent.fusion.sources.shades import KnownWalls
-from agent.fusion.sources.solution import BIAS, Solution
-from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, UNKNOWN_AIR_PER_M, Spectra
-from agent.fusion.sources.state import Refinement, SourcesState
-from agent.fusion.sources.telling import Telling
-from agent.fusion.sources.unknown import judged, only_told, only_unknown, settled
-from agent.terrain.ground import Ground
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.windows import Windows, candidates_of
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.estimator import GridStep, Outlook
+from radron.agent.fusion.observation import Observation
+from radron.agent.fusion.sources.candidates import Scan, grid_of, raised_grid, spacing_m
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Cones, Rows
+from radron.agent.fusion.sources.directions import ConeModel
+from radron.agent.fusion.sources.fit import Fitted, Prior, Problem
+from radron.agent.fusion.sources.hiding import Target
+from radron.agent.fusion.sources.misled import misled
+from radron.agent.fusion.sources.moves import Moves
+from radron.agent.fusion.sources.shades import KnownWalls
+from radron.agent.fusion.sources.solution import BIAS, Solution
+from radron.agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, UNKNOWN_AIR_PER_M, Spectra
+from radron.agent.fusion.sources.state import Refinement, SourcesState
+from radron.agent.fusion.sources.telling import Telling
+from radron.agent.fusion.sources.unknown import judged, only_told, only_unknown, settled
+from radron.agent.terrain.ground import Ground
 
 _LEAST_BIAS_M = 0.01
 _STRONGER = 2.0  # ratio of activities from which another source becomes the first

@@ -9,12 +9,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.fusion.bayes.soil import SCATTER_SIGMA
-from agent.fusion.sources.counts import CountModel, Derivatives
-from agent.fusion.sources.directions import ConeModel
-from agent.fusion.sources.hidden import Expected
-from agent.fusion.sources.solution import BIAS, Solution
-from agent.geometry import Array
+from radron.agent.fusion.bayes.soil import SCATTER_SIGMA
+from radron.agent.fusion.sources.counts import CountModel, Derivatives
+from radron.agent.fusion.sources.directions import ConeModel
+from radron.agent.fusion.sources.hidden import Expected
+from radron.agent.fusion.sources.solution import BIAS, Solution
+from radron.agent.geometry import Array
 
 _MOST_STEP = np.array([2.0, 2.0, 1.0, 2.0])  # limit of one iteration, by number of a source
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # Levenberg and Marquardt's, tried in turn until the fit improves

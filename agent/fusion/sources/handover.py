@@ -41,16 +41,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook
-from agent.fusion.observation import Observation
-from agent.fusion.sources.estimator import SourcesAtRest
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.looking import doubted, led, looks
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.state import SourcesState
-from agent.fusion.sources.tracker import Track, Tracker
-from protocol.entries import AnyEntry, Cone, Exposure
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from radron.agent.fusion.observation import Observation
+from radron.agent.fusion.sources.estimator import SourcesAtRest
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.looking import doubted, led, looks
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.state import SourcesState
+from radron.agent.fusion.sources.tracker import Track, Tracker
+from radron.protocol.entries import AnyEntry, Cone, Exposure
 
 _HOLD_S = 0.25  # as of ``bayes``
 _RECENT = 2  # kept moves: agents that share an estimator, as in simulations, may differ by an observation

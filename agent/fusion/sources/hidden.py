@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import log_ndtr
 
-from agent.fusion.sources.data import Rows, summing
-from agent.geometry import Array
-from protocol.spectrum import BINS
+from radron.agent.fusion.sources.data import Rows, summing
+from radron.agent.geometry import Array
+from radron.protocol.spectrum import BINS
 
 HIDDEN = 0.056  # as in fusion.bayes.hidden
 _SHARE = 0.1

@@ -19,16 +19,16 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from agent.fusion.estimator import Exclusion, Outlook
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.shades import KnownWalls
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
-from agent.geometry import Array
-from agent.terrain.ground import Ground
+from radron.agent.fusion.estimator import Exclusion, Outlook
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.shades import KnownWalls
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
+from radron.agent.geometry import Array
+from radron.agent.terrain.ground import Ground
 
 EXCLUDED = 0.05  # odds of a source against none, relative to the prior ones
 _LOG_EXCLUDED = float(np.log(EXCLUDED))

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from agent.fusion.bayes.estimator import BayesEstimator
-from agent.fusion.estimator import GridStep, Outlook
-from agent.fusion.sources.tracker import Track
+from radron.agent.fusion.bayes.estimator import BayesEstimator
+from radron.agent.fusion.estimator import GridStep, Outlook
+from radron.agent.fusion.sources.tracker import Track
 
 _LEADS_NS, _LOOK_NS = 60_000_000_000, 25_000_000_000
 _CLEAR = 0.8  # P(at rest) from which on a source needs no verification

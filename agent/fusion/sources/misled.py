@@ -22,11 +22,11 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from agent.fusion.sources.data import Rows, summing
-from agent.fusion.sources.fit import Fitted, Problem, by_bias
-from agent.fusion.sources.solution import BIAS, Solution
-from agent.geometry import Array
-from protocol.spectrum import BINS
+from radron.agent.fusion.sources.data import Rows, summing
+from radron.agent.fusion.sources.fit import Fitted, Problem, by_bias
+from radron.agent.fusion.sources.solution import BIAS, Solution
+from radron.agent.geometry import Array
+from radron.protocol.spectrum import BINS
 
 _COMMON_ERROR = 0.05
 _SIDE = 12  # voxels, 6 m: on a circle, about an eighth of the way around

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from agent.fusion.sources.candidates import Scan
-from agent.fusion.sources.fit import Fitted, Problem
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra
-from agent.geometry import Array
+from radron.agent.fusion.sources.candidates import Scan
+from radron.agent.fusion.sources.fit import Fitted, Problem
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import Spectra
+from radron.agent.geometry import Array
 
 _ITERATIONS = 12
 _SHORT = 2  # iterations of a fit that only has to show whether it is worth more

@@ -11,10 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from agent.config.buildings import BuildingsConfig
-from agent.geometry import Array, Vector3
-from agent.terrain.buildings import Buildings
-from agent.terrain.ground import Ground
+from radron.agent.config.buildings import BuildingsConfig
+from radron.agent.geometry import Array, Vector3
+from radron.agent.terrain.buildings import Buildings
+from radron.agent.terrain.ground import Ground
 
 _ASIDE_M = 0.25
 _LINES: Array = _ASIDE_M * np.array([(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], np.float64)

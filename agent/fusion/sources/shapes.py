@@ -8,7 +8,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 
 @dataclass(frozen=True)

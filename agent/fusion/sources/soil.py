@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.fusion.facing import MEAN_STEEPNESS
-from agent.fusion.sources.bins import pooled, scaled
-from agent.fusion.sources.soiltables import SOIL
-from agent.geometry import Array
+from radron.agent.fusion.facing import MEAN_STEEPNESS
+from radron.agent.fusion.sources.bins import pooled, scaled
+from radron.agent.fusion.sources.soiltables import SOIL
+from radron.agent.geometry import Array
 
 SOIL_SHAPES = 3  # H, I and J
 

@@ -1,4 +1,4 @@
-"""Written by ``benchmarks/soil_spectra.py``; see agent.fusion.sources.spectra."""
+"""Written by ``benchmarks/soil_spectra.py``; see radron.agent.fusion.sources.spectra."""
 
 # fmt: off
 SOIL: dict[str, dict[str, tuple[float, ...]]] = {

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.geometry import Array
+from radron.agent.geometry import Array
 
 SOURCE = 3  # numbers of each source on the ground: x, y (m), log (activity / REFERENCE_BQ); above it, also its height (m)
 BIAS = 3  # of each drone: x, y (m), measured minus true; logarithm of its camera's sensitivity

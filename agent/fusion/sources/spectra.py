@@ -32,15 +32,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from agent.detector.lines import GAMMAS
-from agent.errors import ConfigError
-from agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE
-from agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
-from agent.fusion.sources.bins import LEAST_MM2, overlap, pooled, scaled
-from agent.fusion.sources.soil import Sight, Soil
-from agent.fusion.sources.soiltables import SOIL
-from agent.fusion.sources.tables import TABLES
-from agent.geometry import Array
+from radron.agent.detector.lines import GAMMAS
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE
+from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
+from radron.agent.fusion.sources.bins import LEAST_MM2, overlap, pooled, scaled
+from radron.agent.fusion.sources.soil import Sight, Soil
+from radron.agent.fusion.sources.soiltables import SOIL
+from radron.agent.fusion.sources.tables import TABLES
+from radron.agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities
 NEAREST_M = 0.3  # least distance of a camera from a source in the model

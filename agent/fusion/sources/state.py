@@ -8,11 +8,11 @@ from functools import cached_property
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.fusion.estimator import Outlook
-from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.fusion.sources.data import Cones, Rows
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.spectra import UnknownSpectrum
+from radron.agent.fusion.estimator import Outlook
+from radron.agent.fusion.observation import ConeObservation, CountObservation, Observation
+from radron.agent.fusion.sources.data import Cones, Rows
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.spectra import UnknownSpectrum
 
 
 class SourcesState(Struct, frozen=True, eq=False):

@@ -1,4 +1,4 @@
-"""Written by ``benchmarks/spectral_response.py``, with 100,000 events or more; see agent.fusion.sources.spectra."""
+"""Written by ``benchmarks/spectral_response.py``, with 100,000 events or more; see radron.agent.fusion.sources.spectra."""
 
 # fmt: off
 TABLES: dict[str, dict[str, tuple[float, ...]]] = {

@@ -9,19 +9,19 @@ from collections.abc import Mapping
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.fusion.bayes.apparent import Sights
-from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
-from agent.fusion.bayes.motion import BIAS as ERRORS
-from agent.fusion.estimator import GridStep, Hypothesis
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.solution import BIAS
-from agent.fusion.sources.spectra import REFERENCE_BQ, Spectra
-from agent.fusion.sources.state import SourcesState
-from agent.geometry import Array
-from agent.motion.orbit import ring_radius_m
-from agent.terrain.ground import Ground
+from radron.agent.config.mission import MissionConfig
+from radron.agent.fusion.bayes.apparent import Sights
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
+from radron.agent.fusion.bayes.motion import BIAS as ERRORS
+from radron.agent.fusion.estimator import GridStep, Hypothesis
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.solution import BIAS
+from radron.agent.fusion.sources.spectra import REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.state import SourcesState
+from radron.agent.geometry import Array
+from radron.agent.motion.orbit import ring_radius_m
+from radron.agent.terrain.ground import Ground
 
 _BESIDE_M = 1.0  # margin of a camera's distance on the circle around a source
 _SURE = 0.25  # 1 sigma of the log activity up to which a source differs from errors of the model

@@ -16,28 +16,28 @@ from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig
-from agent.detector.windows import Windows
-from agent.fusion.bayes.counts import TRACK_TEMPER, background_log_likelihood, fit_rate
-from agent.fusion.bayes.estimator import BayesEstimator
-from agent.fusion.bayes.motion import REST
-from agent.fusion.bayes.response import Channel, Response
-from agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE, SoilChannel
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.estimator import Hypothesis
-from agent.fusion.facing import MEAN_STEEPNESS
-from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.fusion.sources.bins import LEAST_MM2, pooled
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import UNTOLD_HITS, Rows
-from agent.fusion.sources.fit import Problem
-from agent.fusion.sources.hidden import HIDDEN
-from agent.fusion.sources.shades import KnownWalls
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra, UnknownSpectrum
-from agent.geometry import Array, Vector3
-from agent.terrain.ground import Ground
-from protocol.spectrum import BINS, EDGES_KEV
+from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.windows import Windows
+from radron.agent.fusion.bayes.counts import TRACK_TEMPER, background_log_likelihood, fit_rate
+from radron.agent.fusion.bayes.estimator import BayesEstimator
+from radron.agent.fusion.bayes.motion import REST
+from radron.agent.fusion.bayes.response import Channel, Response
+from radron.agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE, SoilChannel
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.fusion.facing import MEAN_STEEPNESS
+from radron.agent.fusion.observation import ConeObservation, CountObservation, Observation
+from radron.agent.fusion.sources.bins import LEAST_MM2, pooled
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import UNTOLD_HITS, Rows
+from radron.agent.fusion.sources.fit import Problem
+from radron.agent.fusion.sources.hidden import HIDDEN
+from radron.agent.fusion.sources.shades import KnownWalls
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import Spectra, UnknownSpectrum
+from radron.agent.geometry import Array, Vector3
+from radron.agent.terrain.ground import Ground
+from radron.protocol.spectrum import BINS, EDGES_KEV
 
 _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
 _HIDDEN_SIGMA = 2.0  # and behind an unknown wall

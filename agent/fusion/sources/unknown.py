@@ -26,13 +26,13 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import maximum_filter1d
 
-from agent.fusion.facing import MEAN_STEEPNESS
-from agent.fusion.sources.fit import Fitted, Prior, Problem
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
-from agent.geometry import Array
-from protocol.spectrum import BINS, EDGES_KEV
+from radron.agent.fusion.facing import MEAN_STEEPNESS
+from radron.agent.fusion.sources.fit import Fitted, Prior, Problem
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
+from radron.agent.geometry import Array
+from radron.protocol.spectrum import BINS, EDGES_KEV
 
 _MODEL_ERROR = 0.05  # relative, of each bin
 _OTHERS_ERROR = 0.1  # of the counts of other sources and the background

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import atan2, pi
 
-from agent.motion.encirclement import wrapped
-from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.sources import RECENT_NS
-from protocol.entries import Sighting
+from radron.agent.motion.encirclement import wrapped
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.peers.sources import RECENT_NS
+from radron.protocol.entries import Sighting
 
 
 def seen_bearings(peers: Peers, epoch: int, now_ns: int) -> list[float]:

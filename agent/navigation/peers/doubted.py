@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from math import dist, sqrt
 
-from agent.frames.transform import Transform
-from agent.localization.knownframe import SAME_M
-from protocol.messages import Pose
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.knownframe import SAME_M
+from radron.protocol.messages import Pose
 
 
 def doubt_m(pose: Pose, mission_from_theirs: Transform, other: Transform) -> float:

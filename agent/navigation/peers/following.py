@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from math import hypot
 
-from agent.config.drone import ResponseConfig
-from agent.motion.feedforward import Deviation
-from agent.motion.separation import PeerPlan, margin_m
-from agent.navigation.peers.newest import OLDEST_NS, Peer
-from protocol.messages import Plan, Pose
-from protocol.stages import DESCENDING
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.motion.feedforward import Deviation
+from radron.agent.motion.separation import PeerPlan, margin_m
+from radron.agent.navigation.peers.newest import OLDEST_NS, Peer
+from radron.protocol.messages import Plan, Pose
+from radron.protocol.stages import DESCENDING
 
 _PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
 _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans

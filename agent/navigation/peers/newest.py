@@ -9,10 +9,10 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from agent.navigation.peers.sources import RECENT_NS, Sources, Story
-from protocol.entries import Sighting
-from protocol.messages import Plan, Pose, Status
-from protocol.stages import ON_GROUND
+from radron.agent.navigation.peers.sources import RECENT_NS, Sources, Story
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Plan, Pose, Status
+from radron.protocol.stages import ON_GROUND
 
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped

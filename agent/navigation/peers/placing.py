@@ -6,14 +6,14 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from math import hypot, inf, sqrt
 
-from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
-from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
-from agent.navigation.peers.newest import OLDEST_NS, Peer
-from agent.navigation.peers.relative import placed_alone, places
-from protocol.entries import Sighting
-from protocol.messages import Plan, Pose
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Vector3
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.peers.newest import OLDEST_NS, Peer
+from radron.agent.navigation.peers.relative import placed_alone, places
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Plan, Pose
 
 WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
 SIGMAS = 3.0

@@ -9,9 +9,9 @@ from statistics import median
 import numpy as np
 from msgspec import Struct
 
-from agent.geometry import Vector3
-from agent.motion.reference import PeerState
-from protocol.entries import Sighting
+from radron.agent.geometry import Vector3
+from radron.agent.motion.reference import PeerState
+from radron.protocol.entries import Sighting
 
 WINDOW_NS = 3_000_000_000  # older sightings are not used
 FEWEST = 4  # sightings that must agree before they are used

@@ -21,8 +21,8 @@ from operator import mul
 
 from msgspec.structs import replace
 
-from protocol.messages import Pose, Status
-from protocol.stages import ON_GROUND
+from radron.protocol.messages import Pose, Status
+from radron.protocol.stages import ON_GROUND
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a safety pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses

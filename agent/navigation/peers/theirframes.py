@@ -7,15 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.frames.drift import Drift
-from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform
-from agent.localization.continuity import carried_on
-from agent.navigation.peers.doubted import doubt_m
-from agent.navigation.peers.placing import WORST_SIGMA_M, bare
-from protocol.messages import Pose
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.continuity import carried_on
+from radron.agent.navigation.peers.doubted import doubt_m
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M, bare
+from radron.protocol.messages import Pose
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform
-from agent.geometry import Array
-from agent.navigation.unheard.contact import Wall
-from agent.navigation.unheard.wayaround import KeptPlace
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
+from radron.agent.navigation.unheard.contact import Wall
+from radron.agent.navigation.unheard.wayaround import KeptPlace
 
 
 class Absence(Struct, frozen=True):

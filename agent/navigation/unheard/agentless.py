@@ -12,14 +12,14 @@ from math import ceil, dist, hypot, inf
 import numpy as np
 from msgspec import Struct
 
-from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform
-from agent.geometry import Array, Point2, Vector3
-from agent.localization.continuity import ONWARD_S
-from agent.motion.reference import PeerState
-from agent.navigation.peers.newest import Peer
-from protocol.messages import Stage
-from protocol.stages import DESCENDING, STEERED
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Point2, Vector3
+from radron.agent.localization.continuity import ONWARD_S
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.peers.newest import Peer
+from radron.protocol.messages import Stage
+from radron.protocol.stages import DESCENDING, STEERED
 
 # Autopilot without setpoints (PX4: COM_OF_LOSS_T): flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
 # checks; slower near the height), returns at 3 to 6 m/s (MPC_XY_CRUISE: 5), and descends at half a metre per second or

@@ -6,16 +6,16 @@ from math import hypot
 
 from msgspec import Struct
 
-from agent.frames.transform import Transform
-from agent.geometry import Point2
-from agent.motion.reference import PeerState
-from agent.navigation.unheard.agentless import Course
-from protocol.messages import Pose, Stage
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Point2
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.unheard.agentless import Course
+from radron.protocol.messages import Pose, Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten pose periods
 # Tolerances for a drone on the circle, in contrast to a drone on its way there. Distance from the circle, and difference from the
-# velocity along it (or from standing on it). The latter amounts to half a metre of offset (``agent.motion.encirclement``). With
-# wider ones, drones that only cross the circle at 4 to 6 m/s count as circling, and get no separation line.
+# velocity along it (or from standing on it). The latter amounts to half a metre of offset (``radron.agent.motion.encirclement``).
+# With wider ones, drones that only cross the circle at 4 to 6 m/s count as circling, and get no separation line.
 ON_M, _ON_MPS = 3.0, 1.5
 _NOTICES_S = SILENT_NS * 1e-9
 

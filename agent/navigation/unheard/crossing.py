@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import dist
 
-from agent.config.mission import MissionConfig
-from agent.geometry import Point2
-from agent.motion.orbit import highest_circle_m
+from radron.agent.config.mission import MissionConfig
+from radron.agent.geometry import Point2
+from radron.agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
 # Home is reached when position and stopping point are within the first distance; left beyond the second one (hysteresis). The

@@ -12,9 +12,9 @@ from math import inf
 
 import numpy as np
 
-from agent.motion.separation import PeerPlan
-from agent.navigation.unheard.agentless import Course
-from agent.navigation.unheard.viewer import Viewer
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.unheard.agentless import Course
+from radron.agent.navigation.unheard.viewer import Viewer
 
 
 class HeardAgain:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.config.mission import MissionConfig
-from agent.geometry import Point2, Vector3
-from agent.motion.separation import PeerPlan
-from agent.navigation.unheard.agentless import Agentless
-from agent.navigation.unheard.crossing import is_over_m
-from agent.navigation.unheard.viewer import Viewer
-from agent.navigation.unheard.wayaround import KeptPlace
+from radron.agent.config.mission import MissionConfig
+from radron.agent.geometry import Point2, Vector3
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.unheard.agentless import Agentless
+from radron.agent.navigation.unheard.crossing import is_over_m
+from radron.agent.navigation.unheard.viewer import Viewer
+from radron.agent.navigation.unheard.wayaround import KeptPlace
 
 # A lost peer that continues the mission returns when this drone does. After this time it has descended over its home, through the
 # lower altitude layers. A drone in descent may meet it there whatever the layers. Longer keep-out would close rows of homes to

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agent.frames.transform import Transform
-from agent.motion.reference import PeerState
-from agent.navigation.peers.newest import Peer
-from agent.navigation.unheard.agentless import Agentless, Course
-from agent.navigation.unheard.contact import motion_of
-from protocol.messages import Pose, Stage
-from protocol.stages import BRAKING, STEERED
+from radron.agent.frames.transform import Transform
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.peers.newest import Peer
+from radron.agent.navigation.unheard.agentless import Agentless, Course
+from radron.agent.navigation.unheard.contact import motion_of
+from radron.protocol.messages import Pose, Stage
+from radron.protocol.stages import BRAKING, STEERED
 
 _BLIND_NS = 1_500_000_000  # status newer than the last pose by more than this: the agent is without telemetry
 

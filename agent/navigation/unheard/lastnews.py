@@ -7,8 +7,8 @@ from math import isfinite
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.navigation.unheard.contact import Wall
-from protocol.messages import Pose, Stage, Status
+from radron.agent.navigation.unheard.contact import Wall
+from radron.protocol.messages import Pose, Stage, Status
 
 
 class LastNews(Struct, frozen=True, kw_only=True):

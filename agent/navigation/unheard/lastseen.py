@@ -5,10 +5,10 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
-from agent.navigation.peers.placing import WORST_SIGMA_M
-from agent.navigation.peers.relative import UNKNOWN_MPS
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M
+from radron.agent.navigation.peers.relative import UNKNOWN_MPS
 
 
 class LastSeen(Struct, frozen=True):

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.motion.orbit import ring_change_s
-from agent.navigation.unheard.contact import SILENT_NS, Contact, Wall, wall_between
-from agent.navigation.unheard.viewer import Viewer
-from protocol.stages import TAKING_PART
+from radron.agent.config.mission import MissionConfig
+from radron.agent.motion.orbit import ring_change_s
+from radron.agent.navigation.unheard.contact import SILENT_NS, Contact, Wall, wall_between
+from radron.agent.navigation.unheard.viewer import Viewer
+from radron.protocol.stages import TAKING_PART
 
 APART_NS = 60_000_000_000  # validity of a separation line after the last contact
 KEPT_M = 4.5  # least distance of a waypoint from the line

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from agent.navigation.peers.newest import Peers
-from protocol.messages import Status
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.messages import Status
 
 # Retention of a place on the shared circle after the last contact. Each network component notices after a second, and moves to
-# its own circle, 6 m or more from the next. At up to 2 m/s (``agent.motion.orbit``), by then they are 5 m apart.
+# its own circle, 6 m or more from the next. At up to 2 m/s (``radron.agent.motion.orbit``), by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
 _RELAYED_NS = 4_000_000_000  # by then no status lists a drone without any link
 

@@ -10,16 +10,16 @@ import numpy as np
 import shapely
 from shapely import Point, Polygon
 
-from agent.config.mission import MissionConfig
-from agent.geometry import Array, Point2, Vector3
-from agent.motion.orbit import ring_lift_m, ring_radius_m
-from agent.motion.reference import PeerState
-from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
-from agent.navigation.peers.placing import blind_plan
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.contact import ON_M
-from agent.navigation.unheard.crossing import CLEAR_M, Crossing
-from agent.navigation.unheard.sides import is_next
+from radron.agent.config.mission import MissionConfig
+from radron.agent.geometry import Array, Point2, Vector3
+from radron.agent.motion.orbit import ring_lift_m, ring_radius_m
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import LEAST_MARGIN_M, PeerPlan
+from radron.agent.navigation.peers.placing import blind_plan
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.contact import ON_M
+from radron.agent.navigation.unheard.crossing import CLEAR_M, Crossing
+from radron.agent.navigation.unheard.sides import is_next
 
 ROOM_M = 3.0  # between a circle and the fence
 # A lost peer follows its plan until it notices the loss. At the same time it ceases to count here. Then it brakes from its speed

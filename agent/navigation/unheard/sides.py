@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from agent.navigation.peers.newest import Peers
-from agent.navigation.unheard.contact import SILENT_NS
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.unheard.contact import SILENT_NS
 
 
 def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peers, now_ns: int) -> list[str]:

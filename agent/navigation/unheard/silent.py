@@ -4,8 +4,8 @@ Two causes of the silence cannot be told apart:
 
 - loss of its agent: its autopilot flies (``agentless``).
 - loss of the radio alone: the peer flies on, and cannot hear this drone either. If both were on the circle, they leave for
-  circles of different radius and height (``agent.motion.orbit``). Otherwise both keep to their own sides of the separation line,
-  half-way between the positions at which they notice the loss (``lines``).
+  circles of different radius and height (``radron.agent.motion.orbit``). Otherwise both keep to their own sides of the separation
+  line, half-way between the positions at which they notice the loss (``lines``).
 
 If the peer was seen after its last pose, and is occluded now, all this begins at the last sighting (``lastseen``). The last
 pose may be minutes old, and its prediction 20 m and more beside the flight.
@@ -28,26 +28,26 @@ from math import hypot
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform
-from agent.geometry import Array
-from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
-from agent.navigation.peers.newest import Peer, Peers
-from agent.navigation.unheard.absence import Absence
-from agent.navigation.unheard.agentless import Agentless, Course, Stretch
-from agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
-from agent.navigation.unheard.crossing import is_over_m
-from agent.navigation.unheard.homes import Homes
-from agent.navigation.unheard.lastcourses import last_course, last_stage, possible_courses
-from agent.navigation.unheard.lastseen import LastSeen, LastSightings
-from agent.navigation.unheard.lines import Lines
-from agent.navigation.unheard.relayed import is_kept, relayed
-from agent.navigation.unheard.sides import ring_of, side
-from agent.navigation.unheard.viewer import Viewer
-from agent.navigation.unheard.wayaround import KeptPlace
-from protocol.messages import Pose, Stage
-from protocol.stages import CIRCLING, MAY_TAKE_PART
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.peers.newest import Peer, Peers
+from radron.agent.navigation.unheard.absence import Absence
+from radron.agent.navigation.unheard.agentless import Agentless, Course, Stretch
+from radron.agent.navigation.unheard.contact import SILENT_NS, Circle, Contact, Wall, motion_of
+from radron.agent.navigation.unheard.crossing import is_over_m
+from radron.agent.navigation.unheard.homes import Homes
+from radron.agent.navigation.unheard.lastcourses import last_course, last_stage, possible_courses
+from radron.agent.navigation.unheard.lastseen import LastSeen, LastSightings
+from radron.agent.navigation.unheard.lines import Lines
+from radron.agent.navigation.unheard.relayed import is_kept, relayed
+from radron.agent.navigation.unheard.sides import ring_of, side
+from radron.agent.navigation.unheard.viewer import Viewer
+from radron.agent.navigation.unheard.wayaround import KeptPlace
+from radron.protocol.messages import Pose, Stage
+from radron.protocol.stages import CIRCLING, MAY_TAKE_PART
 
 # Delay beyond the usual one: four poses are missing. The agent may be lost, and its vehicle stops soon. Behind it at 6 m/s, a
 # drone that notices only after a second cannot stop any more.

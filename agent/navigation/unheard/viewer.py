@@ -7,12 +7,12 @@ from collections.abc import Callable, Collection
 import numpy as np
 from msgspec import Struct
 
-from agent.frames.transform import Transform
-from agent.geometry import Array
-from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
-from agent.navigation.peers.placing import blind_plan
-from agent.navigation.unheard.contact import Circle, Wall
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.peers.placing import blind_plan
+from radron.agent.navigation.unheard.contact import Circle, Wall
 
 _BEHIND_M = 2.0  # nearest position of the peer beyond the line: with margins, each stays 3.6 m from the line
 

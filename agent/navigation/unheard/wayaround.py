@@ -14,12 +14,12 @@ import shapely
 from msgspec import Struct
 from shapely import Polygon
 
-from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform
-from agent.geometry import Array, Point2
-from agent.localization.ownpose import LocalFrame
-from agent.motion.detour import Detours
-from agent.motion.separation import DOUBT_SIGMAS, PeerPlan, margin_m
+from radron.agent.config.mission import MissionConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import Array, Point2
+from radron.agent.localization.ownpose import LocalFrame
+from radron.agent.motion.detour import Detours
+from radron.agent.motion.separation import DOUBT_SIGMAS, PeerPlan, margin_m
 
 _FENCE_M = 1.5  # margin of plans to the fence
 _QUARTER = 3  # edges of a circle's quarter

@@ -10,7 +10,7 @@ import socket
 import time
 from pathlib import Path
 
-from agent.errors import VehicleError
+from radron.agent.errors import VehicleError
 
 PATIENCE_S = 10.0  # wait this long for a port in use: a process that has just ended may not have released it yet
 MAX_PORT = 65535

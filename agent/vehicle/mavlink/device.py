@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from agent.errors import VehicleError
+from radron.agent.errors import VehicleError
 
 _SERIAL = re.compile(r"serial(?:_flowcontrol)?://(?P<device>[^:]+)(?::\d+)?$")
 _USUAL = ("ttyACM*", "ttyUSB*", "ttyTHS*", "ttyAMA*")

@@ -10,7 +10,7 @@ import socket
 import struct
 from contextlib import suppress
 
-from agent.errors import VehicleError
+from radron.agent.errors import VehicleError
 
 _NETWORK = re.compile(r"(?P<kind>udp|udpin|udpout|tcp|tcpin|tcpout)://(?P<host>\[[^\]]*\]|[^:/]*)(?::(?P<port>\d+))?")
 _SO_ATTACH_FILTER = 26

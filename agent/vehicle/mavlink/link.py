@@ -19,13 +19,13 @@ from mavsdk.asyncio.exceptions import MavsdkConnectionError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 from msgspec import Struct
 
-from agent.errors import VehicleError
-from agent.vehicle.mavlink.claim import claim_port
-from agent.vehicle.mavlink.device import check_device
-from agent.vehicle.mavlink.exposure import exposure, take_only_from
-from agent.vehicle.mavlink.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
-from agent.vehicle.mavlink.overhearing import listens
-from agent.vehicle.mavlink.signed import FIRST_S, First, first_message
+from radron.agent.errors import VehicleError
+from radron.agent.vehicle.mavlink.claim import claim_port
+from radron.agent.vehicle.mavlink.device import check_device
+from radron.agent.vehicle.mavlink.exposure import exposure, take_only_from
+from radron.agent.vehicle.mavlink.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
+from radron.agent.vehicle.mavlink.overhearing import listens
+from radron.agent.vehicle.mavlink.signed import FIRST_S, First, first_message
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7

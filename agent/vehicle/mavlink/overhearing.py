@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeVar
 
-from agent.vehicle.mavlink.exposure import take_only_from
+from radron.agent.vehicle.mavlink.exposure import take_only_from
 
 _UDP = re.compile(r"(?:udp|udpin)://(?P<host>[^:/]*):(?P<port>\d+)$")
 _SERIAL = re.compile(r"serial(?:_flowcontrol)?://(?P<device>[^:]+):(?P<baud>\d+)$")

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
-from agent.vehicle.mavlink.overhearing import overhear
+from radron.agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
+from radron.agent.vehicle.mavlink.overhearing import overhear
 
 FIRST_S = 1.2  # an autopilot sends a heartbeat each second, and mostly much else
 SIGNED = (

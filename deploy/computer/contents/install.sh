@@ -19,7 +19,7 @@ if [ ! -e "$place/complete" ]; then
     fi
     rm -f "$place/bin/radron-sim" "$place/bin/radron-deploy" "$place/bin/radron-station" # they are not among what flies
     "$place/bin/python" -m compileall -q "$place/lib" || true # some packages hold files for other versions of Python
-    "$place/bin/python" -P -c 'import agent.shell.node, agent.shell.supervisor'
+    "$place/bin/python" -P -c 'import radron.agent.shell.node, radron.agent.shell.supervisor'
     : > "$place/complete"
 fi
 

@@ -9,7 +9,7 @@ sh /tmp/prune.sh
 rm -f /opt/radron/bin/radron-sim /opt/radron/bin/radron-deploy /opt/radron/bin/radron-station
 # The slot cannot be written: bytecode is made now, and without dates.
 /opt/radron/bin/python -m compileall -q -j 1 --invalidation-mode unchecked-hash /opt/radron/lib
-/opt/radron/bin/python -P -c 'import agent.shell.node, agent.shell.supervisor, agent.update.command'
+/opt/radron/bin/python -P -c 'import radron.agent.shell.node, radron.agent.shell.supervisor, radron.agent.update.command'
 
 # Accounts by the numbers of sysusers.d. No password fits `*`; a locked account (`!`) could not use its SSH key either.
 systemd-sysusers

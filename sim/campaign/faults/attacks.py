@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.campaign.faults.course import Course
-from sim.campaign.faults.dealt import OF_SATELLITES, Card, strike
-from sim.campaign.faults.missions import draw_mission
+from radron.sim.campaign.faults.course import Course
+from radron.sim.campaign.faults.dealt import OF_SATELLITES, Card, strike
+from radron.sim.campaign.faults.missions import draw_mission
 
 _STREAM = 1_000_008
 # A thief that publishes a wrong place of the drone in every way at once, twenty times a second, with stamps slightly ahead.

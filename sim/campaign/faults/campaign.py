@@ -10,13 +10,13 @@ from typing import Any
 
 import msgspec
 
-from agent.errors import ConfigError
-from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, SHORT, Course
-from sim.campaign.faults.mission import Mission, Verdict, fly_mission
-from sim.campaign.flights import Watch, claim
-from sim.campaign.workers import Executor, Outcome
-from sim.runfile import RunFile, make_folder
-from sim.scoring.invariants.judge import ANY
+from radron.agent.errors import ConfigError
+from radron.sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, SHORT, Course
+from radron.sim.campaign.faults.mission import Mission, Verdict, fly_mission
+from radron.sim.campaign.flights import Watch, claim
+from radron.sim.campaign.workers import Executor, Outcome
+from radron.sim.runfile import RunFile, make_folder
+from radron.sim.scoring.invariants.judge import ANY
 
 RUNS = "missions.jsonl"
 _COMMANDS = {FULL: "faults", SHORT: "faults --short", DEALT: "faults --dealt", ATTACKED: "faults --attacks", LIVE: "live-faults"}

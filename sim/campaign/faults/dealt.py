@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.campaign.faults.course import LIVE, Course
-from sim.campaign.faults.missions import PACE_MPS, draw_mission
-from sim.campaign.faults.strengths import STRENGTHS, Strike
-from sim.faults.kinds import KINDS
+from radron.sim.campaign.faults.course import LIVE, Course
+from radron.sim.campaign.faults.missions import PACE_MPS, draw_mission
+from radron.sim.campaign.faults.strengths import STRENGTHS, Strike
+from radron.sim.faults.kinds import KINDS
 
 Card = tuple[str, dict[str, Any]]  # a kind, and its fixed numbers
 

@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 
-from sim.campaign.faults.course import FULL, Course
-from sim.campaign.faults.missions import draw_mission
-from sim.campaign.faults.strengths import STRENGTHS, Strike
-from sim.faults.base import Family
-from sim.faults.kinds import DEALT_ONLY, KINDS
+from radron.sim.campaign.faults.course import FULL, Course
+from radron.sim.campaign.faults.missions import draw_mission
+from radron.sim.campaign.faults.strengths import STRENGTHS, Strike
+from radron.sim.faults.base import Family
+from radron.sim.faults.kinds import DEALT_ONLY, KINDS
 
 _STREAM = 1_000_005  # key of these random numbers, beside those of the flight itself
 _MOST_FAULTS = 5

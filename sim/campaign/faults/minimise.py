@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from sim.campaign.faults.mission import Mission, Verdict, fly_mission
-from sim.scoring.invariants.base import Violation
+from radron.sim.campaign.faults.mission import Mission, Verdict, fly_mission
+from radron.sim.scoring.invariants.base import Violation
 
 Document = dict[str, Any]
 _MOST_FLIGHTS = 60

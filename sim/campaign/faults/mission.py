@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from protocol.stages import SEARCHING
-from sim.campaign.faults.attacks import attack
-from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, Course
-from sim.campaign.faults.dealt import deal
-from sim.campaign.faults.draw import draw
-from sim.campaign.faults.recording import Recording
-from sim.scenario import parse_scenario
-from sim.scoring.invariants.base import Setting, Violation
-from sim.scoring.invariants.judge import Judge
-from sim.scoring.moment import Hypothesis, Scene
+from radron.protocol.stages import SEARCHING
+from radron.sim.campaign.faults.attacks import attack
+from radron.sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, Course
+from radron.sim.campaign.faults.dealt import deal
+from radron.sim.campaign.faults.draw import draw
+from radron.sim.campaign.faults.recording import Recording
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.invariants.base import Setting, Violation
+from radron.sim.scoring.invariants.judge import Judge
+from radron.sim.scoring.moment import Hypothesis, Scene
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
@@ -79,7 +79,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 def fly_mission(mission: Mission) -> Verdict:
     """Fly and judge a mission. An exception in it is a violation like any other."""
-    from sim.lockstep.flight import watched  # noqa: PLC0415  (only the workers need the physics)
+    from radron.sim.lockstep.flight import watched  # noqa: PLC0415  (only the workers need the physics)
 
     document, course = mission.drawn, mission.course
     scenario = parse_scenario(document, mission.label)

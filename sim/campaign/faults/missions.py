@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.campaign.faults.course import Course
+from radron.sim.campaign.faults.course import Course
 
 _DATUM = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_m": 488.0}
 PACE_MPS = 0.8  # of the fastest source: the swarm circles at 3 m/s

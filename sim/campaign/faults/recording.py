@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-from agent.computing import ALONE, Computing
-from agent.config.drone import DroneConfig
-from agent.config.mission import MissionConfig
-from agent.errors import RadronError
-from agent.flight.header import FlightHeader
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import Difference, replay
-from agent.localization.ownpose import Whereabouts
-from agent.mission.memory import Memory
-from agent.navigation.reckoning import Reckoning
-from agent.pilot import Pilot
-from protocol.signing import Trust
+from radron.agent.computing import ALONE, Computing
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.errors import RadronError
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import Difference, replay
+from radron.agent.localization.ownpose import Whereabouts
+from radron.agent.mission.memory import Memory
+from radron.agent.navigation.reckoning import Reckoning
+from radron.agent.pilot import Pilot
+from radron.protocol.signing import Trust
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -60,7 +60,7 @@ class _Recorded(RecordedPilot):
 
 
 class Recording:
-    """Makes the pilots of a flight (``sim.lockstep.flight.watched(make=...)``) and records the pilots of one drone."""
+    """Makes the pilots of a flight (``radron.sim.lockstep.flight.watched(make=...)``) and records the pilots of one drone."""
 
     def __init__(self, drone: str, folder: Path) -> None:
         """``folder``: for the records; one subfolder for each start of the agent."""

@@ -9,13 +9,13 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from sim.campaign.faults.campaign import replay_line
-from sim.campaign.faults.course import Course
-from sim.campaign.faults.mission import EXCEPTION, Verdict
-from sim.faults.kinds import KINDS
-from sim.figures.faults import kinds_figure
-from sim.figures.style import save
-from sim.runfile import write_text
+from radron.sim.campaign.faults.campaign import replay_line
+from radron.sim.campaign.faults.course import Course
+from radron.sim.campaign.faults.mission import EXCEPTION, Verdict
+from radron.sim.faults.kinds import KINDS
+from radron.sim.figures.faults import kinds_figure
+from radron.sim.figures.style import save
+from radron.sim.runfile import write_text
 
 
 class KindRow(Struct, frozen=True, kw_only=True):

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from agent.errors import ConfigError
-from sim.commands.faults import fly_and_tell
+from radron.agent.errors import ConfigError
+from radron.sim.commands.faults import fly_and_tell
 
 
 def live_faults(
@@ -23,12 +23,12 @@ def live_faults(
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
 ) -> None:
     """Fly random missions with faults live, two minutes each. Exit code 1 where anything was violated."""
-    from sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415  (heavy imports wait until they are needed)
-    from sim.campaign.faults.course import LIVE  # noqa: PLC0415
-    from sim.campaign.faults.dealt import deal  # noqa: PLC0415
-    from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
-    from sim.campaign.workers import in_processes  # noqa: PLC0415
-    from sim.live.faults.mission import fly_live_mission  # noqa: PLC0415
+    from radron.sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from radron.sim.campaign.faults.course import LIVE  # noqa: PLC0415
+    from radron.sim.campaign.faults.dealt import deal  # noqa: PLC0415
+    from radron.sim.campaign.faults.draw import as_toml  # noqa: PLC0415
+    from radron.sim.campaign.workers import in_processes  # noqa: PLC0415
+    from radron.sim.live.faults.mission import fly_live_mission  # noqa: PLC0415
 
     if show is not None:
         if show < 0:

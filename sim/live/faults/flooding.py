@@ -1,4 +1,5 @@
-"""A peer that floods the mesh in the name of a drone, in a process of its own: ``python -m sim.live.faults.flooding PLAN``.
+"""A peer that floods the mesh in the name of a drone, in a process of its own: ``python -m radron.sim.live.faults.flooding
+PLAN``.
 
 It sends the drone's newest pose again and again, padded to the wanted size by a field unknown to receivers; or valid log
 entries beside the drone's own.
@@ -16,14 +17,14 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from protocol.codec import decode_from
-from protocol.identity import Identity, load_identity
-from protocol.keys import drone_key
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.trust import trust_of
-from sim.faults.agents import DenseEntries, Flood, OldEntries
-from sim.faults.crowding import Crowd
-from sim.faults.network import padded
+from radron.protocol.codec import decode_from
+from radron.protocol.identity import Identity, load_identity
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.trust import trust_of
+from radron.sim.faults.agents import DenseEntries, Flood, OldEntries
+from radron.sim.faults.crowding import Crowd
+from radron.sim.faults.network import padded
 
 BURST_S = 0.005  # between two bursts
 

@@ -11,21 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import AnyDroneMessage, Pose, Stage, Status
-from sim.campaign.faults.mission import Log
-from sim.faults.agents import Freeze, Kill, SlowCpu
-from sim.faults.base import Fault
-from sim.faults.machines import Disarm, StreamLost
-from sim.geometry import Quaternion
-from sim.live.monitor import Belief, ObservedAgent
-from sim.live.report import LiveReport
-from sim.live.worldlink import Truth
-from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import TruthPossible
-from sim.scoring.invariants.liveness import Landed
-from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
-from sim.scoring.moment import OFF_GROUND_M, Scene
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import AnyDroneMessage, Pose, Stage, Status
+from radron.sim.campaign.faults.mission import Log
+from radron.sim.faults.agents import Freeze, Kill, SlowCpu
+from radron.sim.faults.base import Fault
+from radron.sim.faults.machines import Disarm, StreamLost
+from radron.sim.geometry import Quaternion
+from radron.sim.live.monitor import Belief, ObservedAgent
+from radron.sim.live.report import LiveReport
+from radron.sim.live.worldlink import Truth
+from radron.sim.scoring.invariants.base import Invariant, Setting, Violation
+from radron.sim.scoring.invariants.beliefs import TruthPossible
+from radron.sim.scoring.invariants.liveness import Landed
+from radron.sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from radron.sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
 TOLD_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from sim.faults.agents import Cut, Lag, LinkFault, Partition, RadioRange, Stall, Throttle
-from sim.faults.machines import MavlinkImpaired, MavlinkLoss
-from sim.faults.schedule import Schedule
-from sim.live.relays.linkstate import LinkState
+from radron.sim.faults.agents import Cut, Lag, LinkFault, Partition, RadioRange, Stall, Throttle
+from radron.sim.faults.machines import MavlinkImpaired, MavlinkLoss
+from radron.sim.faults.schedule import Schedule
+from radron.sim.live.relays.linkstate import LinkState
 
 CUT = LinkState(cut=True)
 

@@ -14,20 +14,20 @@ from typing import BinaryIO
 import msgspec
 import numpy as np
 
-from agent.errors import RadronError
-from sim.campaign.faults.course import LIVE
-from sim.campaign.faults.mission import LOCATED_M, Mission, Verdict
-from sim.live.course import Course
-from sim.live.faults.judge import LiveJudge
-from sim.live.faults.playable import needs_relays
-from sim.live.places import Places
-from sim.live.swarm import live_swarm
-from sim.live.view import View
-from sim.live.worldlink import Truth
-from sim.live.worldprocess import LiveError
-from sim.runfile import write_text
-from sim.scenario import Scenario, parse_scenario
-from sim.scoring.invariants.base import Setting, Violation
+from radron.agent.errors import RadronError
+from radron.sim.campaign.faults.course import LIVE
+from radron.sim.campaign.faults.mission import LOCATED_M, Mission, Verdict
+from radron.sim.live.course import Course
+from radron.sim.live.faults.judge import LiveJudge
+from radron.sim.live.faults.playable import needs_relays
+from radron.sim.live.places import Places
+from radron.sim.live.swarm import live_swarm
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Truth
+from radron.sim.live.worldprocess import LiveError
+from radron.sim.runfile import write_text
+from radron.sim.scenario import Scenario, parse_scenario
+from radron.sim.scoring.invariants.base import Setting, Violation
 
 START = "start"  # the swarm did not get ready, or no drone took off
 TRUTH = "truth.jsonl"  # in the folder of a flight: time since the start command, and the truth then

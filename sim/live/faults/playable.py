@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import get_args
 
-from agent.errors import ConfigError
-from sim.faults.agents import (
+from radron.agent.errors import ConfigError
+from radron.sim.faults.agents import (
     Cut,
     DenseEntries,
     Disk,
@@ -22,11 +22,11 @@ from sim.faults.agents import (
     Stall,
     Throttle,
 )
-from sim.faults.base import Fault
-from sim.faults.kinds import kind_of
-from sim.faults.machines import CameraDead, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
-from sim.scenario import Scenario
-from sim.vehicle.px4.faults import VehicleFault
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import kind_of
+from radron.sim.faults.machines import CameraDead, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
+from radron.sim.scenario import Scenario
+from radron.sim.vehicle.px4.faults import VehicleFault
 
 ON_LINKS = (Partition, Cut, Lag, Stall, Throttle, RadioRange)
 _RELAYED = (*ON_LINKS, MavlinkLoss, MavlinkImpaired)

@@ -13,33 +13,33 @@ from random import Random
 import msgspec
 from msgspec import Struct
 
-from sim.faults.agents import DenseEntries, Disk, Flood, Freeze, Kill, Late, OldEntries, RadioRange, SlowCpu
-from sim.faults.base import Fault
-from sim.faults.kinds import kind_of
-from sim.faults.machines import (
+from radron.sim.faults.agents import DenseEntries, Disk, Flood, Freeze, Kill, Late, OldEntries, RadioRange, SlowCpu
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import kind_of
+from radron.sim.faults.machines import (
     CameraDead,
     MavlinkImpaired,
     MavlinkLoss,
     SatellitesLost,
     Takeover,
 )
-from sim.faults.schedule import Active, Schedule
-from sim.live.agents import Agents
-from sim.live.faults.damage import damage
-from sim.live.faults.flooding import FloodPlan
-from sim.live.faults.links import impairments, vehicle_impairments
-from sim.live.faults.playable import ON_LINKS, late_drones
-from sim.live.faults.told import links_told, mavlink_told, vehicle_told
-from sim.live.places import Places
-from sim.live.processes import Child
-from sim.live.relays.launcher import RelayProcess
-from sim.live.relays.linkstate import combined
-from sim.live.relays.plan import vehicle_of
-from sim.live.view import View
-from sim.live.worldlink import Order, Truth
-from sim.live.worldprocess import WorldProcess
-from sim.scenario import Scenario
-from sim.vehicle.px4.faults import VehicleFault
+from radron.sim.faults.schedule import Active, Schedule
+from radron.sim.live.agents import Agents
+from radron.sim.live.faults.damage import damage
+from radron.sim.live.faults.flooding import FloodPlan
+from radron.sim.live.faults.links import impairments, vehicle_impairments
+from radron.sim.live.faults.playable import ON_LINKS, late_drones
+from radron.sim.live.faults.told import links_told, mavlink_told, vehicle_told
+from radron.sim.live.places import Places
+from radron.sim.live.processes import Child
+from radron.sim.live.relays.launcher import RelayProcess
+from radron.sim.live.relays.linkstate import combined
+from radron.sim.live.relays.plan import vehicle_of
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Order, Truth
+from radron.sim.live.worldprocess import WorldProcess
+from radron.sim.scenario import Scenario
+from radron.sim.vehicle.px4.faults import VehicleFault
 
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -225,7 +225,7 @@ class FaultPlayer:
     async def _flood(self, drone: str, fault: Flood | OldEntries | DenseEntries) -> None:
         identity = str(self._agents.folder(drone) / "identity")
         plan = FloodPlan(self._swarm, drone, identity, self._places.mesh, fault)
-        command = [sys.executable, "-m", "sim.live.faults.flooding", msgspec.json.encode(plan).decode()]
+        command = [sys.executable, "-m", "radron.sim.live.faults.flooding", msgspec.json.encode(plan).decode()]
         child = await Child.start(f"flood of {drone}", command)
         try:
             await child.ended()

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Lag, Partition, RadioRange, Throttle
-from sim.faults.base import Fault
-from sim.faults.kinds import kind_of
-from sim.faults.machines import Battery, Disarm, Gust, HeadingReset, MavlinkImpaired, MotorFailure, PositionJump, StreamLost
-from sim.vehicle.px4.faults import VehicleFault
+from radron.sim.faults.agents import Lag, Partition, RadioRange, Throttle
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import kind_of
+from radron.sim.faults.machines import (
+    Battery,
+    Disarm,
+    Gust,
+    HeadingReset,
+    MavlinkImpaired,
+    MotorFailure,
+    PositionJump,
+    StreamLost,
+)
+from radron.sim.vehicle.px4.faults import VehicleFault
 
 
 def vehicle_told(fault: VehicleFault) -> str:

@@ -7,10 +7,10 @@ import sys
 
 import msgspec
 
-from sim.live.processes import Child
-from sim.live.relays.linkstate import PASSING, LinkState
-from sim.live.relays.plan import Impair, RelayPlan
-from sim.live.worldprocess import LiveError
+from radron.sim.live.processes import Child
+from radron.sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.relays.plan import Impair, RelayPlan
+from radron.sim.live.worldprocess import LiveError
 
 UP_S = 60.0
 STOP_S = 2.0
@@ -31,7 +31,7 @@ class RelayProcess:
         Raises:
             LiveError: they do not.
         """
-        child = await Child.start("relays", [sys.executable, "-m", "sim.live.relays.process"], piped=True)
+        child = await Child.start("relays", [sys.executable, "-m", "radron.sim.live.relays.process"], piped=True)
         child.stdin.write(msgspec.json.encode(plan) + b"\n")
         try:
             async with asyncio.timeout(UP_S):

@@ -8,8 +8,8 @@ from functools import partial
 from random import Random
 from typing import cast
 
-from sim.live.relays.linkstate import Packets
-from sim.vehicle.px4.config import Address
+from radron.sim.live.relays.linkstate import Packets
+from radron.sim.vehicle.px4.config import Address
 
 _Scheduler = Callable[[float, Callable[[], None]], object]
 

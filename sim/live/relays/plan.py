@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from sim.live.relays.linkstate import LinkState
-from sim.vehicle.px4.config import Address
+from radron.sim.live.relays.linkstate import LinkState
+from radron.sim.vehicle.px4.config import Address
 
 
 class Carried(Struct, frozen=True):

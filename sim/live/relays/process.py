@@ -1,4 +1,4 @@
-"""The relays of a live flight, in a process of their own: ``python -m sim.live.relays.process``.
+"""The relays of a live flight, in a process of their own: ``python -m radron.sim.live.relays.process``.
 
 A separate process, because the launcher's loop is busy for seconds at the end of a flight, and a stalled link is a fault. The
 first line of the standard input is the ``RelayPlan``, each further one an ``Impair``; its end ends the process.
@@ -14,9 +14,9 @@ from random import Random
 
 import msgspec
 
-from sim.live.relays.mavlink import MavlinkRelay
-from sim.live.relays.plan import Carried, Impair, RelayPlan
-from sim.live.relays.tcp import Relay
+from radron.sim.live.relays.mavlink import MavlinkRelay
+from radron.sim.live.relays.plan import Carried, Impair, RelayPlan
+from radron.sim.live.relays.tcp import Relay
 
 
 class Relays:

@@ -10,7 +10,7 @@ import asyncio
 from contextlib import suppress
 from random import Random
 
-from sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.relays.linkstate import PASSING, LinkState
 
 READ_BYTES = 65_536
 MOST_PIECES = 64  # under way in one direction of a connection; then the sender is blocked

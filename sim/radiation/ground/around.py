@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sim.radiation.concrete import concrete_attenuation_per_m
-from sim.radiation.emission import ANY, Pool
-from sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
-from sim.radiation.ground.field import FloatArray, natural_flux, point_field, rain_flux
-from sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth, GroundTruth
+from radron.sim.radiation.concrete import concrete_attenuation_per_m
+from radron.sim.radiation.emission import ANY, Pool
+from radron.sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
+from radron.sim.radiation.ground.field import FloatArray, natural_flux, point_field, rain_flux
+from radron.sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth, GroundTruth
 
 if TYPE_CHECKING:
-    from sim.radiation.camera import SourceView
-    from sim.radiation.individual import Individual
+    from radron.sim.radiation.camera import SourceView
+    from radron.sim.radiation.individual import Individual
 
 _NEAREST_M = 0.05
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation.bank import EventBank
-from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
-from sim.radiation.events import KINDS, Events, simulate
-from sim.radiation.ground.photons import GROUPS, MAX_GROUP_KEV, MIN_KEV
-from sim.radiation.store import MADE_BY, Arrays, as_arrays, as_bank, kept
-from sim.radiation.timepix3 import Response
+from radron.sim.radiation.bank import EventBank
+from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
+from radron.sim.radiation.events import KINDS, Events, simulate
+from radron.sim.radiation.ground.photons import GROUPS, MAX_GROUP_KEV, MIN_KEV
+from radron.sim.radiation.store import MADE_BY, Arrays, as_arrays, as_bank, kept
+from radron.sim.radiation.timepix3 import Response
 
 ROWS, COLUMNS = 12, 3
 DIRECTIONS = ROWS * COLUMNS

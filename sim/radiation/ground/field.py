@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation.ground.materials import GROUNDS, air, ground, kerma_per_fluence
-from sim.radiation.ground.natural import RADON_DAUGHTERS, SERIES, Lines
-from sim.radiation.ground.photons import GROUPS, Setting, follow
-from sim.radiation.nuclides import nuclide
-from sim.radiation.store import kept
+from radron.sim.radiation.ground.materials import GROUNDS, air, ground, kerma_per_fluence
+from radron.sim.radiation.ground.natural import RADON_DAUGHTERS, SERIES, Lines
+from radron.sim.radiation.ground.photons import GROUPS, Setting, follow
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.store import kept
 
 FloatArray = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import numpy as np
 import xraylib
 from numpy.typing import NDArray
 
-from sim.radiation.materials import AIR_DENSITY_GCM3, ELECTRON_MASS_KEV
+from radron.sim.radiation.materials import AIR_DENSITY_GCM3, ELECTRON_MASS_KEV
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +73,8 @@ def energies_kev() -> FloatArray:
 
 
 def _mass_cross_sections(element: int, energy_kev: float) -> tuple[float, float]:
-    """Photoelectric and incoherent mass attenuation, cm2/g; continued above xraylib's end as in ``sim.radiation.materials``."""
+    """Photoelectric and incoherent mass attenuation, cm2/g; continued above xraylib's end as in
+    ``radron.sim.radiation.materials``."""
     if energy_kev <= _XRAYLIB_LIMIT_KEV:
         return xraylib.CS_Photo(element, energy_kev), xraylib.CS_Compt(element, energy_kev)
     photo, incoherent = _mass_cross_sections(element, _XRAYLIB_LIMIT_KEV)

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation._jit import jit
-from sim.radiation.ground.materials import GRID, LEAST_KEV, MAX_KEV, Medium
-from sim.radiation.materials import ELECTRON_MASS_KEV
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.ground.materials import GRID, LEAST_KEV, MAX_KEV, Medium
+from radron.sim.radiation.materials import ELECTRON_MASS_KEV
 
 FloatArray = NDArray[np.float64]
 

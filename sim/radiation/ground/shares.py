@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.radiation.bank import SCATTERED_BIN, bin_centres
-from sim.radiation.ground.bank import DIRECTIONS, ground_bank
-from sim.radiation.ground.field import LEVELS_M, natural_flux, natural_series, point_field
-from sim.radiation.ground.photons import GROUPS
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.nuclides import nuclide
-from sim.radiation.store import load_bank
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.sim.radiation.bank import SCATTERED_BIN, bin_centres
+from radron.sim.radiation.ground.bank import DIRECTIONS, ground_bank
+from radron.sim.radiation.ground.field import LEVELS_M, natural_flux, natural_series, point_field
+from radron.sim.radiation.ground.photons import GROUPS
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.store import load_bank
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 FloatArray = NDArray[np.float64]
 

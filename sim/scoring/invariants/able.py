@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Disk, Equivocating, Forged, Freeze, Kill, Lie, Poisoned, Revoked, SlowCpu
-from sim.faults.base import Family, Fault
-from sim.faults.machines import Takeover
-from sim.faults.process import RESTART_NS, SILENCE_NS
-from sim.scoring.invariants.base import Setting
-from sim.scoring.moment import Scene
+from radron.sim.faults.agents import Disk, Equivocating, Forged, Freeze, Kill, Lie, Poisoned, Revoked, SlowCpu
+from radron.sim.faults.base import Family, Fault
+from radron.sim.faults.machines import Takeover
+from radron.sim.faults.process import RESTART_NS, SILENCE_NS
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.moment import Scene
 
 _DISABLING: tuple[Family, ...] = ("vehicle", "thrust", "pose", "camera", "network")
 _OF_THE_LOG = ("cone", "counts", "sighting")

@@ -9,11 +9,11 @@ from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from msgspec import Struct
 
-from sim.faults.agents import Revoked
-from sim.faults.base import Family, Fault
-from sim.faults.machines import HeadingReset, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
-from sim.scenario import Scenario
-from sim.scoring.moment import Scene
+from radron.sim.faults.agents import Revoked
+from radron.sim.faults.base import Family, Fault
+from radron.sim.faults.machines import HeadingReset, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
+from radron.sim.scenario import Scenario
+from radron.sim.scoring.moment import Scene
 
 S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # observations needed by an invariant
 AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way

@@ -7,13 +7,13 @@ from itertools import chain
 from math import hypot, inf, sqrt
 from typing import NamedTuple
 
-from agent.pilot import Pilot
-from protocol.stages import SEARCHING
-from sim.faults.agents import Forged
-from sim.faults.base import Family
-from sim.faults.forgers import BESIDE
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Member, Moment, Scene
+from radron.agent.pilot import Pilot
+from radron.protocol.stages import SEARCHING
+from radron.sim.faults.agents import Forged
+from radron.sim.faults.base import Family
+from radron.sim.faults.forgers import BESIDE
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MEAN_SQUARE, MEAN_SQUARE_AT_REST = 12.0, 20.0
@@ -240,7 +240,7 @@ def _unheld(pilot: Pilot) -> str:
 
 def _equal(one: Pilot, other: Pilot) -> bool:
     mine, theirs = one.hypothesis, other.hypothesis
-    if mine is None or theirs is None or mine is theirs:  # mostly from the same fold (``sim.lockstep.sharing``)
+    if mine is None or theirs is None or mine is theirs:  # mostly from the same fold (``radron.sim.lockstep.sharing``)
         return mine is theirs
     return bool(
         (mine.position == theirs.position).all()

@@ -12,14 +12,14 @@ from math import dist, hypot, inf
 
 import numpy as np
 
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode
-from sim.faults.agents import CopiedKey, Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
-from sim.faults.base import Family, Fault
-from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
-from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
-from sim.scoring.invariants.place import excluded
-from sim.scoring.moment import Moment, Shared
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode
+from radron.sim.faults.agents import CopiedKey, Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
+from radron.sim.faults.base import Family, Fault
+from radron.sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
+from radron.sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
+from radron.sim.scoring.invariants.place import excluded
+from radron.sim.scoring.moment import Moment, Shared
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one may fail at any time
 NAMED_S = 10.0

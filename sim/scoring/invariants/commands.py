@@ -7,8 +7,8 @@ from math import isfinite
 
 import numpy as np
 
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import Moment
 
 OLDEST_SETPOINT_S = 1.3  # PX4 leaves offboard after COM_OF_LOSS_T = 1 s, and needs a little to do so
 MOST_SENT = 200  # messages of one agent in one tick; a busy agent sends five

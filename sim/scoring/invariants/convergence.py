@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import permutations
 
-from agent.pilot import Pilot
-from protocol.stages import SEARCHING
-from sim.scoring.invariants.able import Able
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import EPOCH_NS, Moment
+from radron.agent.pilot import Pilot
+from radron.protocol.stages import SEARCHING
+from radron.sim.scoring.invariants.able import Able
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import EPOCH_NS, Moment
 
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
 APART_NS = 1_000_000_000  # limit of the age of a slow agent's last step

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot, inf, pi, sqrt, tau
 
-from agent.navigation.reckoning import End
-from agent.pilot import Pilot
-from protocol.entries import Exposure
-from sim.faults.machines import Clock
-from sim.geometry import Array
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import EPOCH_NS, Moment
-from sim.world.gnss import GnssTruth
+from radron.agent.navigation.reckoning import End
+from radron.agent.pilot import Pilot
+from radron.protocol.entries import Exposure
+from radron.sim.faults.machines import Clock
+from radron.sim.geometry import Array
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import EPOCH_NS, Moment
+from radron.sim.world.gnss import GnssTruth
 
 EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
 FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound

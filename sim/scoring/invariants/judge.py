@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import (
+from radron.sim.scoring.invariants.base import Invariant, Setting, Violation
+from radron.sim.scoring.invariants.beliefs import (
     FollowsSource,
     Refused,
     SameLogSameHypothesis,
@@ -11,22 +11,22 @@ from sim.scoring.invariants.beliefs import (
     Summarised,
     TruthPossible,
 )
-from sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
-from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
-from sim.scoring.invariants.convergence import Converged
-from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
-from sim.scoring.invariants.liveness import Landed
-from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
-from sim.scoring.invariants.poison import PoisonNamed
-from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
-from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
-from sim.scoring.moment import Moment
+from radron.sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
+from radron.sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from radron.sim.scoring.invariants.convergence import Converged
+from radron.sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
+from radron.sim.scoring.invariants.liveness import Landed
+from radron.sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
+from radron.sim.scoring.invariants.poison import PoisonNamed
+from radron.sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
+from radron.sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from radron.sim.scoring.moment import Moment
 
 ANY = "any"  # invariant
 
 
 class Judge:
-    """The observer of a flight (``sim.lockstep.flight.fly(watch=...)``). ``violations``: in order of time."""
+    """The observer of a flight (``radron.sim.lockstep.flight.fly(watch=...)``). ``violations``: in order of time."""
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
         """``until``: the flight ends at the first violation of the invariant of this name, or of ``ANY``."""

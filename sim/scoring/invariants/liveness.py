@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
-from protocol.stages import RETURNING
-from sim.faults.machines import Battery
-from sim.geometry import Array
-from sim.scoring.invariants.able import Able
-from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
-from sim.scoring.moment import Scene
-from sim.vehicle.autopilot import DISARM_AFTER_S, LANDING_SPEED_MPS, RETURN_CLIMB_MPS
-from sim.vehicle.px4.battery import HOVER_A
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
+from radron.protocol.stages import RETURNING
+from radron.sim.faults.machines import Battery
+from radron.sim.geometry import Array
+from radron.sim.scoring.invariants.able import Able
+from radron.sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
+from radron.sim.scoring.moment import Scene
+from radron.sim.vehicle.autopilot import DISARM_AFTER_S, LANDING_SPEED_MPS, RETURN_CLIMB_MPS
+from radron.sim.vehicle.px4.battery import HOVER_A
 
 _WAY_S = 50.0 / 3.0  # home across the area, with evasions
-_URGENT = 0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``agent.mission.reserve``)
+_URGENT = (
+    0.5  # of the mission's reserve: with less in its battery an agent may land where it is (``radron.agent.mission.reserve``)
+)
 _ACTS_BELOW = 0.07  # the level at which an autopilot acts (BAT_CRIT_THR): a vehicle without a home lands
 _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn in flight in a second
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees, hypot, inf, remainder, tau
 
-from sim.geometry import Array
-from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from radron.sim.geometry import Array
+from radron.sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
+from radron.sim.scoring.moment import Moment
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MISPLACED_M, MISTURNED_RAD = 1.0, 0.15

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sim.faults.agents import Poisoned
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from radron.sim.faults.agents import Poisoned
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import Moment
 
 NAMED_S = 15.0
 _LOOK_TICKS = 10

@@ -8,12 +8,12 @@ from math import dist, inf
 import shapely
 from shapely import Polygon
 
-from agent.pilot import Pilot
-from sim.faults.agents import Late
-from sim.faults.base import Family
-from sim.geometry import Array, Vector3
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from radron.agent.pilot import Pilot
+from radron.sim.faults.agents import Late
+from radron.sim.faults.base import Family
+from radron.sim.geometry import Array, Vector3
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import Moment
 
 NEAR_M = 15.0  # farther vehicles need not be accounted for yet
 LAYER_M = 2.5  # vehicles with this height difference may be passed

@@ -9,11 +9,11 @@ from math import dist, inf
 import shapely
 from shapely import Polygon
 
-from protocol.stages import SEARCHING
-from sim.faults.agents import CopiedKey
-from sim.faults.machines import Takeover
-from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Scene
+from radron.protocol.stages import SEARCHING
+from radron.sim.faults.agents import CopiedKey
+from radron.sim.faults.machines import Takeover
+from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
 ONTO_M = 1.5  # contact distance to a vehicle on the ground: less than in the air, as only one of the two moves

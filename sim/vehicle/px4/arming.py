@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.events import Announcement
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.battery import Warning
+from radron.sim.vehicle.px4.events import Announcement
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
 
 STABLE_S = (3.7, 3.95)  # time after the start at which the heading is trusted
 HEADING = "heading estimate not stable"

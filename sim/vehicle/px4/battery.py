@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.parameters import Parameters
 
 HOVER_A, IDLE_A = 15.0, 0.8
 _FULL_V, _EMPTY_V = 4.1, 3.5  # of a cell, approximately linear between

@@ -13,18 +13,18 @@ from math import hypot
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.geometry import Vector3
-from sim.vehicle.guidance import REST, Guidance, Reframing, Target
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.arming import ArmingChecks, Readiness
-from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.events import Announcement, By
-from sim.vehicle.px4.failsafe import Failsafes, Fallback, Situation
-from sim.vehicle.px4.landing import DRIFTING_MPS, SPOOL_UP_S, LandDetector
-from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.steering import Steering
+from radron.sim.geometry import Vector3
+from radron.sim.vehicle.guidance import REST, Guidance, Reframing, Target
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.arming import ArmingChecks, Readiness
+from radron.sim.vehicle.px4.battery import Warning
+from radron.sim.vehicle.px4.events import Announcement, By
+from radron.sim.vehicle.px4.failsafe import Failsafes, Fallback, Situation
+from radron.sim.vehicle.px4.landing import DRIFTING_MPS, SPOOL_UP_S, LandDetector
+from radron.sim.vehicle.px4.mavlink.setpoint import OffboardTarget
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.steering import Steering
 
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

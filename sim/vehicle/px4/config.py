@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from sim.vehicle.px4.release import ReleaseName
+from radron.sim.vehicle.px4.release import ReleaseName
 
 Address = tuple[str, int]
 

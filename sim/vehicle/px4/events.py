@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.modes import Mode
 
 _EMERGENCY, _CRITICAL = mavlink.MAV_SEVERITY_EMERGENCY, mavlink.MAV_SEVERITY_CRITICAL
 _INFO = mavlink.MAV_SEVERITY_INFO

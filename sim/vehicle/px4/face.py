@@ -8,28 +8,28 @@ from math import hypot
 
 import numpy as np
 
-from sim.geometry import Array
-from sim.vehicle.guidance import Reframing, Target
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.battery import Battery
-from sim.vehicle.px4.commander import Commander
-from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.events import Announcement
-from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
-from sim.vehicle.px4.filter.estimate import Estimate, Geodetic
-from sim.vehicle.px4.filter.heading import TakeoffAlignment
-from sim.vehicle.px4.filter.vision import Correction, Pose, Vision
-from sim.vehicle.px4.mavlink.contacts import Contacts
-from sim.vehicle.px4.mavlink.dialect import Event
-from sim.vehicle.px4.mavlink.link import Link
-from sim.vehicle.px4.mavlink.requests import Requests
-from sim.vehicle.px4.mavlink.setpoint import SetpointLog
-from sim.vehicle.px4.mavlink.status import gps_global_origin
-from sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.release import RELEASES
-from sim.vehicle.px4.state import ORIGIN_S, Reading, State
+from radron.sim.geometry import Array
+from radron.sim.vehicle.guidance import Reframing, Target
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.battery import Battery
+from radron.sim.vehicle.px4.commander import Commander
+from radron.sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.events import Announcement
+from radron.sim.vehicle.px4.filter.deadreckoning import DeadReckoning
+from radron.sim.vehicle.px4.filter.estimate import Estimate, Geodetic
+from radron.sim.vehicle.px4.filter.heading import TakeoffAlignment
+from radron.sim.vehicle.px4.filter.vision import Correction, Pose, Vision
+from radron.sim.vehicle.px4.mavlink.contacts import Contacts
+from radron.sim.vehicle.px4.mavlink.dialect import Event
+from radron.sim.vehicle.px4.mavlink.link import Link
+from radron.sim.vehicle.px4.mavlink.requests import Requests
+from radron.sim.vehicle.px4.mavlink.setpoint import SetpointLog
+from radron.sim.vehicle.px4.mavlink.status import gps_global_origin
+from radron.sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.release import RELEASES
+from radron.sim.vehicle.px4.state import ORIGIN_S, Reading, State
 
 HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight the home altitude is random within +-1 m of the true one, redrawn every 2 s
 LOSS_REPORTED_S = 0.035  # after the last fix, until the receiver reports that there is none

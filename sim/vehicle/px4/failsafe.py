@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from math import dist
 from typing import NamedTuple
 
-from sim.geometry import Vector3
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.events import Action, Announcement, Cause
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.geometry import Vector3
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.battery import Warning
+from radron.sim.vehicle.px4.events import Action, Announcement, Cause
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
 
 NOTICED_S = 0.05  # delay beyond COM_OF_LOSS_T until the end of a stream is noticed
 FENCE_BACK_M = 1.0  # distance inside the fence at which the breach ends

@@ -1,8 +1,8 @@
 """Faults of emulated vehicles: gusts, a failed motor, a low or misreported battery, refusals, position jumps, heading resets,
 silence, and disarming.
 
-They correspond to ``sim.faults.vehicles`` in lockstep, except for the emulation's own behaviour: its failsafes react to the
-battery.
+They correspond to ``radron.sim.faults.vehicles`` in lockstep, except for the emulation's own behaviour: its failsafes react to
+the battery.
 """
 
 from __future__ import annotations
@@ -13,11 +13,21 @@ from math import cos, pi, radians, sin
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import EMPTY_MPS, Battery, Disarm, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
-from sim.geometry import Array, Vector3
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.battery import Battery as Cells
-from sim.vehicle.px4.face import Px4Face
+from radron.sim.faults.machines import (
+    EMPTY_MPS,
+    Battery,
+    Disarm,
+    Gust,
+    HeadingReset,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    StreamLost,
+)
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.px4.battery import Battery as Cells
+from radron.sim.vehicle.px4.face import Px4Face
 
 VehicleFault = Gust | MotorFailure | Battery | Refusal | StreamLost | PositionJump | HeadingReset | Disarm
 ResetFilter = Callable[[int, Vector3, float], None]

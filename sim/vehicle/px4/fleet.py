@@ -18,24 +18,24 @@ from typing import Literal
 
 import numpy as np
 
-from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import REST, Reframing
-from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.face import Px4Face
-from sim.vehicle.px4.faults import EmulatedFaults, VehicleFault
-from sim.vehicle.px4.filter.deadreckoning import FilterErrors
-from sim.vehicle.px4.filter.estimate import Estimate, Estimator
-from sim.vehicle.px4.filter.frames import AutopilotFrames
-from sim.vehicle.px4.filter.satellites import SATELLITES, Satellites
-from sim.vehicle.px4.gains import equipped
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.setpoints import in_world
-from sim.world.frame import LocalFrames
-from sim.world.localization import Localization
-from sim.world.movingframes import MovingFrames
-from sim.world.terrain import FLAT, Terrain
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.guidance import REST, Reframing
+from radron.sim.vehicle.multirotor import Multirotors
+from radron.sim.vehicle.px4.config import Datum, Px4Config
+from radron.sim.vehicle.px4.face import Px4Face
+from radron.sim.vehicle.px4.faults import EmulatedFaults, VehicleFault
+from radron.sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from radron.sim.vehicle.px4.filter.estimate import Estimate, Estimator
+from radron.sim.vehicle.px4.filter.frames import AutopilotFrames
+from radron.sim.vehicle.px4.filter.satellites import SATELLITES, Satellites
+from radron.sim.vehicle.px4.gains import equipped
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.setpoints import in_world
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.localization import Localization
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.terrain import FLAT, Terrain
 
 ORIGIN_OFFSET_M = (40.0, 40.0, 3.0)  # largest offset of a local frame's origin from the vehicle's start
 CONTACT_M = 0.02

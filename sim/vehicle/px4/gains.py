@@ -6,8 +6,8 @@ from math import radians
 
 from msgspec.structs import replace
 
-from sim.vehicle.multirotor import MultirotorTruth
-from sim.vehicle.px4.parameters import DEFAULTS, Parameters
+from radron.sim.vehicle.multirotor import MultirotorTruth
+from radron.sim.vehicle.px4.parameters import DEFAULTS, Parameters
 
 _LEAST = 0.01  # PX4 accepts any value; no vehicle flies with a gain of zero
 _IN_DEGREES = "MC_YAWRATE_MAX"  # here in rad/s

@@ -15,14 +15,14 @@ import pymap3d
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from agent.errors import VehicleError
-from sim.geometry import Array, Quaternion
-from sim.vehicle.px4.config import Address
-from sim.vehicle.px4.faults import VehicleFault
-from sim.vehicle.px4.filter.satellites import SATELLITES
-from sim.vehicle.px4.fleet import VehicleReport
-from sim.vehicle.px4.mavlink.link import DATAGRAM_BYTES
-from sim.vehicle.px4.modes import Mode
+from radron.agent.errors import VehicleError
+from radron.sim.geometry import Array, Quaternion
+from radron.sim.vehicle.px4.config import Address
+from radron.sim.vehicle.px4.faults import VehicleFault
+from radron.sim.vehicle.px4.filter.satellites import SATELLITES
+from radron.sim.vehicle.px4.fleet import VehicleReport
+from radron.sim.vehicle.px4.mavlink.link import DATAGRAM_BYTES
+from radron.sim.vehicle.px4.modes import Mode
 
 HEARTBEAT_S = 1.0
 TRUTH_HZ = 25

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.modes import Mode
 
 SPOOL_UP_S = 0.85  # after arming
 DETECTED_S = (0.75, 1.1)  # delay of takeoff detection once the rotors turn and a climb is wanted

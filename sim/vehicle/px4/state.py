@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
-from sim.vehicle.px4.battery import Battery
-from sim.vehicle.px4.commander import Commander
-from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
-from sim.vehicle.px4.filter.estimate import Estimate, Geodetic
+from radron.sim.vehicle.px4.battery import Battery
+from radron.sim.vehicle.px4.commander import Commander
+from radron.sim.vehicle.px4.filter.deadreckoning import DeadReckoning
+from radron.sim.vehicle.px4.filter.estimate import Estimate, Geodetic
 
 GPS_FIX_S = 0.5  # after the start: first position of a receiver
 ORIGIN_S = 1.6  # after the start: the filter begins, and knows its place on the globe

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from math import dist, isfinite, nan
 
-from sim.geometry import Vector3
-from sim.vehicle.guidance import Guidance, Target, descent_mps, return_height_m
-from sim.vehicle.px4.landing import RAMP_S
-from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.geometry import Vector3
+from radron.sim.vehicle.guidance import Guidance, Target, descent_mps, return_height_m
+from radron.sim.vehicle.px4.landing import RAMP_S
+from radron.sim.vehicle.px4.mavlink.setpoint import OffboardTarget
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
 
 CLIMB_MPS2 = 0.6  # acceleration of a takeoff after lift-off
 AGAINST_DRAG = 0.87  # reached share of MPC_TKO_SPEED and MPC_XY_CRUISE

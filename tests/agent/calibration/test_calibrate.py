@@ -8,12 +8,12 @@ import pytest
 from calibrated_camera import ACTIVITY_BQ, DISTANCE_M, FACINGS, RPY_DEG, BenchCamera
 from typer.testing import CliRunner
 
-from agent.calibration.folder import corrected
-from agent.calibration.plan import Source
-from agent.calibration.result import evaluate
-from agent.cli import app
-from agent.detector.files.calibration import Calibration
-from sim.radiation.t3pa import T3paWriter
+from radron.agent.calibration.folder import corrected
+from radron.agent.calibration.plan import Source
+from radron.agent.calibration.result import evaluate
+from radron.agent.cli import app
+from radron.agent.detector.files.calibration import Calibration
+from radron.sim.radiation.t3pa import T3paWriter
 
 SOURCE = Source("Cs-137", ACTIVITY_BQ, DISTANCE_M)
 

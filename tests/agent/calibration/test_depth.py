@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agent.calibration.depth import depth_differences, fit_drift
+from radron.agent.calibration.depth import depth_differences, fit_drift
 
 AHEAD = [np.array((0.0, 0.0, 1.0))]
 

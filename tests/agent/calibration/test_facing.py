@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agent.calibration.command import parse_facings
-from agent.calibration.facing import Facing, parse_facing
-from agent.errors import ConfigError
+from radron.agent.calibration.command import parse_facings
+from radron.agent.calibration.facing import Facing, parse_facing
+from radron.agent.errors import ConfigError
 
 
 def test_directions_are_clockwise_from_the_nose_and_up() -> None:

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.calibration.command import closing
-from agent.calibration.depth import Drift
-from agent.calibration.folder import check_folder, corrected
-from agent.calibration.gain import Gain
-from agent.calibration.orientation import Orientation
-from agent.calibration.page import verdict
-from agent.calibration.result import Background, Result, goals, judge_pixels
-from agent.detector.files.calibration import Calibration, load_calibration, load_flight_calibration, write_calibration
-from agent.errors import DetectorError, OutputError
+from radron.agent.calibration.command import closing
+from radron.agent.calibration.depth import Drift
+from radron.agent.calibration.folder import check_folder, corrected
+from radron.agent.calibration.gain import Gain
+from radron.agent.calibration.orientation import Orientation
+from radron.agent.calibration.page import verdict
+from radron.agent.calibration.result import Background, Result, goals, judge_pixels
+from radron.agent.detector.files.calibration import Calibration, load_calibration, load_flight_calibration, write_calibration
+from radron.agent.errors import DetectorError, OutputError
 
 
 def result_of(**changes):

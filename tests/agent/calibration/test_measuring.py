@@ -6,16 +6,16 @@ import json
 import numpy as np
 import pytest
 
-from agent.calibration import command, measuring
-from agent.calibration.collection import Collection
-from agent.calibration.facing import Facing
-from agent.calibration.measuring import BackgroundCount, measure_background, measure_facing
-from agent.calibration.plan import Source
-from agent.config.drone import DroneConfig
-from agent.config.mission import DetectionConfig
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import DetectorError
+from radron.agent.calibration import command, measuring
+from radron.agent.calibration.collection import Collection
+from radron.agent.calibration.facing import Facing
+from radron.agent.calibration.measuring import BackgroundCount, measure_background, measure_facing
+from radron.agent.calibration.plan import Source
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import DetectorError
 
 
 class Camera:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from agent.calibration.plan import Source, plan
-from agent.errors import ConfigError
+from radron.agent.calibration.plan import Source, plan
+from radron.agent.errors import ConfigError
 
 
 def test_ten_megabecquerel_at_half_a_metre_take_half_an_hour_at_most() -> None:

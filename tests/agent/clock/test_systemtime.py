@@ -16,7 +16,7 @@ from meshes import free_port
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.clock.systemtime import overheard_time, time_in
+from radron.agent.clock.systemtime import overheard_time, time_in
 
 UTC_US = 1_800_000_000_123_456
 TIME = mavlink.MAVLink_system_time_message(UTC_US, 7340)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.readout import PixelHits, Readout
 
 A, B, C, T = 1.6, 24.0, 60.0, 1.8  # the nominal calibration, written down again
 LINE = 661.66

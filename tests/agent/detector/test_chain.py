@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.imaging import DirectionScan
-from agent.detector.readout import PixelHits, Readout
-from agent.errors import ConfigError
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.imaging import DirectionScan
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import ConfigError
 
 SECOND = 1_000_000_000
 CLOCK_NS = 1_700_000_000 * SECOND + 333

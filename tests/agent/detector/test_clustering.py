@@ -2,8 +2,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.detector.clustering import cluster_few, cluster_many
-from agent.detector.readout import SATURATED_TOT, PixelHits
+from radron.agent.detector.clustering import cluster_few, cluster_many
+from radron.agent.detector.readout import SATURATED_TOT, PixelHits
 
 
 def hits(rows):

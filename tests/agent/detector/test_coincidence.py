@@ -1,7 +1,7 @@
 import pytest
 
-from agent.detector.clustering import Cluster
-from agent.detector.coincidence import events_of, merge_satellites
+from radron.agent.detector.clustering import Cluster
+from radron.agent.detector.coincidence import events_of, merge_satellites
 
 
 def cluster(tick, energy, pixels, x, y=0.0):

@@ -4,10 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from agent.detector.cones import Line, compton_edge_kev, cone_event, klein_nishina_recoil
-from agent.detector.lines import LINES_KEV, lines_of
-from agent.detector.sensor import attenuation_per_mm
-from agent.errors import ConfigError
+from radron.agent.detector.cones import Line, compton_edge_kev, cone_event, klein_nishina_recoil
+from radron.agent.detector.lines import LINES_KEV, lines_of
+from radron.agent.detector.sensor import attenuation_per_mm
+from radron.agent.errors import ConfigError
 
 CS = Line.of(661.66)
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agent.cli import main
-from agent.detector.analysis import CSV_COLUMNS, find_peak
+from radron.agent.cli import main
+from radron.agent.detector.analysis import CSV_COLUMNS, find_peak
 
 
 @pytest.fixture

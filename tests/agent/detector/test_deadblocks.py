@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.detector.deadblocks import MIN_HITS, DeadBlocks
-from agent.detector.files.calibration import PIXELS, Calibration
+from radron.agent.detector.deadblocks import MIN_HITS, DeadBlocks
+from radron.agent.detector.files.calibration import PIXELS, Calibration
 
 HOLED = np.flatnonzero((np.arange(PIXELS) % 256 >= 114) | (np.arange(PIXELS) // 256 >= 114)).astype(np.uint16)
 EVERY = np.arange(PIXELS).astype(np.uint16)

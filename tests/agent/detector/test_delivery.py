@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.detector.delivery import Delivery, Gathering
-from agent.detector.readout import PixelHits
+from radron.agent.detector.delivery import Delivery, Gathering
+from radron.agent.detector.readout import PixelHits
 
 
 def hits(*ticks):

@@ -8,12 +8,12 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from detector_feed import readout_at, until
 
-from agent import feed
-from agent.config.drone import DetectorConfig
-from agent.detector.drivers import open_detector
-from agent.detector.drivers.feed import FeedDetector
-from agent.detector.wire import pack
-from agent.errors import ConfigError
+from radron.agent import feed
+from radron.agent.config.drone import DetectorConfig
+from radron.agent.detector.drivers import open_detector
+from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.detector.wire import pack
+from radron.agent.errors import ConfigError
 
 
 def free_port():

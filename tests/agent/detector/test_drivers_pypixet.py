@@ -11,10 +11,10 @@ import pytest
 from detector_feed import until
 from pypixet_standin import Pypixet
 
-from agent.config.drone import DetectorConfig
-from agent.detector.drivers import open_detector, pypixet
-from agent.detector.drivers.pypixet import BLOCK_BYTES, PixetDetector
-from agent.errors import DetectorError
+from radron.agent.config.drone import DetectorConfig
+from radron.agent.detector.drivers import open_detector, pypixet
+from radron.agent.detector.drivers.pypixet import BLOCK_BYTES, PixetDetector
+from radron.agent.errors import DetectorError
 
 
 @pytest.fixture(autouse=True)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.clustering import Cluster, Clusters
-from agent.detector.events import EventReader
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.clustering import Cluster, Clusters
+from radron.agent.detector.events import EventReader
 
 
 def test_many_are_read_like_few():

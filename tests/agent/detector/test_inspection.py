@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agent.cli import app
-from agent.detector.files.calibration import Calibration, load_calibration
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.inspection import MAX_CLUSTER_PIXELS, inspect_frame, inspect_hits
-from agent.errors import DetectorError
+from radron.agent.cli import app
+from radron.agent.detector.files.calibration import Calibration, load_calibration
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.inspection import MAX_CLUSTER_PIXELS, inspect_frame, inspect_hits
+from radron.agent.errors import DetectorError
 
 HEADER = "Index\tMatrix Index\tToA\tToT\tFToA\tOverflow"
 

@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.noise import BEAT_NS, NoiseMask
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.noise import BEAT_NS, NoiseMask
+from radron.agent.detector.readout import PixelHits, Readout
 
 SECOND = 1_000_000_000
 CLOCK_NS = 1_800_000_000 * SECOND + 777
@@ -194,8 +194,8 @@ def test_wrong_stamps_are_of_the_present_beat():
 )
 def test_a_healthy_camera_is_not_touched(activity_bq, direction, seconds):
     """The simulated camera, 10 m from the source."""
-    camera = pytest.importorskip("sim.radiation.camera")
-    truth = pytest.importorskip("sim.radiation.truth")
+    camera = pytest.importorskip("radron.sim.radiation.camera")
+    truth = pytest.importorskip("radron.sim.radiation.truth")
     seen = camera.Camera(truth.CameraTruth(), "Cs-137", np.random.default_rng(10), CLOCK_NS)
     views = (camera.SourceView(direction, 10.0, activity_bq),) if activity_bq else ()
     mask = NoiseMask()

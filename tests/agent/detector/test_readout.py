@@ -4,16 +4,16 @@ import time
 
 import numpy as np
 import pytest
+from detector import COINCIDENCES, synthetic_hits
 from detector_feed import readout_at
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.clustering import cluster_many
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import PixelHits, Readout, shed
-from agent.shell.node import MOST_HITS
-from agent.shell.problems import LATE_STEP_S
-from benchmarks.detector import COINCIDENCES, synthetic_hits
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.clustering import cluster_many
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import PixelHits, Readout, shed
+from radron.agent.shell.node import MOST_HITS
+from radron.agent.shell.problems import LATE_STEP_S
 
 END_NS = 1_800_000_000_000_000_000
 

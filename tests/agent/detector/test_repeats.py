@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.detector.readout import PixelHits, Readout
-from agent.detector.repeats import KEPT, MOST_HITS, Repeats
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.repeats import KEPT, MOST_HITS, Repeats
 
 START_NS, SPAN_NS = 1_800_000_000_000_000_000, 200_000_000
 SPAN_TICKS = SPAN_NS * 16 // 25

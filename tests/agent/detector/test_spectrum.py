@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.detector.spectrum import CoarseSpectrum
-from protocol.spectrum import BINS, EDGES_KEV, HIGHEST_KEV, LOWEST_KEV, SpectrumBin
+from radron.agent.detector.spectrum import CoarseSpectrum
+from radron.protocol.spectrum import BINS, EDGES_KEV, HIGHEST_KEV, LOWEST_KEV, SpectrumBin
 
 ENERGIES = st.lists(st.floats(1.0, 2000.0), max_size=50)
 

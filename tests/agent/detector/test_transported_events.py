@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.imaging import DirectionScan
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.imaging import DirectionScan
 
 event_readout = pytest.importorskip("event_readout")
-events = pytest.importorskip("sim.radiation.events")
-timepix3 = pytest.importorskip("sim.radiation.timepix3")
-truth = pytest.importorskip("sim.radiation.truth")
+events = pytest.importorskip("radron.sim.radiation.events")
+timepix3 = pytest.importorskip("radron.sim.radiation.timepix3")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 LINE = ((661.657, 0.851),)
 

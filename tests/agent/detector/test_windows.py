@@ -2,10 +2,10 @@
 
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.lines import CANDIDATES
-from agent.detector.windows import Windows, candidates_of
-from agent.errors import ConfigError
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.lines import CANDIDATES
+from radron.agent.detector.windows import Windows, candidates_of
+from radron.agent.errors import ConfigError
 
 
 def test_auto_is_all_that_is_known_but_for_what_is_everywhere():

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.detector.readout import PixelHits, Readout
-from agent.detector.wire import MAXIMUM_HITS, Unpacker, pack
-from agent.errors import DetectorError
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.wire import MAXIMUM_HITS, Unpacker, pack
+from radron.agent.errors import DetectorError
 
 TICKS = st.integers(-(1 << 50), 1 << 50)
 SHORTS = st.integers(0, 65535)

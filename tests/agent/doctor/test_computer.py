@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.doctor.computer import disk_health, memory, space, temperature
+from radron.agent.doctor.computer import disk_health, memory, space, temperature
 
 
 def write(root: Path, name: str, text: str) -> None:

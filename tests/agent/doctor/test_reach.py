@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from agent.doctor.reach import judged, reach
+from radron.agent.doctor.reach import judged, reach
 
 SAID = "--- 10.7.1.12 ping statistics ---\n{} packets transmitted, {} received, {}% packet loss, time 4821ms\n"
 TIMES = "rtt min/avg/max/mdev = {}/{}/{}/0.1 ms\n"

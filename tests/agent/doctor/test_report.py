@@ -8,8 +8,8 @@ from typing import get_args
 import pytest
 from rich.console import Console
 
-from agent.doctor.examination import folded
-from agent.doctor.report import Check, Report, Setting, Verdict, page
+from radron.agent.doctor.examination import folded
+from radron.agent.doctor.report import Check, Report, Setting, Verdict, page
 
 
 def report(*verdicts: Verdict, written: tuple[Setting, ...] = ()) -> Report:

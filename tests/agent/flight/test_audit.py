@@ -9,18 +9,18 @@ from one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
 from one_pilot import command as plain_command
 from recorded_flights import rewritten
 
-from agent.cli import main
-from agent.config.drone import DroneConfig
-from agent.flight import topics
-from agent.flight.header import FlightHeader
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import MOST_REFUSED, RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from protocol.codec import decode_from, encode
-from protocol.keys import key_of
-from protocol.messages import Action
-from protocol.revocations import Revoked
+from radron.agent.cli import main
+from radron.agent.config.drone import DroneConfig
+from radron.agent.flight import topics
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import MOST_REFUSED, RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action
+from radron.protocol.revocations import Revoked
 
 BOOT = "0" * 15 + "1"  # the boot to which the commands below are addressed
 
@@ -178,7 +178,7 @@ def only_segment(folder):
 
 
 def test_a_record_of_another_protocol_ends_in_one_line(tmp_path, told, monkeypatch):
-    monkeypatch.setattr("agent.flight.header.VERSION", 3)
+    monkeypatch.setattr("radron.agent.flight.header.VERSION", 3)
     folder = flown(tmp_path / "d1", FLIGHT[:1])
     monkeypatch.undo()
     code, out, err = told(folder)

@@ -18,22 +18,22 @@ from mcap.opcode import Opcode
 from msgspec.structs import replace
 from recorded_flights import HEADER, telemetry
 
-import agent.flight.recorder
-from agent.errors import FlightRecordError
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from agent.flight.segment import Segment
-from agent.fusion.estimator import Hypothesis
+import radron.agent.flight.recorder
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.agent.flight.segment import Segment
+from radron.agent.fusion.estimator import Hypothesis
 
 NOISE = random.Random(1).randbytes(3_000_000)  # does not compress
 
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch):
-    monkeypatch.setattr(agent.flight.recorder, "WRITE_S", 0.01)
+    monkeypatch.setattr(radron.agent.flight.recorder, "WRITE_S", 0.01)
 
 
 def until(condition, deadline_s=10.0):
@@ -121,8 +121,8 @@ def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tm
                 raise OSError(errno.ENOSPC, "No space left on device")
             super().write(*record)
 
-    monkeypatch.setattr(agent.flight.recorder, "Segment", Disk)
-    monkeypatch.setattr(agent.flight.recorder, "RETRY_S", 0.3)
+    monkeypatch.setattr(radron.agent.flight.recorder, "Segment", Disk)
+    monkeypatch.setattr(radron.agent.flight.recorder, "RETRY_S", 0.3)
     recorder = FlightRecorder(tmp_path, 100, HEADER)
     recorder.write(topics.WARN, b"[]")
     until(lambda: not recorder._waiting)
@@ -140,14 +140,14 @@ def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tm
 
 
 def test_a_folder_removed_in_flight_is_told_and_made_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(agent.flight.recorder, "FLUSH_S", 0.02)
+    monkeypatch.setattr(radron.agent.flight.recorder, "FLUSH_S", 0.02)
     folder = tmp_path / "flights"
     recorder = FlightRecorder(folder, 100, HEADER)
     recorder.write(topics.WARN, b"[]")
     shutil.rmtree(folder)
     until(lambda: recorder.problems)
     assert "the file has been removed" in recorder.problems[0]
-    monkeypatch.setattr(agent.flight.recorder, "RETRY_S", 0.0)
+    monkeypatch.setattr(radron.agent.flight.recorder, "RETRY_S", 0.0)
     until(lambda: not recorder.problems)
     recorder.write(topics.WARN, b"[]")
     recorder.close()
@@ -165,8 +165,8 @@ def test_a_file_that_cannot_be_begun_is_not_left_behind(tmp_path, monkeypatch):
 
 
 def test_a_stalled_disk_costs_records_but_no_time_and_no_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(agent.flight.recorder, "MOST_WAITING_BYTES", 1_000_000)
-    monkeypatch.setattr(agent.flight.recorder, "WRITE_S", 60.0)  # a writer that does not come round
+    monkeypatch.setattr(radron.agent.flight.recorder, "MOST_WAITING_BYTES", 1_000_000)
+    monkeypatch.setattr(radron.agent.flight.recorder, "WRITE_S", 60.0)  # a writer that does not come round
     recorder = FlightRecorder(tmp_path, 100, HEADER)
     for _ in range(100):
         recorder.write(topics.MESSAGE, NOISE[:100_000])

@@ -15,20 +15,20 @@ from msgspec.structs import replace
 from one_pilot import START_NS, TICK_NS, state
 from recorded_flights import HEADER, MISSION, fly_recorded, rewritten, telemetry
 
-from agent.config.drone import DroneConfig
-from agent.errors import FlightRecordError
-from agent.flight import topics
-from agent.flight.audit import audit
-from agent.flight.command import run_replay
-from agent.flight.header import FlightHeader
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from agent.mission.commanding import Verdict
-from protocol.codec import decode_from
-from protocol.messages import Action, Status
-from sim.lockstep.members import SimulatedAuthority, SimulatedOperator
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import topics
+from radron.agent.flight.audit import audit
+from radron.agent.flight.command import run_replay
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.agent.mission.commanding import Verdict
+from radron.protocol.codec import decode_from
+from radron.protocol.messages import Action, Status
+from radron.sim.lockstep.members import SimulatedAuthority, SimulatedOperator
 
 ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # first bytes of a compressed chunk
 
@@ -53,7 +53,7 @@ def test_every_drones_flight_comes_out_identical(flights):
 
 def test_a_record_of_other_tables_is_refused_with_its_release(segment, monkeypatch):
     assert RecordedFlight(segment).header.tables
-    monkeypatch.setattr("agent.flight.header.tables_version", lambda: "0" * 16)
+    monkeypatch.setattr("radron.agent.flight.header.tables_version", lambda: "0" * 16)
     told = r"recorded with other tables of what a camera counts: replay it with the radron that recorded it \(.+\)$"
     with pytest.raises(FlightRecordError, match=told) as refused:
         replay(segment)

@@ -5,16 +5,16 @@ import itertools
 import pytest
 from one_pilot import SECOND
 
-from agent.flight.header import FlightHeader
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from agent.pilot import Pilot, Step
-from agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from protocol.messages import Stage
-from sim.lockstep.world import TICK_NS, World
-from sim.scenario import load_scenario, override
-from sim.scoring.moment import EPOCH_NS
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.agent.pilot import Pilot, Step
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from radron.protocol.messages import Stage
+from radron.sim.lockstep.world import TICK_NS, World
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.moment import EPOCH_NS
 
 DIES_NS = EPOCH_NS + 20 * SECOND
 BACK_NS = DIES_NS + 3 * SECOND  # the failsafe trips after 1 s

@@ -9,14 +9,14 @@ from msgspec.structs import replace
 from recorded_flights import fly_recorded
 from typer.testing import CliRunner
 
-from agent.cli import app
-from agent.config.drone import ResponseConfig
-from agent.config.loading import convert
-from agent.errors import FlightRecordError, OutputError
-from agent.flight.identify import identify
-from agent.flight.identify_command import run_identify, section
-from agent.flight.reader import RecordedFlight
-from agent.flight.response_records import read
+from radron.agent.cli import app
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.loading import convert
+from radron.agent.errors import FlightRecordError, OutputError
+from radron.agent.flight.identify import identify
+from radron.agent.flight.identify_command import run_identify, section
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.response_records import read
 
 TRUE_LAG_S = 1.0 / 4.2  # of the attitude, in the simulation
 

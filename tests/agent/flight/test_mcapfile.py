@@ -14,11 +14,11 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 from recorded_flights import HEADER, telemetry
 
-from agent.errors import FlightRecordError
-from agent.flight import mcapfile, topics
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import mcapfile, topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
@@ -147,7 +147,7 @@ def test_records_are_their_owners_alone(whole):
 
 
 def test_the_limits_hold_what_the_recorder_writes():
-    from agent.flight.recorder import MOST_WAITING_BYTES, SEGMENT_BYTES  # noqa: PLC0415
+    from radron.agent.flight.recorder import MOST_WAITING_BYTES, SEGMENT_BYTES  # noqa: PLC0415
 
     assert MOST_WAITING_BYTES < mcapfile.MAX_CHUNK_BYTES
     assert SEGMENT_BYTES <= mcapfile.MAX_RECORD_BYTES

@@ -7,17 +7,17 @@ import pytest
 from mcap.records import Metadata
 from recorded_flights import HEADER
 
-from agent.errors import FlightRecordError
-from agent.flight import reader, topics
-from agent.flight.audit import audit
-from agent.flight.audit_command import run_audit
-from agent.flight.command import run_replay
-from agent.flight.identify_command import run_identify
-from agent.flight.reader import RecordedFlight
-from agent.flight.segment import HEADER as HEADER_RECORD
-from protocol.codec import decode_from
-from protocol.messages import Command, Status
-from station.replay import Records
+from radron.agent.errors import FlightRecordError
+from radron.agent.flight import reader, topics
+from radron.agent.flight.audit import audit
+from radron.agent.flight.audit_command import run_audit
+from radron.agent.flight.command import run_replay
+from radron.agent.flight.identify_command import run_identify
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.segment import HEADER as HEADER_RECORD
+from radron.protocol.codec import decode_from
+from radron.protocol.messages import Command, Status
+from radron.station.replay import Records
 
 RECORD = Path(__file__).parent / "records" / "protocol-2.mcap"
 

@@ -5,19 +5,19 @@ from pathlib import Path
 from members import AUTHORITY, OPERATOR
 from one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
 
-from agent.config.drone import DroneConfig
-from agent.flight.audit import audit, mission_of
-from agent.flight.header import FlightHeader
-from agent.flight.reader import RecordedFlight
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from agent.mission.uploads import Origin
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Upload
-from protocol.signing import sign_command
-from sim.lockstep.members import OPERATOR_NAME
+from radron.agent.config.drone import DroneConfig
+from radron.agent.flight.audit import audit, mission_of
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.reader import RecordedFlight
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.agent.mission.uploads import Origin
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Upload
+from radron.protocol.signing import sign_command
+from radron.sim.lockstep.members import OPERATOR_NAME
 
 BOOT = "0" * 15 + "1"
 NEW, OTHER = "abcdef0123456789", "f" * 16

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from agent.frames.alignment import align, evidence_of, views_of
-from agent.frames.residuals import Fixes, Sightings
+from radron.agent.frames.alignment import align, evidence_of, views_of
+from radron.agent.frames.residuals import Fixes, Sightings
 
 SIGMA_RAD, SIGMA_M = math.radians(2.0), 0.3
 

@@ -1,6 +1,6 @@
 """When late entries are taken: at borders that are the same for all, at rest for as long as the last batch took."""
 
-from agent.frames.batches import Batches
+from radron.agent.frames.batches import Batches
 
 TICK_NS = 50_000_000
 

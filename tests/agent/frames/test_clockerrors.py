@@ -4,8 +4,8 @@ from random import Random
 
 import pytest
 
-from agent.frames.clockerrors import ClockErrors
-from protocol.entries import Counts, Exposure, PoseSample
+from radron.agent.frames.clockerrors import ClockErrors
+from radron.protocol.entries import Counts, Exposure, PoseSample
 
 SECOND = 1_000_000_000
 

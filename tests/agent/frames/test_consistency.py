@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agent.frames.consistency import Tally, agreeing, verdict, without
+from radron.agent.frames.consistency import Tally, agreeing, verdict, without
 
 
 def tallies(good, bad, count=3):

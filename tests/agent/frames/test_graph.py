@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
 
 
 @pytest.fixture

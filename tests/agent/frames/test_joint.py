@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agent.frames import joint
-from agent.frames.joint import Joint, corrected
-from agent.frames.residuals import Fixes, Sightings, turned
+from radron.agent.frames import joint
+from radron.agent.frames.joint import Joint, corrected
+from radron.agent.frames.residuals import Fixes, Sightings, turned
 
 DIRECTION_VAR = np.radians(2.0) ** 2
 FIX_VAR = 0.02**2

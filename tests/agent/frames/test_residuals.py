@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.frames.residuals import fix_evidence, fix_residuals, inlier_probability, sighting_evidence, sighting_residuals, turned
+from radron.agent.frames.residuals import (
+    fix_evidence,
+    fix_residuals,
+    inlier_probability,
+    sighting_evidence,
+    sighting_residuals,
+    turned,
+)
 
 SMALL = 1e-6
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
-from protocol.entries import Counts, Exposure, Fix, PoseSample, Sighting
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
+from radron.protocol.entries import Counts, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 

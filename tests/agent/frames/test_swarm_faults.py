@@ -9,9 +9,9 @@ from estimated_frames import DRIFT, UNKNOWN, anchored, at_once, satellites, slam
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, fly, run, settle
 
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
-from protocol.entries import Exposure, Sighting
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
+from radron.protocol.entries import Exposure, Sighting
 
 
 @pytest.mark.parametrize("liar", [0, 1, 2])

@@ -8,9 +8,9 @@ from estimated_frames import DRIFT, UNKNOWN, anchored, at_once, lines, satellite
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
-from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
-from protocol.codec import encode
-from protocol.entries import Exposure, Sighting
+from radron.agent.frames.swarm import BEFORE_START_NS, SwarmFrames
+from radron.protocol.codec import encode
+from radron.protocol.entries import Exposure, Sighting
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.frames.tracks import ALWAYS, Sample, Track
-from agent.frames.transform import Transform
+from radron.agent.frames.tracks import ALWAYS, Sample, Track
+from radron.agent.frames.transform import Transform
 
 TENTH = 100_000_000
 

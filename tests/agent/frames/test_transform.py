@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.frames.transform import Transform
+from radron.agent.frames.transform import Transform
 
 metres = st.floats(-1e4, 1e4)
 points = st.tuples(metres, metres, metres)

@@ -1,6 +1,6 @@
 """How many log entries of a drone are taken: as many as three cameras measure, and backlogs at once."""
 
-from agent.fusion.admission import (
+from radron.agent.fusion.admission import (
     BOOT_BURST,
     BOOT_RATE,
     BURST,
@@ -11,7 +11,7 @@ from agent.fusion.admission import (
     TOLD_NS,
     Admission,
 )
-from protocol.entries import Credential, Retraction
+from radron.protocol.entries import Credential, Retraction
 
 SECOND = 1_000_000_000
 BEGAN_NS = 1_800_000_000 * SECOND

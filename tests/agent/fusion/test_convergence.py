@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fusions import fusion_of
 
-from agent.fusion.registry import estimator_named
+from radron.agent.fusion.registry import estimator_named
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from fusions import fusion_of
 
-from agent.fusion import observations
-from agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
-from agent.fusion.registry import deferred_named, estimator_named
+from radron.agent.fusion import observations
+from radron.agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
+from radron.agent.fusion.registry import deferred_named, estimator_named
 
 MOST_IN_A_STEP = 20  # cones of the flight in one step of the grid
 

@@ -9,9 +9,9 @@ from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fusion.engine import BEFORE_START_NS
-from protocol.codec import encode
-from protocol.entries import Cone
+from radron.agent.fusion.engine import BEFORE_START_NS
+from radron.protocol.codec import encode
+from radron.protocol.entries import Cone
 
 
 @settings(max_examples=30)

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 from fusions import fusion_of
 
-from agent.fusion.observations import MOST_HELD
-from agent.fusion.paper import PaperEstimator
-from agent.fusion.registry import estimator_named
-from agent.fusion.timeline import MOST_OBSERVATIONS
-from protocol.codec import decode, encode
-from protocol.entries import Cone
+from radron.agent.fusion.observations import MOST_HELD
+from radron.agent.fusion.paper import PaperEstimator
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.fusion.timeline import MOST_OBSERVATIONS
+from radron.protocol.codec import decode, encode
+from radron.protocol.entries import Cone
 
 
 class Counting(PaperEstimator):

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from fusions import fusion_of
 
-from agent.config.mission import DroneInMission
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.fusion import observations
-from agent.fusion.engine import Fusion
-from protocol.entries import Cone
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion import observations
+from radron.agent.fusion.engine import Fusion
+from radron.protocol.entries import Cone
 
 
 def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entries, in_order, monkeypatch):

@@ -1,9 +1,9 @@
 import pytest
 from fusions import fusion_of
 
-from agent.config.estimators import GivenHypothesisConfig
-from agent.errors import ConfigError
-from agent.fusion.given import GivenEstimator
+from radron.agent.config.estimators import GivenHypothesisConfig
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.given import GivenEstimator
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ from fusions import fusion_of
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.mission import GroundConfig
-from agent.frames.transform import Transform
-from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import observe
-from agent.fusion.registry import estimator_named
-from agent.terrain.ground import Ground
-from protocol.entries import Counts
+from radron.agent.config.mission import GroundConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.initial import InitialSearch
+from radron.agent.fusion.observation import observe
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import Counts
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 SLOPE = GroundConfig(height_m=-5.0, slope=(0.25, 0.1))

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from agent.frames.transform import Transform
-from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import observe
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.initial import InitialSearch
+from radron.agent.fusion.observation import observe
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 
@@ -88,7 +88,7 @@ def test_degenerate_cones_end_in_a_point_of_the_area(kit, case):
 @pytest.mark.parametrize(("x", "cost"), [((math.nan, math.nan), math.nan), ((1.0, 1.0), 1e9)])
 def test_a_solver_that_fails_leaves_the_best_point_of_the_grid(cones_of, monkeypatch, x, cost):
     result = SimpleNamespace(x=np.array(x), cost=cost)
-    monkeypatch.setattr("agent.fusion.initial.least_squares", lambda *_, **__: result)
+    monkeypatch.setattr("radron.agent.fusion.initial.least_squares", lambda *_, **__: result)
     cones = cones_of(np.random.default_rng(1), (41.0, 63.0), 10, 0.0)
     assert InitialSearch(SQUARE).solve(cones) == (41.0, 63.0)
 

@@ -4,10 +4,10 @@ import sys
 
 import pytest
 
-from agent.errors import ConfigError
-from agent.fusion.registry import check_estimator, estimator_named
-from agent.shell.overrides import load_drone
-from sim.scenario import load_scenario, override
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.registry import check_estimator, estimator_named
+from radron.agent.shell.overrides import load_drone
+from radron.sim.scenario import load_scenario, override
 
 MODULE = """
 from types import SimpleNamespace

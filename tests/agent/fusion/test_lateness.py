@@ -1,7 +1,7 @@
 """Entries that come a little late: when their batch is folded, and what that saves."""
 
-from agent.fusion.lateness import Latecomers
-from protocol.entries import EntryId
+from radron.agent.fusion.lateness import Latecomers
+from radron.protocol.entries import EntryId
 
 
 def identity(number):

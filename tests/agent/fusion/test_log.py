@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.sequences import SequenceSet
-from protocol.codec import encode
-from protocol.entries import Cone, Coverage
-from protocol.summary import MOST_PUBLISHERS, Held
+from radron.agent.fusion.log import ObservationLog, Outcome
+from radron.agent.fusion.sequences import SequenceSet
+from radron.protocol.codec import encode
+from radron.protocol.entries import Cone, Coverage
+from radron.protocol.summary import MOST_PUBLISHERS, Held
 
 UP = (0.0, 0.0, 1.0)
 MOST = 500

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fusion.exchange import MOST_ENTRIES, LogExchange
-from agent.fusion.log import ObservationLog, Outcome
-from protocol.codec import decode, encode
-from protocol.summary import BLOCK, MOST_BLOCKS, decode_summary, encode_summary
+from radron.agent.fusion.exchange import MOST_ENTRIES, LogExchange
+from radron.agent.fusion.log import ObservationLog, Outcome
+from radron.protocol.codec import decode, encode
+from radron.protocol.summary import BLOCK, MOST_BLOCKS, decode_summary, encode_summary
 
 UP = (0.0, 0.0, 1.0)
 LIAR = ("a", "00000000000000b1")

@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.frames.transform import Transform
-from agent.fusion.observation import observe
-from protocol.entries import ConeOrder, PoseSample
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.observation import observe
+from radron.protocol.entries import ConeOrder, PoseSample
 
 
 @pytest.fixture

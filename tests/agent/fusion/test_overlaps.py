@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.registry import estimator_named
-from protocol.codec import encode
-from protocol.entries import MAX_EXPOSURE_NS, Counts, Retraction
+from radron.agent.fusion.log import ObservationLog, Outcome
+from radron.agent.fusion.registry import estimator_named
+from radron.protocol.codec import encode
+from radron.protocol.entries import MAX_EXPOSURE_NS, Counts, Retraction
 
 OTHER_BOOT = "00000000000000b2"
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from agent.config.estimators import PaperEstimatorConfig
-from agent.frames.transform import Transform
-from agent.fusion.estimator import GridStep
-from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import observe
-from agent.fusion.paper import PaperEstimator, PaperState, Track
-from agent.fusion.projection import project
+from radron.agent.config.estimators import PaperEstimatorConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.initial import InitialSearch
+from radron.agent.fusion.observation import observe
+from radron.agent.fusion.paper import PaperEstimator, PaperState, Track
+from radron.agent.fusion.projection import project
 
 CONFIG = PaperEstimatorConfig(process_noise_m2ps=2.0, measurement_variance_m2=100.0, initial_variance_m2=100.0)
 NS = 1_000_000_000

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agent.fusion.projection import project
+from radron.agent.fusion.projection import project
 
 RULES = ("paper", "geometric")
 metres = st.floats(-50.0, 50.0)

@@ -1,7 +1,7 @@
 import pytest
 
-from agent.errors import ConfigError
-from agent.fusion.registry import ESTIMATORS, estimator_named
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.registry import ESTIMATORS, estimator_named
 
 
 def test_every_estimator_carries_its_name(kit):

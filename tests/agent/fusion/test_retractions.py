@@ -10,9 +10,9 @@ from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fusion.log import ObservationLog, Outcome
-from protocol.codec import encode
-from protocol.entries import Retraction
+from radron.agent.fusion.log import ObservationLog, Outcome
+from radron.protocol.codec import encode
+from radron.protocol.entries import Retraction
 
 END_NS = 30_000_000_000
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fusion.sequences import SequenceSet
+from radron.agent.fusion.sequences import SequenceSet
 
 numbers = st.lists(st.integers(0, 40), max_size=40)
 

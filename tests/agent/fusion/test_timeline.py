@@ -2,8 +2,8 @@
 
 from itertools import permutations
 
-from agent.fusion.timeline import MAX_EXPOSURES_PS, MOST_OBSERVATIONS, Timeline
-from protocol.entries import EntryId
+from radron.agent.fusion.timeline import MAX_EXPOSURES_PS, MOST_OBSERVATIONS, Timeline
+from radron.protocol.entries import EntryId
 
 
 def identity(number, drone="a"):

@@ -6,12 +6,12 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state, tracking
 
-from agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
-from agent.vehicle.interface import GnssFix
-from protocol.codec import decode_from, encode
-from protocol.entries import Fix, Retraction
-from protocol.keys import key_of
-from protocol.messages import Pose, Stage, Status
+from radron.agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
+from radron.agent.vehicle.interface import GnssFix
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Fix, Retraction
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Pose, Stage, Status
 
 FIX = GnssFix(
     stamp_ns=START_NS, latitude_deg=50.0, longitude_deg=14.0, altitude_m=300.0, horizontal_sigma_m=1.2, vertical_sigma_m=2.0

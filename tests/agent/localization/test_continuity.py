@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from one_pilot import SECOND, START_NS, state
 from scipy.spatial.transform import Rotation
 
-from agent.frames.transform import Transform
-from agent.geometry import yaw_of
-from agent.localization.continuity import POSES_M, POSES_RAD, carried_on
+from radron.agent.frames.transform import Transform
+from radron.agent.geometry import yaw_of
+from radron.agent.localization.continuity import POSES_M, POSES_RAD, carried_on
 
 metres = st.floats(-200.0, 200.0)
 angles = st.floats(-3.1, 3.1)

@@ -7,14 +7,14 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, started, state
 
-from agent.frames.carried import launch_from_local
-from agent.frames.graph import FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import same
-from agent.navigation.ownfence import OwnFence
-from agent.vehicle.interface import FlightMode
-from protocol.entries import Exposure
-from protocol.messages import Pose, Stage, Status
+from radron.agent.frames.carried import launch_from_local
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import same
+from radron.agent.navigation.ownfence import OwnFence
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.entries import Exposure
+from radron.protocol.messages import Pose, Stage, Status
 
 HERE, JUMPED = (10.0, 10.0, 3.0), (32.0, 10.0, 3.0)
 

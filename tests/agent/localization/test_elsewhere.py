@@ -5,16 +5,16 @@ import pytest
 from members import AUTHORITY
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
 
-from agent.config.drone import DroneConfig
-from agent.detector.readout import PixelHits, Readout
-from agent.flight.header import FlightHeader
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.flight.replay import replay
-from agent.frames.transform import Transform
-from agent.localization.knownframe import SLIDE_MPS, KnownFrame
-from agent.vehicle.interface import SeenDrone
-from protocol.entries import Exposure, Retraction, Sighting
+from radron.agent.config.drone import DroneConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.flight.replay import replay
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.knownframe import SLIDE_MPS, KnownFrame
+from radron.agent.vehicle.interface import SeenDrone
+from radron.protocol.entries import Exposure, Retraction, Sighting
 
 HITS = 1_000_000 * np.arange(1, 4)  # of each readout, in pixels that differ: none is taken for noisy, and the camera not for mute
 JUMPED_S, FLOWN_S = 15.0, 20.0

@@ -6,19 +6,19 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
-from agent.config.mission import DroneInMission
-from agent.detector.readout import PixelHits, Readout
-from agent.frames.drift import Drift
-from agent.frames.graph import FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform
-from agent.localization.poseproblems import UNSURE_M
-from agent.mission.memory import Memory
-from agent.vehicle.interface import FlightMode, SeenDrone
-from protocol.codec import encode
-from protocol.entries import Exposure
-from protocol.keys import key_of
-from protocol.messages import Frame, Pose, Stage, Status
+from radron.agent.config.mission import DroneInMission
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.poseproblems import UNSURE_M
+from radron.agent.mission.memory import Memory
+from radron.agent.vehicle.interface import FlightMode, SeenDrone
+from radron.protocol.codec import encode
+from radron.protocol.entries import Exposure
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Frame, Pose, Stage, Status
 
 NONE = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 LAYOUT = DroneInMission(

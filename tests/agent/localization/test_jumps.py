@@ -6,9 +6,9 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import SECOND, START_NS, TICK_NS, messages, started, state
 
-from agent.localization.jumps import CONFIRM_NS, JumpDetector
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Status
+from radron.agent.localization.jumps import CONFIRM_NS, JumpDetector
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Status
 
 
 def flight(detector, steps, start=(0.0, 0.0, 3.0), velocity=(8.0, 0.0, 0.0), **values):

@@ -6,12 +6,12 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, own_pose, state
 
-from agent.config.mission import DroneInMission
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.localization.continuity import POSES_M
-from agent.navigation.home import Home
-from protocol.entries import Sighting
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.continuity import POSES_M
+from radron.agent.navigation.home import Home
+from radron.protocol.entries import Sighting
 
 ESTIMATED = DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0, localization="rtk", origin_sigma_m=0.5)
 HERE, JUMPED = (0.0, 0.0, 3.0), (20.0, -5.0, 3.0)

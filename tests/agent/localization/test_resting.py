@@ -3,8 +3,8 @@
 import pytest
 from one_pilot import MISSION, START_NS, TICK_NS, own_pose, state
 
-from agent.frames.graph import FrameGraph
-from agent.localization.resting import MOVED_M
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.localization.resting import MOVED_M
 
 SIGMA_M = 0.1  # of this telemetry
 DOWN = {"armed": False, "in_air": False}

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from situations import SECOND, VEHICLE
 
-from agent.mission.authority import ROWS, TABLE, TAKEOVER_NS, Authority, Event, State, View
-from agent.mission.flight import Flight
-from agent.mission.positionloss import PositionLoss
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
+from radron.agent.mission.authority import ROWS, TABLE, TAKEOVER_NS, Authority, Event, State, View
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.positionloss import PositionLoss
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
 
 PAGE = Path(__file__).parents[3] / "docs/design/authority.md"
 

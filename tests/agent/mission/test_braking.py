@@ -4,9 +4,9 @@ import pytest
 from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, tracking
 
-from agent.mission.authority import TAKEOVER_NS
-from agent.vehicle.interface import FlightMode, Request
-from protocol.messages import Action, Stage
+from radron.agent.mission.authority import TAKEOVER_NS
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.messages import Action, Stage
 
 MOVING = replace(OFFBOARD, velocity_mps=(3.0, 0.0, 0.0))
 

@@ -7,14 +7,14 @@ from msgspec.structs import replace
 from one_pilot import MISSION
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
-from agent.config.mission import SurveyConfig, TrackConfig
-from agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
-from agent.mission.transitions import Event
-from agent.motion.reference import PeerState
-from agent.navigation.unheard.agentless import Agentless
-from agent.navigation.unheard.contact import SILENT_NS
-from agent.vehicle.interface import FlightMode, Request
-from protocol.messages import Action, Stage
+from radron.agent.config.mission import SurveyConfig, TrackConfig
+from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
+from radron.agent.mission.transitions import Event
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.unheard.agentless import Agentless
+from radron.agent.navigation.unheard.contact import SILENT_NS
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.messages import Action, Stage
 
 
 def test_nobody_takes_off_without_a_command():

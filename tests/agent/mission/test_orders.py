@@ -3,10 +3,10 @@
 from one_pilot import MISSION, SECOND, START_NS, command, messages, state
 from one_pilot import pilot as one_pilot
 
-from agent.config.drone import DroneConfig
-from agent.mission.orders import NONCE_NS, Orders
-from agent.pilot import Pilot
-from protocol.messages import Action, Stage, Status
+from radron.agent.config.drone import DroneConfig
+from radron.agent.mission.orders import NONCE_NS, Orders
+from radron.agent.pilot import Pilot
+from radron.protocol.messages import Action, Stage, Status
 
 
 def nonces(key, boot_ns=START_NS, periods=50):

@@ -4,10 +4,10 @@ import pytest
 from msgspec.structs import replace
 from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying
 
-from agent.config.mission import TrackConfig
-from agent.mission.stages import Mission
-from agent.vehicle.interface import FlightMode, Request
-from protocol.messages import Action, Stage
+from radron.agent.config.mission import TrackConfig
+from radron.agent.mission.stages import Mission
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.protocol.messages import Action, Stage
 
 BLIND = replace(OFFBOARD, position_trusted=False)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agent.fusion.estimator import Exclusion, Hypothesis
-from agent.mission.reporter import Believed, Reporter
-from protocol.messages import Estimate, Stage, Status
+from radron.agent.fusion.estimator import Exclusion, Hypothesis
+from radron.agent.mission.reporter import Believed, Reporter
+from radron.protocol.messages import Estimate, Stage, Status
 
 SECOND = 1_000_000_000
 NOW_NS = 1_767_225_600 * SECOND

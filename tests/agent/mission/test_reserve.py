@@ -5,9 +5,9 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import SECOND, state
 
-from agent.mission.problems import LOW_BATTERY, Problems
-from agent.mission.reserve import Reserve
-from protocol.messages import Stage, Status
+from radron.agent.mission.problems import LOW_BATTERY, Problems
+from radron.agent.mission.reserve import Reserve
+from radron.protocol.messages import Stage, Status
 
 LATER_NS = 10 * SECOND
 

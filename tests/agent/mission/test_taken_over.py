@@ -4,14 +4,14 @@ import pytest
 from msgspec.structs import replace
 from situations import SECOND, VEHICLE, at, tracking
 
-from agent.config.mission import TrackConfig
-from agent.mission.authority import TOUCHDOWN_NS
-from agent.mission.stages import Mission
-from agent.navigation.home import KeptHome
-from agent.vehicle.grounded import STILL_NS
-from agent.vehicle.interface import FlightMode, Request
-from agent.vehicle.requests import Act, Requests, Seen
-from protocol.messages import Action, Stage
+from radron.agent.config.mission import TrackConfig
+from radron.agent.mission.authority import TOUCHDOWN_NS
+from radron.agent.mission.stages import Mission
+from radron.agent.navigation.home import KeptHome
+from radron.agent.vehicle.grounded import STILL_NS
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.agent.vehicle.requests import Act, Requests, Seen
+from radron.protocol.messages import Action, Stage
 
 
 class Flight:

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from situations import VEHICLE
 
-from agent.mission.flight import Flight
-from agent.mission.transitions import ROWS, TABLE, Event
-from protocol.messages import Action, Stage
-from protocol.stages import FLYING, ON_GROUND, STEERED
+from radron.agent.mission.flight import Flight
+from radron.agent.mission.transitions import ROWS, TABLE, Event
+from radron.protocol.messages import Action, Stage
+from radron.protocol.stages import FLYING, ON_GROUND, STEERED
 
 PAGE = Path(__file__).parents[3] / "docs/design/authority.md"
 BY_OTHERS = (Event.FLOWN_HOME, Event.FLOWN_DOWN, Event.FLOWN_HELD, Event.TAKEN)

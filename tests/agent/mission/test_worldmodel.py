@@ -9,11 +9,11 @@ import pytest
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, arrival_ns, fly
 
-from agent.fusion.paper import PaperEstimator
-from agent.fusion.registry import estimator_named
-from agent.mission.worldmodel import WorldModel
-from protocol.codec import encode
-from protocol.entries import Cone, ConeOrder, Exposure, Retraction, Sighting
+from radron.agent.fusion.paper import PaperEstimator
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.mission.worldmodel import WorldModel
+from radron.protocol.codec import encode
+from radron.protocol.entries import Cone, ConeOrder, Exposure, Retraction, Sighting
 
 TICK_NS = SECOND // 20
 SECONDS = 18.0

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config.mission import EncirclementConfig, LimitsConfig
-from agent.motion.encirclement import Encirclement, minimum_radius, wrapped
-from agent.motion.reference import PeerState
+from radron.agent.config.mission import EncirclementConfig, LimitsConfig
+from radron.agent.motion.encirclement import Encirclement, minimum_radius, wrapped
+from radron.agent.motion.reference import PeerState
 
 CENTER = (10.0, -5.0, 0.0)
 PAPER = Encirclement(EncirclementConfig(law="paper", bias_rad=0.3), LimitsConfig())

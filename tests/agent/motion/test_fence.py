@@ -8,9 +8,9 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.config.mission import AreaConfig
-from agent.errors import ConfigError
-from agent.motion.fence import Fence
+from radron.agent.config.mission import AreaConfig
+from radron.agent.errors import ConfigError
+from radron.agent.motion.fence import Fence
 
 L_SHAPE = shapely.Polygon([(0, 0), (60, 0), (60, 20), (20, 20), (20, 60), (0, 60)])
 STAR = shapely.Polygon([(0, 0), (20, 8), (40, 0), (32, 20), (40, 40), (20, 32), (0, 40), (8, 20)])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from agent.config.mission import LimitsConfig
-from agent.motion.fence import Fence
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import PeerPlan
-from agent.motion.tracker import Tracker
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.motion.tracker import Tracker
 
 STEP_NS = 200_000_000
 LIMITS = LimitsConfig()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from shapely import Point, Polygon
 
-from agent.motion.informative import Belief, Waypoints
+from radron.agent.motion.informative import Belief, Waypoints
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 X, Y = np.meshgrid(np.arange(1.25, 100.0, 2.5), np.arange(1.25, 100.0, 2.5))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from agent.config.mission import AreaConfig
-from agent.motion.leading import Leading
+from radron.agent.config.mission import AreaConfig
+from radron.agent.motion.leading import Leading
 
 SECOND = 1_000_000_000
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)), fence_margin_m=30.0)

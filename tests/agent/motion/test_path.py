@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.motion.path import PathFollower
+from radron.agent.motion.path import PathFollower
 
 LANES = np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 10.0), (0.0, 10.0)])
 LENGTH = 210.0

@@ -14,10 +14,10 @@ import pytest
 SOLVE = """
 import signal, sys, threading
 import numpy as np, shapely
-from agent.config.mission import LimitsConfig
-from agent.motion.fence import Fence
-from agent.motion.reference import PeerState, Reference
-from agent.motion.tracker import Status, Tracker
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.tracker import Status, Tracker
 
 if sys.argv[1] == "counts, threaded":
     threading.Thread(target=threading.Event().wait, daemon=True).start()  # SIGINT may go to any thread that takes it

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.mission import LimitsConfig
-from agent.motion.reference import PeerState
-from agent.motion.separation import LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.motion.reference import PeerState
+from radron.agent.motion.separation import LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
 
 LIMITS = LimitsConfig()
 SECOND = 1_000_000_000

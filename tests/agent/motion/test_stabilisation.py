@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from closed_loop import TICK_S, VELOCITY_MPS, Flight, Swarm, Vehicle, encircle, go_to, scattered
 
-from agent.config.mission import AreaConfig, EncirclementConfig
-from agent.motion.fence import Fence
+from radron.agent.config.mission import AreaConfig, EncirclementConfig
+from radron.agent.motion.fence import Fence
 
 RADIUS_M, SPEED_MPS = 12.0, 3.0
 

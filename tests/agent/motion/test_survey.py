@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely import LineString, MultiPolygon, Polygon
 from shapely.ops import substring
 
-from agent.motion.survey import divide, survey_paths, sweep, uncovered
+from radron.agent.motion.survey import divide, survey_paths, sweep, uncovered
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 AREAS = {

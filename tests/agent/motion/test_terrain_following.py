@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
-from agent.config.mission import LimitsConfig
-from agent.geometry import Array
-from agent.motion.fence import Fence
-from agent.motion.reference import PeerState, Reference
-from agent.motion.tracker import Relief, Status, Tracker
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.geometry import Array
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.tracker import Relief, Status, Tracker
 
 LIMITS = LimitsConfig()
 WIDE = Fence(shapely.box(-500.0, -500.0, 500.0, 500.0), 1.5, 60.0)

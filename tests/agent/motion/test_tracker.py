@@ -9,14 +9,14 @@ import pytest
 import shapely
 from shapely.ops import nearest_points
 
-from agent.config.drone import ResponseConfig
-from agent.config.mission import LimitsConfig
-from agent.motion.fence import Fence
-from agent.motion.prediction import predict
-from agent.motion.qp import LimitedProblem
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import PeerPlan
-from agent.motion.tracker import Status, Tracker, TrackerPlan
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.prediction import predict
+from radron.agent.motion.qp import LimitedProblem
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.motion.tracker import Status, Tracker, TrackerPlan
 
 LIMITS = LimitsConfig()
 WIDE = Fence(shapely.box(-500.0, -500.0, 500.0, 500.0), 1.5, 60.0)

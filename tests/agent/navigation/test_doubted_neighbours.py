@@ -5,13 +5,13 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import PATIENT_S, Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from protocol.entries import Sighting
-from protocol.messages import Stage
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import PATIENT_S, Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Stage
 
 NOW_NS = SECOND // 10
 

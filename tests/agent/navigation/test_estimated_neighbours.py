@@ -5,18 +5,18 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
-from agent.config.mission import DroneInMission
-from agent.frames.drift import Drift
-from agent.frames.graph import FrameGraph
-from agent.frames.kept import KeptFrame
-from agent.frames.transform import Transform, same
-from agent.motion.reference import PeerState
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.placing import WORST_SIGMA_M, blind, contradicts, held
-from protocol.entries import Sighting
-from protocol.messages import Pose, Stage
+from radron.agent.config.mission import DroneInMission
+from radron.agent.frames.drift import Drift
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.kept import KeptFrame
+from radron.agent.frames.transform import Transform, same
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M, blind, contradicts, held
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Pose, Stage
 
 ESTIMATED = replace(
     MISSION,

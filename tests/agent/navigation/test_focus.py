@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
-from agent.fusion.estimator import Hypothesis
-from agent.navigation.focus import focus, have_had_turns, is_in_second_half, looks
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.navigation.focus import focus, have_had_turns, is_in_second_half, looks
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 

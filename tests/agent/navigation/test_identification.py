@@ -9,12 +9,12 @@ import pytest
 from closed_loop import TICK_S, Flight, Swarm, Vehicle, encircle, go_to
 from msgspec.structs import replace
 
-from agent.config.drone import ResponseConfig
-from agent.motion.feedforward import MOST_MPS2, Deviation, feedforward
-from agent.motion.reference import PeerState, Reference
-from agent.navigation.drag import DragFilter, horizontal_thrust
-from agent.navigation.identification import BAD_M, FoundResponse, ResponseEstimator
-from agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.motion.feedforward import MOST_MPS2, Deviation, feedforward
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.navigation.drag import DragFilter, horizontal_thrust
+from radron.agent.navigation.identification import BAD_M, FoundResponse, ResponseEstimator
+from radron.agent.vehicle.interface import FlightMode, VehicleState
 
 SECOND = 1_000_000_000
 NO_LAGS = ResponseConfig(drag_ps=0.0, attitude_lag_s=0.0, derivative_gain=0.0)

@@ -10,18 +10,18 @@ from msgspec.structs import replace
 from one_navigator import AT_ONCE, MISSION, PLACE, flown, hypothesis, made, nobody
 from one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
 
-from agent.config.mission import DroneInMission, EncirclementConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.fusion.estimator import Sight
-from agent.navigation.moment import Moment
-from agent.navigation.myself import Self
-from agent.navigation.navigator import Navigator
-from agent.navigation.peers.newest import Peers
-from agent.navigation.surveying import InformedSearch, Prospect, Search
-from agent.navigation.unheard.crossing import crossing_height_m
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Plan, Pose, Stage, Status
+from radron.agent.config.mission import DroneInMission, EncirclementConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.estimator import Sight
+from radron.agent.navigation.moment import Moment
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.navigator import Navigator
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.surveying import InformedSearch, Prospect, Search
+from radron.agent.navigation.unheard.crossing import crossing_height_m
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Plan, Pose, Stage, Status
 
 
 def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():

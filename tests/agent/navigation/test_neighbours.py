@@ -2,13 +2,13 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, seen, status
 
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.placing import WORST_SIGMA_M
-from protocol.messages import Stage
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M
+from radron.protocol.messages import Stage
 
 
 def test_a_plan_is_read_in_the_own_frame():

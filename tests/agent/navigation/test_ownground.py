@@ -6,10 +6,10 @@ from msgspec.structs import replace
 from one_navigator import MISSION, made
 from one_pilot import SECOND, START_NS, TICK_NS, state
 
-from agent.navigation.moment import Moment
-from agent.navigation.peers.newest import Peers
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
+from radron.agent.navigation.moment import Moment
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
 
 FLOOR_M, CEILING_M = 1.5, 6.0
 

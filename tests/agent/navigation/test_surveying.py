@@ -6,13 +6,13 @@ import pytest
 from msgspec.structs import replace
 from shapely import LineString, Polygon
 
-from agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
-from agent.frames.graph import FrameGraph
-from agent.fusion.estimator import Exclusion, Outlook
-from agent.navigation import covered as covered_module
-from agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS
-from agent.navigation.surveying import _PORTION, COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
-from protocol.entries import Coverage
+from radron.agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.fusion.estimator import Exclusion, Outlook
+from radron.agent.navigation import covered as covered_module
+from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS
+from radron.agent.navigation.surveying import _PORTION, COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
+from radron.protocol.entries import Coverage
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
 MISSION = MissionConfig(

@@ -7,9 +7,9 @@ from msgspec.structs import replace
 from one_navigator import MISSION, flown, hypothesis
 from one_pilot import SECOND, START_NS
 
-from agent.config.mission import MissionConfig
-from agent.navigation.peers.newest import Peers
-from protocol.messages import Pose, Stage, Status
+from radron.agent.config.mission import MissionConfig
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.messages import Pose, Stage, Status
 
 RAISED = replace(MISSION, source_height_m=(0.0, 20.0))
 

@@ -6,17 +6,17 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
-from agent.config.mission import DroneInMission, SafetyConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.motion.reference import PeerState
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from agent.navigation.unheard.contact import Circle, Wall
-from agent.navigation.unheard.lastnews import LastNews
-from protocol.entries import Sighting
-from protocol.messages import Stage
+from radron.agent.config.mission import DroneInMission, SafetyConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.unheard.contact import Circle, Wall
+from radron.agent.navigation.unheard.lastnews import LastNews
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Stage
 
 STANDING = PeerState((0.0, 0.0, 3.0))
 ON_GROUND = replace(pose(), velocity_mps=(0.0, 0.0, 0.0), in_air=False)

@@ -13,18 +13,18 @@ from live_agents import free_ports
 from meshes import until
 from msgspec.structs import replace
 
-from agent.operator import groundcontrol
-from agent.operator.groundcontrol import CommandError, Order
-from agent.operator.statuses import Statuses, Tickets
-from protocol.codec import decode, encode
-from protocol.elapsed import elapsed_s
-from protocol.identity import Identity, Role
-from protocol.keys import key_of
-from protocol.mesh.link import close_session, open_session
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Action, Command, Stage, Status, Ticket
-from protocol.signing import sign_status
-from protocol.trust import trust_of
+from radron.agent.operator import groundcontrol
+from radron.agent.operator.groundcontrol import CommandError, Order
+from radron.agent.operator.statuses import Statuses, Tickets
+from radron.protocol.codec import decode, encode
+from radron.protocol.elapsed import elapsed_s
+from radron.protocol.identity import Identity, Role
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.link import close_session, open_session
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Action, Command, Stage, Status, Ticket
+from radron.protocol.signing import sign_status
+from radron.protocol.trust import trust_of
 
 MISSION = "0123456789abcdef"
 TELL_S, LISTEN_S = 0.02, 0.6  # how often a stand-in tells its status; how long it is waited for more of them
@@ -377,7 +377,7 @@ def test_copies_keep_the_nonces_of_when_the_command_was_given_and_end_with_its_l
 
 def test_a_ticket_is_that_of_the_time_at_which_the_command_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
     statuses, clock_s = Statuses(), [100.0]
-    monkeypatch.setattr("agent.operator.statuses.elapsed_s", lambda: clock_s[0])
+    monkeypatch.setattr("radron.agent.operator.statuses.elapsed_s", lambda: clock_s[0])
     for number in range(1, 6):
         ticket = Ticket(f"{number:016x}", number)
         status = Status(stamp_ns=number, drone="d1", mission=MISSION, boot="0" * 16, stage=Stage.TRACK, ticket=ticket)

@@ -12,13 +12,13 @@ from mission_takers import Drone
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from agent.cli import main
-from agent.config.loading import read_content
-from agent.operator import groundcontrol, missionupload
-from agent.operator.groundcontrol import CommandError
-from agent.operator.missionupload import UploadOrder
-from protocol.identity import Role
-from protocol.messages import Answer
+from radron.agent.cli import main
+from radron.agent.config.loading import read_content
+from radron.agent.operator import groundcontrol, missionupload
+from radron.agent.operator.groundcontrol import CommandError
+from radron.agent.operator.missionupload import UploadOrder
+from radron.protocol.identity import Role
+from radron.protocol.messages import Answer
 
 NEW = replace(MISSION, name="new")
 

@@ -14,18 +14,18 @@ from identities import identity, new_issuer
 from live_agents import free_ports
 from msgspec.structs import replace
 
-import agent.operator.overview
-from agent.cli import main
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.operator.overview import Overview, OverviewError, Place, place_of, show
-from protocol.codec import encode
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Estimate, Obeyed, Source, Stage, Status
-from protocol.signing import Verifier, sign_status
-from protocol.trust import trust_of
-from sim.lockstep.members import SimulatedAuthority
+import radron.agent.operator.overview
+from radron.agent.cli import main
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.operator.overview import Overview, OverviewError, Place, place_of, show
+from radron.protocol.codec import encode
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Estimate, Obeyed, Source, Stage, Status
+from radron.protocol.signing import Verifier, sign_status
+from radron.protocol.trust import trust_of
+from radron.sim.lockstep.members import SimulatedAuthority
 
 MISSION = MissionConfig(
     name="m",
@@ -104,12 +104,12 @@ def test_estimates_are_taken_only_where_nobody_can_publish_them_under_another_na
 @pytest.mark.parametrize("with_mission", [False, True])
 def test_an_observer_that_forges_a_drones_estimate_is_not_believed(tmp_path, monkeypatch, with_mission):
     """Also where no mission file names the drones: they are known by their statuses then."""
-    monkeypatch.setattr("agent.operator.overview.LISTEN_S", 1.5)
+    monkeypatch.setattr("radron.agent.operator.overview.LISTEN_S", 1.5)
     issuer = new_issuer("test")
     d1 = identity(issuer, tmp_path, "d1")
     eve, anna = (identity(issuer, tmp_path, name, Role.OBSERVER) for name in ("eve", "anna"))
     ends = [f"tls/127.0.0.1:{port}" for port in free_ports(2)]
-    monkeypatch.setattr("agent.operator.overview.load_mission", lambda _: MISSION)
+    monkeypatch.setattr("radron.agent.operator.overview.load_mission", lambda _: MISSION)
 
     async def tell(mesh, own):
         forged = estimate(x=50.0)
@@ -224,7 +224,7 @@ def beside_a_drone(course):
 
 
 def test_status_prints_what_a_swarm_tells(radron_agent, monkeypatch):
-    monkeypatch.setattr(agent.operator.overview, "LISTEN_S", 1.0)
+    monkeypatch.setattr(radron.agent.operator.overview, "LISTEN_S", 1.0)
     code, said = beside_a_drone(lambda endpoint, _: asyncio.to_thread(radron_agent, "status", "--connect", endpoint))
     assert (code, said.err) == (0, "")
     assert "d1" in said.out
@@ -255,7 +255,7 @@ def test_watch_goes_on_until_it_is_interrupted():
 
 
 def test_nobody_heard_ends_in_one_line(radron_agent, monkeypatch):
-    monkeypatch.setattr(agent.operator.overview, "LISTEN_S", 0.1)
+    monkeypatch.setattr(radron.agent.operator.overview, "LISTEN_S", 0.1)
     code, said = radron_agent("status", "--connect", f"tcp/127.0.0.1:{free_ports(1)[0]}")
     assert code == 2
     assert said.err.count("\n") == 1

@@ -15,23 +15,23 @@ from live_agents import free_ports
 from msgspec.structs import replace
 from one_pilot import MISSION, cone_of
 
-from agent.cli import main
-from agent.config.drone import DroneConfig
-from agent.operator import revocation
-from agent.operator.revocation import Request, RevocationError, revoke
-from agent.pilot import Pilot
-from protocol.codec import encode
-from protocol.entries import Credential
-from protocol.errors import ProtocolError
-from protocol.identity import Identity, Role, load_identity
-from protocol.issuing import Issuer, write_identity
-from protocol.keys import key_of, log_query_key
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Stage, Status
-from protocol.signing import sign_entries, sign_status
-from protocol.summary import Held, encode_summary
-from protocol.trust import trust_of
-from protocol.units import STATION
+from radron.agent.cli import main
+from radron.agent.config.drone import DroneConfig
+from radron.agent.operator import revocation
+from radron.agent.operator.revocation import Request, RevocationError, revoke
+from radron.agent.pilot import Pilot
+from radron.protocol.codec import encode
+from radron.protocol.entries import Credential
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Identity, Role, load_identity
+from radron.protocol.issuing import Issuer, write_identity
+from radron.protocol.keys import key_of, log_query_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Stage, Status
+from radron.protocol.signing import sign_entries, sign_status
+from radron.protocol.summary import Held, encode_summary
+from radron.protocol.trust import trust_of
+from radron.protocol.units import STATION
 
 BOOT = "2" * 16
 

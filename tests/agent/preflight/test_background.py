@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.readout import TICK_NS, PixelHits, Readout
-from agent.preflight.background import Background
-from agent.vehicle.interface import Finding
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.readout import TICK_NS, PixelHits, Readout
+from radron.agent.preflight.background import Background
+from radron.agent.vehicle.interface import Finding
 
 SLICE_NS, BEGIN_NS = 200_000_000, 1_767_225_600_000_000_000
 

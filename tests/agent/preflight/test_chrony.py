@@ -4,8 +4,8 @@ import asyncio
 
 import pytest
 
-from agent.preflight import chrony
-from agent.preflight.chrony import chrony_finding
+from radron.agent.preflight import chrony
+from radron.agent.preflight.chrony import chrony_finding
 
 REPORT = "C0A80101,192.168.1.1,3,1700000000.123456789,{},0.000001,0.00002,-1.234,0.000,0.05,0.0012,0.0004,64.2,{}"
 

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
-from agent.config.loading import convert
-from agent.config.mission import MissionConfig
-from agent.preflight.corrections import MOST_ATTEMPTS, Corrections
-from agent.vehicle.demands import demands_of
-from agent.vehicle.mavlink.messages import ParameterValue
-from agent.vehicle.parameters import FLOAT, INT32, value_of, wire_value
-from agent.vehicle.px4 import Px4Vehicle
-from agent.vehicle.rules import correction, rules_of
+from radron.agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
+from radron.agent.config.loading import convert
+from radron.agent.config.mission import MissionConfig
+from radron.agent.preflight.corrections import MOST_ATTEMPTS, Corrections
+from radron.agent.vehicle.demands import demands_of
+from radron.agent.vehicle.mavlink.messages import ParameterValue
+from radron.agent.vehicle.parameters import FLOAT, INT32, value_of, wire_value
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.agent.vehicle.rules import correction, rules_of
 
 DRONES = [{"id": "d1", "origin_m": [5, 5, 0]}, {"id": "d2", "origin_m": [9, 5, 0]}]
 AREA = {"polygon_m": [[0, 0], [60, 0], [60, 60], [0, 60]]}
@@ -85,8 +85,8 @@ class Deaf:
 
 
 def test_a_wrong_parameter_is_waited_for_while_it_may_still_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agent.preflight.corrections.AGAIN_S", 0.0)
-    monkeypatch.setattr("agent.preflight.corrections._ANSWER_S", 0.3)
+    monkeypatch.setattr("radron.agent.preflight.corrections.AGAIN_S", 0.0)
+    monkeypatch.setattr("radron.agent.preflight.corrections._ANSWER_S", 0.3)
     vehicle, corrections = Deaf(), Corrections(demands_of(mission(), DroneConfig(id="d1"), sets=False))
     assert corrections.tries("COM_OF_LOSS_T")
     assert not corrections.tries("EKF2_HGT_REF")  # only a person can choose

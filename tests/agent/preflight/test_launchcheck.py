@@ -4,9 +4,9 @@ import pytest
 from geodetic import geodetic_from_mission
 from msgspec.structs import replace
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.preflight.layout import layout_finding
-from agent.vehicle.interface import LaunchPlace
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.preflight.layout import layout_finding
+from radron.agent.vehicle.interface import LaunchPlace
 
 DATUM = DatumConfig(latitude_deg=50.1, longitude_deg=14.5, altitude_m=230.0)
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0)))

@@ -2,8 +2,8 @@
 
 import pytest
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
-from agent.preflight.layers import layers_finding
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
+from radron.agent.preflight.layers import layers_finding
 
 
 def mission(ceiling_m=30.0, slam=(), **safety):

@@ -13,18 +13,18 @@ from live_agents import Agent, free_ports, write_configs
 from members import revocation
 from msgspec.structs import replace
 
-from agent.config.drone import PeerMeshConfig
-from agent.mission.memory import Memory
-from agent.preflight.check import Preflight
-from agent.shell.links import mesh_config
-from agent.shell.overrides import load_drone
-from agent.shell.statestore import State, StateFile
-from agent.vehicle.interface import Finding
-from agent.vehicle.mavlink.device import is_new
-from protocol.codec import decode, encode
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Stage
-from protocol.revocations import Revoked
+from radron.agent.config.drone import PeerMeshConfig
+from radron.agent.mission.memory import Memory
+from radron.agent.preflight.check import Preflight
+from radron.agent.shell.links import mesh_config
+from radron.agent.shell.overrides import load_drone
+from radron.agent.shell.statestore import State, StateFile
+from radron.agent.vehicle.interface import Finding
+from radron.agent.vehicle.mavlink.device import is_new
+from radron.protocol.codec import decode, encode
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Stage
+from radron.protocol.revocations import Revoked
 
 
 def finding(folder: Path, name: str, **environment: str) -> Finding:

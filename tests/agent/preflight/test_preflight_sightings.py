@@ -10,10 +10,10 @@ import msgspec
 from line_server import line_server
 from live_agents import free_ports
 
-from agent.config.drone import DroneConfig, PeerMeshConfig, SightingsConfig, VehicleConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.preflight.check import Preflight
-from agent.vehicle.interface import Finding, SeenDrone
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig, SightingsConfig, VehicleConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.preflight.check import Preflight
+from radron.agent.vehicle.interface import Finding, SeenDrone
 
 MISSION = MissionConfig(
     name="test",

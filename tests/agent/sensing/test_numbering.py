@@ -2,7 +2,7 @@
 
 import pytest
 
-from agent.sensing.numbering import Numbering
+from radron.agent.sensing.numbering import Numbering
 
 SECOND = 1_000_000_000
 TICKS = 20

@@ -5,14 +5,14 @@ import pytest
 from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
-from agent.detector.detection import ConeEvent, Detections
-from agent.localization.history import PoseHistory
-from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
-from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.codec import encode
-from protocol.entries import CarriedFrame, Cone, Counts, Exposure
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
+from radron.agent.detector.detection import ConeEvent, Detections
+from radron.agent.localization.history import PoseHistory
+from radron.agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.codec import encode
+from radron.protocol.entries import CarriedFrame, Cone, Counts, Exposure
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND

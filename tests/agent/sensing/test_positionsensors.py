@@ -7,11 +7,11 @@ from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 from scipy.spatial.transform import Rotation
 
-from agent.pilot import Step
-from agent.sensing.positionsensors import MOST_PER_S
-from agent.vehicle.interface import GnssFix, SeenDrone
-from protocol.codec import decode_from
-from protocol.entries import Fix, Sighting
+from radron.agent.pilot import Step
+from radron.agent.sensing.positionsensors import MOST_PER_S
+from radron.agent.vehicle.interface import GnssFix, SeenDrone
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Fix, Sighting
 
 SEEN = SeenDrone(
     stamp_ns=START_NS, target="d2", direction=(0.6, 0.0, 0.8), direction_sigma_rad=0.03, range_m=9.0, range_sigma_m=0.3

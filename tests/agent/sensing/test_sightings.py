@@ -10,9 +10,9 @@ import pytest
 from detector_feed import until
 from line_server import LineServer, line_server
 
-from agent.errors import ConfigError
-from agent.sensing.sighting_feed import SightingsFeed
-from agent.vehicle.interface import SeenDrone
+from radron.agent.errors import ConfigError
+from radron.agent.sensing.sighting_feed import SightingsFeed
+from radron.agent.vehicle.interface import SeenDrone
 
 NOW_NS = 1_767_225_600_000_000_000
 SEEN = SeenDrone(

@@ -12,15 +12,15 @@ from identities import DAY_NS, identity, new_issuer
 from meshes import free_port
 from time_teller import telling
 
-from agent.clock.handover import TIME_FILE, Valid, taken
-from agent.clock.seeking import seek_time
-from agent.config.drone import VehicleConfig
-from agent.shell import running
-from agent.shell.heartbeat import Heartbeat
-from agent.shell.identity import DeadClockError, check_clock
-from agent.shell.overrides import load_drone
-from agent.shell.patience import Patience
-from agent.shell.running import run_agent
+from radron.agent.clock.handover import TIME_FILE, Valid, taken
+from radron.agent.clock.seeking import seek_time
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.shell import running
+from radron.agent.shell.heartbeat import Heartbeat
+from radron.agent.shell.identity import DeadClockError, check_clock
+from radron.agent.shell.overrides import load_drone
+from radron.agent.shell.patience import Patience
+from radron.agent.shell.running import run_agent
 
 PORT = free_port()
 

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from agent.shell.node import Node
-from agent.vehicle.interface import LaunchPlace
-from protocol.messages import Stage
+from radron.agent.shell.node import Node
+from radron.agent.vehicle.interface import LaunchPlace
+from radron.protocol.messages import Stage
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from identities import DAY_NS, identity, new_issuer, now_ns
 
-from agent.config.drone import DroneConfig, PeerMeshConfig
-from agent.errors import ConfigError
-from agent.shell.identity import own_identity, validity
-from protocol.identity import Identity, IdentityError, Revoked
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig
+from radron.agent.errors import ConfigError
+from radron.agent.shell.identity import own_identity, validity
+from radron.protocol.identity import Identity, IdentityError, Revoked
 
 HOUR_NS = DAY_NS // 24
 

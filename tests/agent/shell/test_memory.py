@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.shell.memory import Memory, MemoryWatch, read_memory
+from radron.agent.shell.memory import Memory, MemoryWatch, read_memory
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,13 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS
 
-from agent.config.drone import DroneConfig
-from agent.config.estimators import FusionConfig
-from agent.config.loading import load_mission, mission_content
-from agent.config.mission import DroneInMission, MissionConfig
-from agent.errors import ConfigError
-from agent.mission.uploads import Origin
-from agent.shell.missionstore import keep, mission_in_force, mission_path
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.loading import load_mission, mission_content
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.mission.uploads import Origin
+from radron.agent.shell.missionstore import keep, mission_in_force, mission_path
 
 NEW = replace(MISSION, name="new")
 ORIGIN = Origin(station="anna", taken_ns=START_NS, instead_of=MISSION.mission_id)

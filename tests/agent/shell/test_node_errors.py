@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from live_agents import Agent, until, write_configs
 
-from agent.vehicle.mavlink.claim import PATIENCE_S
+from radron.agent.vehicle.mavlink.claim import PATIENCE_S
 
 LIMIT_S = 30.0  # 10 s on a machine that has nothing else to do
 STOPPED_S = 5.0  # likewise 2 s

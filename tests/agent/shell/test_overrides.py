@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from agent.errors import ConfigError
-from agent.shell.overrides import load_drone
+from radron.agent.errors import ConfigError
+from radron.agent.shell.overrides import load_drone
 
 MISSION = """
 name = "harbour"

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from identities import identity, new_issuer
 
-from agent.config.drone import DroneConfig, PeerMeshConfig
-from agent.errors import ConfigError, VehicleError
-from agent.shell import running
-from agent.shell.heartbeat import Heartbeat
-from agent.shell.identity import check_clock
-from agent.shell.patience import Patience
-from agent.shell.running import USER_ERROR, run_agent
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig
+from radron.agent.errors import ConfigError, VehicleError
+from radron.agent.shell import running
+from radron.agent.shell.heartbeat import Heartbeat
+from radron.agent.shell.identity import check_clock
+from radron.agent.shell.patience import Patience
+from radron.agent.shell.running import USER_ERROR, run_agent
 
 
 class Obstacle:

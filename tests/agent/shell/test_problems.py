@@ -6,9 +6,9 @@ from unittest.mock import Mock, call
 
 import pytest
 
-from agent.config.drone import DroneConfig, PeerMeshConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.shell.problems import LATE_S, LATE_STEP_S, LateSteps, Problems, no_contact
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.shell.problems import LATE_S, LATE_STEP_S, LateSteps, Problems, no_contact
 
 
 @pytest.fixture

@@ -7,15 +7,15 @@ import pytest
 from members import cones, credential, give, revocation, trusting
 from one_pilot import START_NS, pilot
 
-from agent.config.drone import DroneConfig, PeerMeshConfig
-from agent.shell import revoked
-from agent.shell.links import without
-from agent.shell.revoked import TURNS_S, RevokedFile, exclude, turn_s
-from protocol.codec import decode, encode
-from protocol.errors import MeshError
-from protocol.keys import key_of
-from protocol.mesh.link import MeshConfig
-from protocol.revocations import Revocation
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig
+from radron.agent.shell import revoked
+from radron.agent.shell.links import without
+from radron.agent.shell.revoked import TURNS_S, RevokedFile, exclude, turn_s
+from radron.protocol.codec import decode, encode
+from radron.protocol.errors import MeshError
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.link import MeshConfig
+from radron.protocol.revocations import Revocation
 
 BOOT = "2" * 16
 

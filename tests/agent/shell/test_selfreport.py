@@ -12,14 +12,14 @@ import pytest
 from live_agents import Agent, Vehicles, closing, operator_folder, station_endpoint, until, write_configs
 from onboard import NEW, OLD, well
 
-from agent.preflight.software import software_finding
-from agent.shell.selfreport import SelfReport, Updates
-from agent.update.records import Records, read_report
-from protocol.codec import decode
-from protocol.identity import load_identity
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Stage, Status
-from protocol.onboard import Needs, Outcome, Report, Trial
+from radron.agent.preflight.software import software_finding
+from radron.agent.shell.selfreport import SelfReport, Updates
+from radron.agent.update.records import Records, read_report
+from radron.protocol.codec import decode
+from radron.protocol.identity import load_identity
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Stage, Status
+from radron.protocol.onboard import Needs, Outcome, Report, Trial
 
 FALLEN = Outcome(kind="fell back", slot="B", release=NEW, text="the update to 0.2.0 failed: slot A runs again", stamp_ns=1)
 TRIAL = Trial(slot="B", release=NEW, before=OLD, needs=Needs(), begun_ns=1)

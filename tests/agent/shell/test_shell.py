@@ -16,17 +16,17 @@ import structlog
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, command, pilot, state
 
-from agent.config.drone import DroneConfig
-from agent.mission.memory import Memory
-from agent.shell import faultbarrier, statestore
-from agent.shell.faultbarrier import FaultBarrier
-from agent.shell.heartbeat import Heartbeat
-from agent.shell.logs import Logger, UnblockingStream
-from agent.shell.missionstore import InForce
-from agent.shell.node import Node
-from agent.shell.statestore import State, StateFile, StateStore
-from agent.vehicle.interface import LaunchPlace
-from protocol.messages import Stage
+from radron.agent.config.drone import DroneConfig
+from radron.agent.mission.memory import Memory
+from radron.agent.shell import faultbarrier, statestore
+from radron.agent.shell.faultbarrier import FaultBarrier
+from radron.agent.shell.heartbeat import Heartbeat
+from radron.agent.shell.logs import Logger, UnblockingStream
+from radron.agent.shell.missionstore import InForce
+from radron.agent.shell.node import Node
+from radron.agent.shell.statestore import State, StateFile, StateStore
+from radron.agent.vehicle.interface import LaunchPlace
+from radron.protocol.messages import Stage
 
 STATE = State(
     memory=Memory(mission="0" * 16, stamp_ns=5, started_ns=3, stage=Stage.SURVEY, resume=Stage.SURVEY, home_m=(1.0, 2.0, 3.0)),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from agent.config.drone import DetectorConfig, DroneConfig
-from agent.config.estimators import FusionConfig, GivenHypothesisConfig
-from agent.config.launchplaces import check_launch_places
-from agent.config.mission import AreaConfig, DroneInMission, LimitsConfig, MissionConfig
-from agent.errors import ConfigError
-from agent.shell.startable import camera_missing, check_for_drone
+from radron.agent.config.drone import DetectorConfig, DroneConfig
+from radron.agent.config.estimators import FusionConfig, GivenHypothesisConfig
+from radron.agent.config.launchplaces import check_launch_places
+from radron.agent.config.mission import AreaConfig, DroneInMission, LimitsConfig, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.shell.startable import camera_missing, check_for_drone
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 

@@ -26,7 +26,7 @@ def start() -> Iterator[Start]:
 
     def run(how: str, **environment: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "agent.shell.supervisor", sys.executable, str(CHILD), how],
+            [sys.executable, "-m", "radron.agent.shell.supervisor", sys.executable, str(CHILD), how],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, **environment}, start_new_session=True,
         )  # fmt: skip
@@ -77,7 +77,7 @@ def test_an_agent_that_hangs_is_killed_a_second_after_its_last_beat(start: Start
 
 @pytest.mark.slow
 def test_an_agent_that_is_silent_before_its_first_beat_is_killed_but_not_while_it_says_what_it_waits_for() -> None:
-    impatient = "import agent.shell.supervisor as one; one.SILENT_START_S = 3.0; one.main()"
+    impatient = "import radron.agent.shell.supervisor as one; one.SILENT_START_S = 3.0; one.main()"
     command = [sys.executable, "-c", impatient, sys.executable, str(CHILD), "waits, then hangs"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert (ran.returncode, ran.stderr) == (70, "radron-agent: no heartbeat for 3 s: killed\n")

@@ -10,12 +10,12 @@ import pytest
 import shapely
 from shapely import LineString, Polygon
 
-from agent.config.buildings import BuildingConfig, BuildingsConfig
-from agent.config.loading import load_mission
-from agent.config.mission import GroundConfig
-from agent.errors import ConfigError
-from agent.terrain.buildings import Buildings, attenuation_per_m
-from agent.terrain.ground import Ground
+from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
+from radron.agent.config.loading import load_mission
+from radron.agent.config.mission import GroundConfig
+from radron.agent.errors import ConfigError
+from radron.agent.terrain.buildings import Buildings, attenuation_per_m
+from radron.agent.terrain.ground import Ground
 
 FLAT = Ground(GroundConfig())
 AIR_PER_M = 0.00929  # of 662 keV
@@ -54,7 +54,7 @@ def test_ways_in_portions_have_the_same_depths(monkeypatch: pytest.MonkeyPatch) 
     way = end - start
     at_once = town.depth(start, way)
     assert np.count_nonzero(at_once) > 20
-    monkeypatch.setattr("agent.terrain.buildings._PORTION", 7)
+    monkeypatch.setattr("radron.agent.terrain.buildings._PORTION", 7)
     assert town.depth(start, way).tobytes() == at_once.tobytes()
     assert town.depth(start[:0], way[:0]).shape == (0,)
 

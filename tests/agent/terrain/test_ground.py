@@ -13,11 +13,11 @@ from geodetic import geodetics_from_mission
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.config.loading import load_mission
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
-from agent.errors import ConfigError
-from agent.frames.transform import Transform
-from agent.terrain.ground import Ground
+from radron.agent.config.loading import load_mission
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
+from radron.agent.errors import ConfigError
+from radron.agent.frames.transform import Transform
+from radron.agent.terrain.ground import Ground
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0)), fence_margin_m=10.0)
 DATUM = DatumConfig(latitude_deg=50.1, longitude_deg=14.5, altitude_m=230.0)

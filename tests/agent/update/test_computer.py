@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib.metadata import version
 from pathlib import Path
 
-from agent.update.computer import look
-from agent.update.records import Records
-from agent.update.slots import Slots
-from protocol.onboard import Release
+from radron.agent.update.computer import look
+from radron.agent.update.records import Records
+from radron.agent.update.slots import Slots
+from radron.protocol.onboard import Release
 
 
 def test_a_computer_without_slots_tells_all_else_and_gets_nothing_new(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from onboard import OnboardFiles
 
-from agent.update.errors import UpdateError
+from radron.agent.update.errors import UpdateError
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import pytest
 from px4_sky import STAY, free_port, sky
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.config.drone import VehicleConfig
-from agent.errors import VehicleError
-from agent.vehicle.demands import Demands
-from agent.vehicle.mavlink.exposure import exposure, take_only_from
-from agent.vehicle.px4 import Px4Vehicle
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.errors import VehicleError
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.mavlink.exposure import exposure, take_only_from
+from radron.agent.vehicle.px4 import Px4Vehicle
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from agent.vehicle.mavlink.messages import DECODERS, AutopilotVersion
+from radron.agent.vehicle.mavlink.messages import DECODERS, AutopilotVersion
 
 
 def version(number: int, commit: tuple[int, ...] = (0,) * 8) -> AutopilotVersion:

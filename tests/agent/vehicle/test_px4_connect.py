@@ -8,12 +8,12 @@ from functools import partial
 
 import pytest
 
-from agent.config.drone import VehicleConfig
-from agent.errors import VehicleError
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import Request, VehicleCommand
-from agent.vehicle.mavlink.claim import claim_port
-from agent.vehicle.px4 import Px4Vehicle
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.errors import VehicleError
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import Request, VehicleCommand
+from radron.agent.vehicle.mavlink.claim import claim_port
+from radron.agent.vehicle.px4 import Px4Vehicle
 
 
 def free_port() -> int:
@@ -45,7 +45,7 @@ def test_nobody_there_is_told_within_the_configured_time() -> None:
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A port in use is waited for; here not for long."""
-    monkeypatch.setattr("agent.vehicle.mavlink.link.claim_port", partial(claim_port, patience_s=0.3))
+    monkeypatch.setattr("radron.agent.vehicle.mavlink.link.claim_port", partial(claim_port, patience_s=0.3))
 
 
 def test_a_port_in_use_is_told() -> None:

@@ -7,7 +7,7 @@ from math import dist, hypot, pi
 import pytest
 from px4_sky import STAY, TAKEOFF, Sky, hover, ready, sky
 
-from agent.vehicle.interface import FlightMode, LaunchPlace, Request, VehicleCommand
+from radron.agent.vehicle.interface import FlightMode, LaunchPlace, Request, VehicleCommand
 
 
 async def airborne(flight: Sky) -> None:

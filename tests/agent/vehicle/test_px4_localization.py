@@ -11,12 +11,12 @@ import pytest
 from line_server import LineServer, line_server
 from px4_sky import STAY, STEP_S, TAKEOFF, UTC_NS, Sky, hover, ready, sky
 
-from agent.config.mission import DatumConfig
-from agent.vehicle.interface import FlightMode, GnssFix
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, VehicleTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.streams import streams
+from radron.agent.config.mission import DatumConfig
+from radron.agent.vehicle.interface import FlightMode, GnssFix
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import EventTruth, VehicleTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.streams import streams
 
 BY_VISION = {"EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_NOAID_TOUT": 1_000_000}
 BY_VISION |= {"COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3}

@@ -6,7 +6,7 @@ import time
 import pytest
 from px4_sky import STAY, TAKEOFF, ready, sky
 
-from sim.vehicle.px4.config import Faults
+from radron.sim.vehicle.px4.config import Faults
 
 
 @pytest.mark.slow

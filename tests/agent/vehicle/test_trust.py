@@ -2,7 +2,7 @@
 
 import pytest
 
-from agent.vehicle.trust import CONFIRM_S, PositionTrust, drift_m
+from radron.agent.vehicle.trust import CONFIRM_S, PositionTrust, drift_m
 
 
 @pytest.fixture

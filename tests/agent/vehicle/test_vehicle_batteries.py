@@ -1,6 +1,6 @@
 """The level of the batteries that a return depends on."""
 
-from agent.vehicle.batteries import ALL, STALE_S, Batteries
+from radron.agent.vehicle.batteries import ALL, STALE_S, Batteries
 
 
 def test_the_lowest_level_that_is_still_told_counts() -> None:

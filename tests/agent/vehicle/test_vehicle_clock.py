@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from agent.vehicle.clock import WINDOW_NS, BootClock
+from radron.agent.vehicle.clock import WINDOW_NS, BootClock
 
 MS = 1_000_000
 BOOTED_NS = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agent.vehicle.frame import (
+from radron.agent.vehicle.frame import (
     enu_from_flu,
     enu_from_ned,
     enu_from_ned_position,
@@ -20,7 +20,7 @@ from agent.vehicle.frame import (
     turned_on,
     up_share,
 )
-from agent.vehicle.interface import LaunchPlace
+from radron.agent.vehicle.interface import LaunchPlace
 
 LAUNCH = LaunchPlace(
     north_m=10.0, east_m=-20.0, down_m=3.0, origin_latitude_deg=47.0, origin_longitude_deg=8.0, origin_altitude_m=400.0

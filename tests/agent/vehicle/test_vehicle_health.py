@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from agent.vehicle.events import number_of
-from agent.vehicle.health import TEXT_AGE_S, StatusMessages, not_ready
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.mavlink.messages import DECODERS, Event, StatusText, SystemStatus
+from radron.agent.vehicle.events import number_of
+from radron.agent.vehicle.health import TEXT_AGE_S, StatusMessages, not_ready
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.mavlink.messages import DECODERS, Event, StatusText, SystemStatus
 
 GPS, BATTERY = 0x20, 0x0200_0000
 PRESENT, ENABLED = 0x0300_402F, 0x0301_402F  # as from a real PX4; the prearm check is never among them

@@ -3,9 +3,9 @@
 import pytest
 from msgspec.structs import replace
 
-from agent.vehicle.interface import LaunchPlace
-from agent.vehicle.launch import WINDOW_S, LaunchSurvey
-from agent.vehicle.mavlink.messages import GlobalOrigin
+from radron.agent.vehicle.interface import LaunchPlace
+from radron.agent.vehicle.launch import WINDOW_S, LaunchSurvey
+from radron.agent.vehicle.mavlink.messages import GlobalOrigin
 
 ORIGIN = GlobalOrigin(473977420, 85455940, 488123)
 ON_GROUND = {"armed": False, "in_air": False}

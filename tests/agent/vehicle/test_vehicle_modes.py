@@ -2,8 +2,8 @@
 
 import pytest
 
-from agent.vehicle.interface import FlightMode
-from agent.vehicle.modes import flight_mode, is_in_air
+from radron.agent.vehicle.interface import FlightMode
+from radron.agent.vehicle.modes import flight_mode, is_in_air
 
 
 @pytest.mark.parametrize(

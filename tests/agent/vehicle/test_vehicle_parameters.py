@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from agent.config.drone import VehicleConfig, VisionConfig
-from agent.vehicle.demands import Demands
-from agent.vehicle.mavlink.messages import ParameterValue
-from agent.vehicle.parameters import (
+from radron.agent.config.drone import VehicleConfig, VisionConfig
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.mavlink.messages import ParameterValue
+from radron.agent.vehicle.parameters import (
     ASK_AGAIN_S,
     FLOAT,
     INT32,
@@ -21,7 +21,7 @@ from agent.vehicle.parameters import (
     Parameters,
     value_of,
 )
-from agent.vehicle.rules import RETURN_ALTITUDE, RULES, rules_of
+from radron.agent.vehicle.rules import RETURN_ALTITUDE, RULES, rules_of
 
 GOOD = {
     "COM_OF_LOSS_T": 1.0,

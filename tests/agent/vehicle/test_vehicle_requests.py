@@ -5,8 +5,8 @@ from math import inf
 import pytest
 from msgspec.structs import replace
 
-from agent.vehicle.interface import FlightMode, Request
-from agent.vehicle.requests import BLIND_S, REPEAT_S, Act, Requests, Seen
+from radron.agent.vehicle.interface import FlightMode, Request
+from radron.agent.vehicle.requests import BLIND_S, REPEAT_S, Act, Requests, Seen
 
 ON_GROUND = Seen(FlightMode.HOLD, armed=False, in_air=False, failsafe=False, heartbeat_s=0.0)
 FLYING = Seen(FlightMode.HOLD, armed=True, in_air=True, failsafe=False, heartbeat_s=0.0)

@@ -4,7 +4,7 @@ from math import pi
 
 import pytest
 
-from agent.vehicle.resets import LATE_S, SETTLE_S, Resets
+from radron.agent.vehicle.resets import LATE_S, SETTLE_S, Resets
 
 STEP_S = 1 / 30
 STILL = (0.0, 0.0, 0.0)

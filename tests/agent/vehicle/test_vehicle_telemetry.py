@@ -4,9 +4,9 @@ from math import atan2, cos, pi, radians, sin
 
 import pytest
 
-from agent.config.drone import VehicleConfig
-from agent.vehicle.interface import FlightMode, LaunchPlace, VehicleState
-from agent.vehicle.mavlink.messages import (
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.vehicle.interface import FlightMode, LaunchPlace, VehicleState
+from radron.agent.vehicle.mavlink.messages import (
     Attitude,
     Battery,
     DistanceSensor,
@@ -21,7 +21,7 @@ from agent.vehicle.mavlink.messages import (
     Odometry,
     SystemStatus,
 )
-from agent.vehicle.telemetry import FRESH_S, LOST_S, Telemetry
+from radron.agent.vehicle.telemetry import FRESH_S, LOST_S, Telemetry
 
 HOLD, OFFBOARD = 0x3040000, 0x60000
 STILL = (0.0, 0.0, 0.0)

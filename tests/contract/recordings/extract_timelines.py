@@ -1,6 +1,6 @@
 """Commands to a real PX4 and its answers, out of its recordings A, B, D and E: timelines.json.xz.
 
-    PYTHONPATH=.:tests/support/px4 python tests/contract/recordings/extract_timelines.py FOLDER-OF-THE-TLOGS
+    PYTHONPATH=tests/support/px4 python tests/contract/recordings/extract_timelines.py FOLDER-OF-THE-TLOGS
 
 One entry for each recording: "name", "system" (of the vehicle), "duration_ms", "rates_hz" (of the vehicle's messages by number),
 "setpoints" ([ms, mask, ...], the values that the mask does not ignore, in 1/1000, NaN as null) and "rows" ([ms, kind, ...], times

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.computer.install import SYSTEM_FILES, scripts
+from radron.deploy.computer.install import SYSTEM_FILES, scripts
 
 DEPLOY = Path(__file__).parents[3] / "deploy"
 ROOTFS = DEPLOY / "image/contents/rootfs"

@@ -15,9 +15,9 @@ from bench_camera import bench_camera
 from live_agents import Vehicles, closing, free_ports, write_configs
 from sshserver import LACKING, ssh_server
 
-from agent.doctor.report import Check, Report
-from deploy.computer.doctor import BENCH, examine, report_in
-from deploy.remote import Host, RemoteError
+from radron.agent.doctor.report import Check, Report
+from radron.deploy.computer.doctor import BENCH, examine, report_in
+from radron.deploy.remote import Host, RemoteError
 
 REPORT = Report(drone="d1", version="0.1.0", mission="yard", stamp_ns=0, checks=(Check("clock", "clock", "ok", ""),))
 DEPLOY = str(Path(sys.executable).parent / "radron-deploy")

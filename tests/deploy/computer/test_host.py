@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from sshserver import LACKING, ssh_server
 
-from deploy.computer.host import asked, check_alone, judged
-from deploy.image.wheels import Platform
-from deploy.remote import Host, RemoteError
+from radron.deploy.computer.host import asked, check_alone, judged
+from radron.deploy.image.wheels import Platform
+from radron.deploy.remote import Host, RemoteError
 
 HOST = Host("nuc", "10.7.1.12")
 GOOD = {

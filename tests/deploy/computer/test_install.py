@@ -16,8 +16,8 @@ from fleets import KEY
 from live_agents import Vehicles, closing, free_ports, until
 from systemd_machine import lacking, systemd_machine
 
-from agent.shell import foldworker
-from deploy.remote import Host
+from radron.agent.shell import foldworker
+from radron.deploy.remote import Host
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(lacking() is not None, reason=str(lacking()))]
 SOURCE = Path(__file__).parents[3]

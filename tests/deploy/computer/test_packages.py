@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image.wheels import Platform
+from radron.deploy.image.wheels import Platform
 
 DEPLOY = str(Path(sys.executable).parent / "radron-deploy")
 

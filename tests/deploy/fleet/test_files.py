@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from fleets import FLEET, KEY, MISSION, PIXELS, make_fleet
 
-from agent.detector.files.calibration import load_calibration
-from agent.errors import ConfigError
-from agent.shell.overrides import load_drone
-from deploy.cli import main
-from deploy.fleet.files import files_of, write_files
-from deploy.fleet.loading import load_fleet
+from radron.agent.detector.files.calibration import load_calibration
+from radron.agent.errors import ConfigError
+from radron.agent.shell.overrides import load_drone
+from radron.deploy.cli import main
+from radron.deploy.fleet.files import files_of, write_files
+from radron.deploy.fleet.loading import load_fleet
 
 
 def texts(folder: Path, drone: str) -> dict[str, str]:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from fleets import FLEET, KEY, MISSION, make_fleet
 
-from agent.errors import ConfigError
-from deploy.fleet.loading import load_fleet
+from radron.agent.errors import ConfigError
+from radron.deploy.fleet.loading import load_fleet
 
 
 def test_a_drone_has_the_shared_keys_and_its_own(tmp_path: Path) -> None:

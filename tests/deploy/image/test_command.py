@@ -9,11 +9,11 @@ import msgspec
 import pytest
 from fleets import FLEET, make_fleet
 
-from deploy import cli
-from deploy.image import command, target
-from deploy.image import flash as flashing
-from deploy.image.build import Manifest, manifest_file
-from deploy.image.layout import MIB
+from radron.deploy import cli
+from radron.deploy.image import command, target
+from radron.deploy.image import flash as flashing
+from radron.deploy.image.build import Manifest, manifest_file
+from radron.deploy.image.layout import MIB
 
 IMAGE_BYTES = 4 * MIB
 

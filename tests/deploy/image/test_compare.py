@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image import compare, flash
-from deploy.image.compare import differences
-from deploy.image.layout import MIB, Partition
+from radron.deploy.image import compare, flash
+from radron.deploy.image.compare import differences
+from radron.deploy.image.layout import MIB, Partition
 
 CONFIG, ROOT_A = Partition(1, "config", "", MIB, MIB), Partition(2, "root-a", "", 2 * MIB, 4 * MIB)
 IMAGE_BYTES = 7 * MIB

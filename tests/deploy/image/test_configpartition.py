@@ -9,11 +9,11 @@ from pathlib import Path, PurePosixPath
 import pytest
 from fleets import PIXELS, make_fleet
 
-from deploy.fleet.loading import load_fleet
-from deploy.image.configpartition import make_config
-from deploy.image.errors import ImageError
-from deploy.image.layout import CONFIG, MIB
-from deploy.image.tools import need, run
+from radron.deploy.fleet.loading import load_fleet
+from radron.deploy.image.configpartition import make_config
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import CONFIG, MIB
+from radron.deploy.image.tools import need, run
 
 EPOCH = 1_700_000_000
 without_tools = pytest.mark.skipif(
@@ -53,14 +53,14 @@ def test_equal_content_is_equal_bytes(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fleet = load_fleet(make_fleet(tmp_path))
     large = {PurePosixPath("mission/hills.tif"): bytes(CONFIG.size + MIB)}
-    monkeypatch.setattr("deploy.image.configpartition.files_of", lambda *_: large)
+    monkeypatch.setattr("radron.deploy.image.configpartition.files_of", lambda *_: large)
     (tmp_path / "work").mkdir()
     with pytest.raises(ImageError, match=r"mcopy failed: .*(full|space)"):
         make_config(tmp_path / "config.fat", tmp_path / "work", fleet, fleet.drone("d1"), issue, EPOCH)
 
 
 def test_missing_programs_are_named_with_their_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.image.tools.shutil.which", lambda name, path: None)
+    monkeypatch.setattr("radron.deploy.image.tools.shutil.which", lambda name, path: None)
     with pytest.raises(ImageError, match=r"missing on this computer: mcopy, sgdisk; .*`apt-get install gdisk mtools`"):
         need("mcopy", "sgdisk")
 

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from agent.clock.setting import CERTIFICATE, GIVES_TIME, TOLD
-from agent.update.records import FOLDER, REPORT
-from agent.update.slots import GRUBENV
-from deploy.fleet.files import CREDENTIALS, DATA, UPDATES
-from deploy.image.bootloader import FIRST_BOOT, grub_configuration, grub_environment
-from deploy.image.layout import IMAGE_BYTES, MIB, PARTITIONS, ROOT_A, ROOT_B
-from deploy.image.rootfs import Release, add_contents, packages, sources
-from protocol.onboard import COMPATIBLE, MOST_ATTEMPTS
+from radron.agent.clock.setting import CERTIFICATE, GIVES_TIME, TOLD
+from radron.agent.update.records import FOLDER, REPORT
+from radron.agent.update.slots import GRUBENV
+from radron.deploy.fleet.files import CREDENTIALS, DATA, UPDATES
+from radron.deploy.image.bootloader import FIRST_BOOT, grub_configuration, grub_environment
+from radron.deploy.image.layout import IMAGE_BYTES, MIB, PARTITIONS, ROOT_A, ROOT_B
+from radron.deploy.image.rootfs import Release, add_contents, packages, sources
+from radron.protocol.onboard import COMPATIBLE, MOST_ATTEMPTS
 
 CONTENTS = Path(__file__).parents[3] / "deploy/image/contents"
 ROOTFS = CONTENTS / "rootfs"

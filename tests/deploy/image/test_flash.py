@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image import flash as flashing
-from deploy.image.errors import ImageError
-from deploy.image.flash import flash
-from deploy.image.layout import MIB, Partition
+from radron.deploy.image import flash as flashing
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.flash import flash
+from radron.deploy.image.layout import MIB, Partition
 
 # A small layout, so that the tests take no time.
 ESP, CONFIG, ROOT = (Partition(i, name, "", (1 + 8 * i) * MIB, 8 * MIB) for i, name in enumerate(("esp", "config", "root-a")))

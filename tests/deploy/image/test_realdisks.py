@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image import flash as flashing
-from deploy.image.errors import ImageError
-from deploy.image.flash import flash
-from deploy.image.layout import LEAST_DISK_BYTES, MIB, Partition
-from deploy.image.target import find_target
+from radron.deploy.image import flash as flashing
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.flash import flash
+from radron.deploy.image.layout import LEAST_DISK_BYTES, MIB, Partition
+from radron.deploy.image.target import find_target
 
 
 def told(*command: str) -> str:

@@ -8,9 +8,9 @@ from typing import BinaryIO
 
 import pytest
 
-from deploy.image.disk import make_disk
-from deploy.image.layout import CONFIG, IMAGE_BYTES, MIB, ROOT_A
-from deploy.image.wheels import make_own_wheel
+from radron.deploy.image.disk import make_disk
+from radron.deploy.image.layout import CONFIG, IMAGE_BYTES, MIB, ROOT_A
+from radron.deploy.image.wheels import make_own_wheel
 
 SOURCE = Path(__file__).parents[3]
 

@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from deploy.image.errors import ImageError
-from deploy.image.layout import LEAST_DISK_BYTES
-from deploy.image.target import Device, check_device, find_target
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.image.target import Device, check_device, find_target
 
 STICK: dict[str, Any] = {"name": "/dev/sdb", "type": "disk", "size": 32_000_000_000, "rm": True, "tran": "usb", "model": "Stick"}
 PART: dict[str, Any] = {"name": "/dev/sdb1", "type": "part", "size": 31_000_000_000, "fstype": "vfat", "label": "PHOTOS"}

@@ -14,10 +14,10 @@ from onboard import NEW, OLD, well
 from sshserver import LACKING, ssh_server
 from updatable import Fleet
 
-from deploy import cli
-from deploy.remote import Host
-from deploy.update import hosts, logs, push
-from protocol.messages import Stage
+from radron.deploy import cli
+from radron.deploy.remote import Host
+from radron.deploy.update import hosts, logs, push
+from radron.protocol.messages import Stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
 

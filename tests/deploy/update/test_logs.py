@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from sshserver import LACKING, ssh_server
 
-from deploy.remote import Host, RemoteError
-from deploy.update.logs import Fetched, fetch_logs
+from radron.deploy.remote import Host, RemoteError
+from radron.deploy.update.logs import Fetched, fetch_logs
 
 pytestmark = pytest.mark.skipif(LACKING is not None, reason=LACKING or "")
 
@@ -46,7 +46,7 @@ def test_records_are_fetched_once_and_one_that_grows_again(host: Host, tmp_path:
 
 
 def test_a_drone_cannot_have_its_records_written_elsewhere(host: Host, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.update.logs._LIST", f"echo 5 {'0' * 64} ../../evil.mcap # {{folder}}")
+    monkeypatch.setattr("radron.deploy.update.logs._LIST", f"echo 5 {'0' * 64} ../../evil.mcap # {{folder}}")
     with pytest.raises(RemoteError, match=r"a record with an impossible name, '\.\./\.\./evil\.mcap': not copied"):
         fetch(host, tmp_path / "out", tmp_path)
     assert fetch_folder(tmp_path) == ["out"]

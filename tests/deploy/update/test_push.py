@@ -14,11 +14,11 @@ from onboard import NEW, OLD, well
 from sshserver import LACKING, ssh_server
 from updatable import Fleet
 
-from deploy.remote import Host, RemoteError
-from deploy.update import hosts, push
-from deploy.update.errors import UpdateError
-from protocol.messages import Stage
-from protocol.onboard import Computer, Needs, Outcome, Release, Trial
+from radron.deploy.remote import Host, RemoteError
+from radron.deploy.update import hosts, push
+from radron.deploy.update.errors import UpdateError
+from radron.protocol.messages import Stage
+from radron.protocol.onboard import Computer, Needs, Outcome, Release, Trial
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
 

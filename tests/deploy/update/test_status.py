@@ -10,13 +10,13 @@ from fleets import KEY, MISSION, make_fleet
 from onboard import NEW, OLD, well
 from rich.console import Console
 
-from agent.errors import ConfigError
-from deploy.fleet.loading import load_fleet
-from deploy.remote import Host
-from deploy.update.errors import UpdateError
-from deploy.update.hosts import find_hosts
-from deploy.update.status import Answer, Cell, rows, table
-from protocol.onboard import Computer, Needs, Outcome, Trial
+from radron.agent.errors import ConfigError
+from radron.deploy.fleet.loading import load_fleet
+from radron.deploy.remote import Host
+from radron.deploy.update.errors import UpdateError
+from radron.deploy.update.hosts import find_hosts
+from radron.deploy.update.status import Answer, Cell, rows, table
+from radron.protocol.onboard import Computer, Needs, Outcome, Trial
 
 NOW_NS = 1_800_000_000_000_000_000
 DAY_NS = 86_400_000_000_000

@@ -17,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = ("agent", "protocol", "sim")
+NAMESPACE = "radron"  # folder of a copy: its packages are imported by this name
 LISTS = {"written": "written.toml", "drawn": "drawn.toml"}
 
 
@@ -106,8 +107,8 @@ def main() -> None:
     bug = next((bug for bug in load_bugs() if bug.id == wanted), None)
     if bug is None:
         sys.exit(f"no bug {wanted!r}: the ids are in {', '.join(LISTS.values())} beside this script")
-    copy_packages(ROOT, folder)
-    bug.plant(folder)
+    copy_packages(ROOT, folder / NAMESPACE)
+    bug.plant(folder / NAMESPACE)
 
 
 if __name__ == "__main__":

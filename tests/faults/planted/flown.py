@@ -18,7 +18,7 @@ from typing import Any
 
 from bugs import Bug, BugError
 
-_RADRON_SIM = (sys.executable, "-c", "from sim.cli import main; main()")
+_RADRON_SIM = (sys.executable, "-c", "from radron.sim.cli import main; main()")
 CRASH, HANG = "no result", "no end"  # beside the invariants' names: it died without a line, or did not end
 BUSY = "this machine is too busy for live missions"  # as live-faults says it
 _MOST_TEXT = 300
@@ -55,21 +55,21 @@ class Stage:
 
 
 def _dealt(seed: int) -> dict[str, Any]:
-    from sim.campaign.faults.course import DEALT  # noqa: PLC0415  (only where bugs say what reaches them)
-    from sim.campaign.faults.dealt import deal  # noqa: PLC0415
+    from radron.sim.campaign.faults.course import DEALT  # noqa: PLC0415  (only where bugs say what reaches them)
+    from radron.sim.campaign.faults.dealt import deal  # noqa: PLC0415
 
     return deal(seed, DEALT)
 
 
 def _live(seed: int) -> dict[str, Any]:
-    from sim.campaign.faults.course import LIVE as COURSE  # noqa: PLC0415
-    from sim.campaign.faults.dealt import deal  # noqa: PLC0415
+    from radron.sim.campaign.faults.course import LIVE as COURSE  # noqa: PLC0415
+    from radron.sim.campaign.faults.dealt import deal  # noqa: PLC0415
 
     return deal(seed, COURSE)
 
 
 def _drawn(seed: int) -> dict[str, Any]:
-    from sim.campaign.faults.draw import draw  # noqa: PLC0415
+    from radron.sim.campaign.faults.draw import draw  # noqa: PLC0415
 
     return draw(seed)
 
@@ -110,7 +110,11 @@ class Flights:
         self._stopped = False
 
     def fly(self, command: Sequence[str], tree: Path, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
-        """Fly the packages in ``tree``; None where it was stopped. Raises BugError where the machine is too busy to fly live."""
+        """Fly the packages in ``tree``, a folder ``radron``; None where it was stopped.
+
+        Raises:
+            BugError: the machine is too busy to fly live.
+        """
         with tempfile.TemporaryDirectory(prefix="planted-") as folder:
             out = Path(folder) / "out"
             code, errors = self._run([*command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
@@ -130,7 +134,7 @@ class Flights:
 
     def _run(self, command: list[str], tree: Path) -> tuple[int | None, str]:
         """Exit code, None after ``longest_s``, and standard error. ``tree`` comes before any installed packages."""
-        environment = os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+        environment = os.environ | {"PYTHONPATH": str(tree.parent), "OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         with self._lock:
             if self._stopped:
                 return None, ""

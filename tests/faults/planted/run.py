@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bugs import LISTS, ROOT, Bug, BugError, copy_packages, fingerprint, load_bugs
+from bugs import LISTS, NAMESPACE, ROOT, Bug, BugError, copy_packages, fingerprint, load_bugs
 from flown import CRASH, HANG, LIVE, STAGES, Flights, Flown, Memo, Record, Stage, only_with_bug
 
 FLOOR = 0.85
@@ -51,13 +51,13 @@ class Hunt:
         Raises:
             BugError: it gives no result: there is nothing to compare with.
         """
-        self._tree, self._flights, self._record = folder / "packages", flights, record
+        self._tree, self._flights, self._record = folder / "packages" / NAMESPACE, flights, record
         copy_packages(ROOT, self._tree)
         self._sources = fingerprint(self._tree)
         first = self._flown(stages[0], self._tree, CONTROL, stages[0].seed, self._sources)
         if first is not None and {CRASH, HANG} & set(first.violated):
             raise BugError(f"seed {first.seed} without any bug: {', '.join(first.violated)}: {first.text}")
-        self._control_tree = folder / "control"  # a flight writes into its packages, so none flies in the copied ones
+        self._control_tree = folder / "control" / NAMESPACE  # a flight writes into its packages, so none flies in the copied ones
         copy_packages(self._tree, self._control_tree)
         self._controls = Memo()
 
@@ -71,7 +71,7 @@ class Hunt:
             def fly(seed: int, attempt: int = 0) -> Flown | None:
                 nonlocal tree
                 if self._record.find(bug.id, seed, sources, attempt) is None and tree is None:
-                    tree = Path(folder) / "tree"
+                    tree = Path(folder) / "tree" / NAMESPACE
                     copy_packages(self._tree, tree)
                     bug.plant(tree)
                 return self._flown(stage, tree, bug.id, seed, sources, attempt)

@@ -8,8 +8,8 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from protocol.mesh.answers import MAX_DRONE_BURST, MAX_OPERATORS_BPS, MAX_OPERATORS_BURST, Answers
-from protocol.units import STATION
+from radron.protocol.mesh.answers import MAX_DRONE_BURST, MAX_OPERATORS_BPS, MAX_OPERATORS_BURST, Answers
+from radron.protocol.units import STATION
 
 ENTRY = bytes(100_000)
 

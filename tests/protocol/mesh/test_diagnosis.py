@@ -12,10 +12,10 @@ import pytest
 from encrypted import endpoint, joined
 from identities import DAY_NS, identity, new_issuer, now_ns
 
-from deploy.pki.release import issue_release
-from protocol.identity import Identity, load_identity
-from protocol.issuing import Issuer
-from protocol.mesh.diagnosis import refusals
+from radron.deploy.pki.release import issue_release
+from radron.protocol.identity import Identity, load_identity
+from radron.protocol.issuing import Issuer
+from radron.protocol.mesh.diagnosis import refusals
 
 
 def against_d1(folder: Path, own: Identity, d1: Identity | None = None) -> str:

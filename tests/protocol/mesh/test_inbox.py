@@ -10,10 +10,10 @@ from itertools import pairwise
 import pytest
 from meshes import until
 
-from protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
-from protocol.keys import command_key, drone_key
-from protocol.mesh import inbox as inbox_module
-from protocol.mesh.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
+from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
+from radron.protocol.keys import command_key, drone_key
+from radron.protocol.mesh import inbox as inbox_module
+from radron.protocol.mesh.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
 
 CONE = drone_key("s", "d1", "cone")
 POSE = drone_key("s", "d1", "pose")

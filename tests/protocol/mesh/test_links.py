@@ -14,12 +14,12 @@ from encrypted import DRONES, QUIET_S, endpoint, is_let_in, joined
 from identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
 from meshes import SWARM, linked, until
 
-from deploy.pki.release import issue_release
-from protocol.errors import MeshError
-from protocol.identity import Identity, IdentityError, Role, load_identity
-from protocol.issuing import Issuer, write_identity
-from protocol.keys import drone_key
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.deploy.pki.release import issue_release
+from radron.protocol.errors import MeshError
+from radron.protocol.identity import Identity, IdentityError, Role, load_identity
+from radron.protocol.issuing import Issuer, write_identity
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 
 def against_d1(folder: Path, own: Identity | None, dial: str = "") -> bool:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from protocol.mesh import link
-from protocol.mesh.link import MeshConfig, open_session
+from radron.protocol.mesh import link
+from radron.protocol.mesh.link import MeshConfig, open_session
 
 
 @pytest.mark.parametrize("ticks", range(5))

@@ -10,12 +10,12 @@ import pytest
 from identities import identity, new_issuer
 from meshes import SWARM, Member, endpoint, free_port, member, until
 
-from protocol.errors import ProtocolError
-from protocol.identity import Identity, Role
-from protocol.keys import station_key
-from protocol.mesh.queries import hash_of, split
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import MOST_PARTS, PART_BYTES
+from radron.protocol.errors import ProtocolError
+from radron.protocol.identity import Identity, Role
+from radron.protocol.keys import station_key
+from radron.protocol.mesh.queries import hash_of, split
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import MOST_PARTS, PART_BYTES
 
 CONTENT = bytes(range(256)) * (3 * PART_BYTES // 256) + b"end"  # four parts
 

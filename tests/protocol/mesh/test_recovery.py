@@ -6,7 +6,7 @@ from collections.abc import Collection
 import pytest
 import virtual_time
 
-from protocol.mesh.recovery import HURRY_S, PERIOD_S, recover
+from radron.protocol.mesh.recovery import HURRY_S, PERIOD_S, recover
 
 
 class Swarm:

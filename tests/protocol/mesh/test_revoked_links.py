@@ -12,11 +12,11 @@ import pytest
 from encrypted import DRONES, endpoint, joined
 from meshes import SWARM, linked, until
 
-from protocol.errors import MeshError
-from protocol.identity import load_identity
-from protocol.issuing import Issuer
-from protocol.keys import command_key, drone_key
-from protocol.mesh.session import MeshConfig
+from radron.protocol.errors import MeshError
+from radron.protocol.identity import load_identity
+from radron.protocol.issuing import Issuer
+from radron.protocol.keys import command_key, drone_key
+from radron.protocol.mesh.session import MeshConfig
 
 
 def test_a_revoked_drone_publishes_nothing_and_hears_nothing(issuer: Issuer, folder: Path) -> None:

@@ -12,10 +12,10 @@ from encrypted import QUIET_S, endpoint, heard, joined, swarm
 from meshes import SWARM, until
 from zenoh.handlers import Callback
 
-from protocol.identity import Role, load_identity
-from protocol.keys import ROOT, command_key, drone_key, log_query_key
-from protocol.messages import DRONE_KINDS
-from protocol.units import STATION
+from radron.protocol.identity import Role, load_identity
+from radron.protocol.keys import ROOT, command_key, drone_key, log_query_key
+from radron.protocol.messages import DRONE_KINDS
+from radron.protocol.units import STATION
 
 
 def test_a_drone_publishes_under_its_own_name_only(folder: Path) -> None:

@@ -8,14 +8,14 @@ import time
 import pytest
 from meshes import LEASE, LONG_LEASE_MS, endpoint, free_port, linked, member, pair, until
 
-from protocol.codec import MAX_NEWS_BYTES
-from protocol.errors import MeshError, ProtocolError
-from protocol.keys import command_key, drone_key
-from protocol.mesh import inbox, link, session
-from protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS
-from protocol.mesh.recovery import recover
-from protocol.mesh.rights import COMMANDS_PER_S
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.codec import MAX_NEWS_BYTES
+from radron.protocol.errors import MeshError, ProtocolError
+from radron.protocol.keys import command_key, drone_key
+from radron.protocol.mesh import inbox, link, session
+from radron.protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS
+from radron.protocol.mesh.recovery import recover
+from radron.protocol.mesh.rights import COMMANDS_PER_S
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 
 def test_every_kind_reaches_the_others_and_not_oneself() -> None:

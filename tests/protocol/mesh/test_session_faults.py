@@ -15,11 +15,11 @@ import meshes
 import pytest
 from meshes import LONG_LEASE_MS, endpoint, free_port, linked, member, peer_process, until
 
-from protocol.keys import drone_key
-from protocol.mesh import session
-from protocol.mesh.link import CLOSE_S
-from sim.live.relays.linkstate import PASSING, LinkState
-from sim.live.relays.tcp import Relay
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh import session
+from radron.protocol.mesh.link import CLOSE_S
+from radron.sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.relays.tcp import Relay
 
 CONE = drone_key("s", "d1", "cone")
 SUPPORT = Path(meshes.__file__).parent
@@ -233,7 +233,7 @@ def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
 CANCELLED = """
 import asyncio, sys
 
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 async def main():
     config = MeshConfig(connect=("tcp/203.0.113.9:7447",))

@@ -15,10 +15,10 @@ import psutil
 import pytest
 import synthetic
 
-from agent.errors import ConfigError
-from sim.campaign.flights import Campaign, fly_campaign, result_of
-from sim.campaign.report import write_campaign
-from sim.campaign.workers import Fly, Job, Outcome, attempt, in_processes, on_dask
+from radron.agent.errors import ConfigError
+from radron.sim.campaign.flights import Campaign, fly_campaign, result_of
+from radron.sim.campaign.report import write_campaign
+from radron.sim.campaign.workers import Fly, Job, Outcome, attempt, in_processes, on_dask
 
 WALL = ("wall_s", "realtime_factor")
 DEADLINE_S = 30.0
@@ -79,8 +79,8 @@ def test_a_killed_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
 import sys
 sys.path.insert(0, {str(Path(synthetic.__file__).parent)!r})
 import synthetic
-from sim.campaign.flights import Campaign, fly_campaign
-from sim.campaign.workers import in_processes
+from radron.sim.campaign.flights import Campaign, fly_campaign
+from radron.sim.campaign.workers import in_processes
 from pathlib import Path
 if __name__ == "__main__":
     case = synthetic.Case("near", {{"flag": {str(flag)!r}}})

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from sim.campaign.flights import Campaign, fly_campaign
-from sim.campaign.workers import in_processes
-from sim.sweep import cases
+from radron.sim.campaign.flights import Campaign, fly_campaign
+from radron.sim.campaign.workers import in_processes
+from radron.sim.sweep import cases
 
 SHORT = {"source.activity_bq": 3e10, "end.track_s": 2.0}  # strong enough for x0 within seconds
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import synthetic
 
-from sim.campaign.consistency import SCENARIOS, Share, consistency_of, consistency_table, write_consistency
-from sim.campaign.flights import Campaign, fly_campaign
-from sim.campaign.workers import Job, attempt
-from sim.result import RunResult
-from sim.scenario import shipped
+from radron.sim.campaign.consistency import SCENARIOS, Share, consistency_of, consistency_table, write_consistency
+from radron.sim.campaign.flights import Campaign, fly_campaign
+from radron.sim.campaign.workers import Job, attempt
+from radron.sim.result import RunResult
+from radron.sim.scenario import shipped
 
 
 def claiming(factor: float, runs: int = 200) -> list[RunResult]:

@@ -14,22 +14,30 @@ import pytest
 import synthetic
 from matplotlib.patches import Ellipse
 
-from protocol.messages import Source
-from sim.campaign.flights import Campaign, Flown, fly_campaign
-from sim.campaign.report import case_sentence, faults_of, flight_figures, result_json, sentence, write_campaign, write_flight
-from sim.campaign.workers import attempt
-from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
-from sim.figures.cones import ground_curve
-from sim.figures.ellipse import draw_regions
-from sim.figures.error import error_figure
-from sim.figures.faultmarks import rows_of
-from sim.figures.map import CONES_SHOWN, last_tracking, map_figure
-from sim.figures.posterior import INSTANTS, posterior_figure
-from sim.figures.sources import sources_figure
-from sim.figures.spacing import spacing_figure
-from sim.figures.style import ESTIMATE, new_figure
-from sim.result import EstimateTrace, FaultTrace, Flight, SourceTrace
-from sim.scoring.statistics import median
+from radron.protocol.messages import Source
+from radron.sim.campaign.flights import Campaign, Flown, fly_campaign
+from radron.sim.campaign.report import (
+    case_sentence,
+    faults_of,
+    flight_figures,
+    result_json,
+    sentence,
+    write_campaign,
+    write_flight,
+)
+from radron.sim.campaign.workers import attempt
+from radron.sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
+from radron.sim.figures.cones import ground_curve
+from radron.sim.figures.ellipse import draw_regions
+from radron.sim.figures.error import error_figure
+from radron.sim.figures.faultmarks import rows_of
+from radron.sim.figures.map import CONES_SHOWN, last_tracking, map_figure
+from radron.sim.figures.posterior import INSTANTS, posterior_figure
+from radron.sim.figures.sources import sources_figure
+from radron.sim.figures.spacing import spacing_figure
+from radron.sim.figures.style import ESTIMATE, new_figure
+from radron.sim.result import EstimateTrace, FaultTrace, Flight, SourceTrace
+from radron.sim.scoring.statistics import median
 
 
 def fly(campaign: Campaign, folder: Path) -> Flown:

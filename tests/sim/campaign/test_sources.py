@@ -7,8 +7,8 @@ import msgspec
 import pytest
 import synthetic
 
-from sim.campaign.report import case_sentence, cases_csv
-from sim.campaign.sources import SourceSummary, sources_markdown, summarise_sources
+from radron.sim.campaign.report import case_sentence, cases_csv
+from radron.sim.campaign.sources import SourceSummary, sources_markdown, summarise_sources
 
 
 def run(seed, **fields):

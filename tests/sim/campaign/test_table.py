@@ -9,9 +9,21 @@ from pathlib import Path
 import pytest
 import synthetic
 
-from sim.campaign.table import FIELD, SIMULATIONS, Pilot, Study, Table, as_csv, as_markdown, as_text, blocks, fly_study, law_of
-from sim.campaign.workers import Job, attempt
-from sim.scoring.statistics import summarise
+from radron.sim.campaign.table import (
+    FIELD,
+    SIMULATIONS,
+    Pilot,
+    Study,
+    Table,
+    as_csv,
+    as_markdown,
+    as_text,
+    blocks,
+    fly_study,
+    law_of,
+)
+from radron.sim.campaign.workers import Job, attempt
+from radron.sim.scoring.statistics import summarise
 
 STUDIES = pytest.mark.parametrize("study", [SIMULATIONS, FIELD], ids=["simulations", "field"])
 

@@ -16,12 +16,12 @@ import msgspec
 import pytest
 import synthetic
 
-import sim.cli
-import sim.commands.flights
-import sim.lockstep.flight
-from agent.errors import ConfigError
-from sim.campaign.workers import Fly, Job, Outcome, attempt
-from sim.scenario import shipped
+import radron.sim.cli
+import radron.sim.commands.flights
+import radron.sim.lockstep.flight
+from radron.agent.errors import ConfigError
+from radron.sim.campaign.workers import Fly, Job, Outcome, attempt
+from radron.sim.scenario import shipped
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -34,7 +34,7 @@ def radron_sim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
         monkeypatch.setattr(sys, "argv", ["radron-sim", *map(str, arguments)])
         code = 0
         try:
-            sim.cli.main()
+            radron.sim.cli.main()
         except SystemExit as end:
             code = int(end.code or 0)
         text = capsys.readouterr()
@@ -63,8 +63,8 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     def in_line(workers: int) -> Callable[[Iterable[Job], Fly], Iterator[Outcome[Job, synthetic.RunResult]]]:
         return lambda jobs, one: (attempt(one, job) for job in jobs)
 
-    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
-    monkeypatch.setattr(sim.commands.flights, "in_processes", in_line)
+    monkeypatch.setattr(radron.sim.lockstep.flight, "fly", fly)
+    monkeypatch.setattr(radron.sim.commands.flights, "in_processes", in_line)
     return calls
 
 
@@ -209,7 +209,7 @@ def test_errors_of_the_simulation_that_the_user_can_mend_are_one_line(radron_sim
     def fly(*arguments: object, **options: object) -> None:
         raise ConfigError("the scenario cannot be flown")
 
-    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
+    monkeypatch.setattr(radron.sim.lockstep.flight, "fly", fly)
     assert radron_sim("run", "demo")[::2] == (2, "demo: preparing\nradron-sim: the scenario cannot be flown\n")
 
 
@@ -273,7 +273,7 @@ def test_a_disk_that_fails_is_one_line(radron_sim: Call, monkeypatch: pytest.Mon
     def fly(*_: object, **__: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/data/x")
 
-    monkeypatch.setattr(sim.lockstep.flight, "fly", fly)
+    monkeypatch.setattr(radron.sim.lockstep.flight, "fly", fly)
     code, _, told = radron_sim("run", "demo")
     assert (code, told.splitlines()[-1]) == (2, "radron-sim: /data/x: Read-only file system")
 

@@ -15,9 +15,9 @@ import pytest
 
 # The command itself, which tells of each step of the progress at once.
 COMMAND = """
-import sim.cli, sim.commands.console
-sim.commands.console._PLAIN_EVERY_S = 0.0
-sim.cli.main()
+import radron.sim.cli, radron.sim.commands.console
+radron.sim.commands.console._PLAIN_EVERY_S = 0.0
+radron.sim.cli.main()
 """
 SHORT = ("--set", "source.activity_bq=3e10", "--set", "end.track_s=2")  # strong enough for detection within seconds
 Start = Callable[..., "subprocess.Popen[str]"]

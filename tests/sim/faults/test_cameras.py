@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from sim.faults.base import Fault
-from sim.faults.cameras import CameraFaults, amplified, time_over_threshold
-from sim.faults.machines import CameraDead, CameraGain, CameraNoisy, CameraStuck
-from sim.faults.schedule import Schedule
-from sim.radiation.calibration import PixelCalibration
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
+from radron.sim.faults.base import Fault
+from radron.sim.faults.cameras import CameraFaults, amplified, time_over_threshold
+from radron.sim.faults.machines import CameraDead, CameraGain, CameraNoisy, CameraStuck
+from radron.sim.faults.schedule import Schedule
+from radron.sim.radiation.calibration import PixelCalibration
+from radron.sim.radiation.truth import CameraTruth
 
 TRUTH = CameraTruth()
 CALIBRATION = PixelCalibration.draw(TRUTH, np.random.default_rng(1))

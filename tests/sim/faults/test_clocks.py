@@ -1,10 +1,10 @@
 """Faulty clocks: their readings, and the resulting stamps."""
 
-from agent.detector.readout import PixelHits, Readout
-from agent.vehicle.interface import SeenDrone
-from sim.faults.clocks import ClockFaults
-from sim.faults.machines import Clock
-from sim.faults.schedule import Schedule
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.vehicle.interface import SeenDrone
+from radron.sim.faults.clocks import ClockFaults
+from radron.sim.faults.machines import Clock
+from radron.sim.faults.schedule import Schedule
 
 START_NS = 1_767_225_600_000_000_000
 

@@ -6,11 +6,11 @@ from math import dist
 import pytest
 from msgspec.structs import replace
 
-from sim.campaign.faults.attacks import LANDED
-from sim.faults.kinds import read_faults
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario
-from sim.scoring.moment import Moment
+from radron.sim.campaign.faults.attacks import LANDED
+from radron.sim.faults.kinds import read_faults
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.moment import Moment
 
 AT_S, FOR_S = 20.0, 30.0
 NAMED_S = 2.0

@@ -6,18 +6,18 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from agent.pilot import Pilot
-from protocol.codec import decode_from
-from protocol.entries import Counts, Exposure, PoseSample
-from protocol.keys import drone_key
-from protocol.signing import Verifier
-from sim.faults.crowding import MAX_AT_ONCE, Crowd
-from sim.faults.kinds import KINDS, read_faults
-from sim.lockstep.flight import watched
-from sim.lockstep.members import SimulatedAuthority
-from sim.scenario import load_scenario
-from sim.scoring.invariants.convergence import exchange, work_off
-from sim.scoring.moment import EPOCH_NS, Moment
+from radron.agent.pilot import Pilot
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Counts, Exposure, PoseSample
+from radron.protocol.keys import drone_key
+from radron.protocol.signing import Verifier
+from radron.sim.faults.crowding import MAX_AT_ONCE, Crowd
+from radron.sim.faults.kinds import KINDS, read_faults
+from radron.sim.lockstep.flight import watched
+from radron.sim.lockstep.members import SimulatedAuthority
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.invariants.convergence import exchange, work_off
+from radron.sim.scoring.moment import EPOCH_NS, Moment
 
 AT_S, FOR_S = 20.0, 20.0
 SECOND = 1_000_000_000
@@ -111,7 +111,7 @@ def test_old_entries_are_told_by_all_others_and_in_all_hypotheses_in_the_end() -
 
 @pytest.mark.slow
 def test_entries_that_are_too_many_are_told_by_all_others_and_held_by_all_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agent.fusion.admission.FIRST", 3_000.0)
+    monkeypatch.setattr("radron.agent.fusion.admission.FIRST", 3_000.0)
     told, pilots = flown({"kind": "dense-entries", "what": "coverage", "per_s": 300.0})
     assert all(any("more log entries than three cameras" in text for text in told[place]) for place in (0, 2))
     judge(pilots)

@@ -4,15 +4,15 @@ import msgspec
 import pytest
 from of_a_second import at
 
-from protocol.codec import decode_from, encode
-from protocol.errors import ProtocolError
-from protocol.keys import key_of
-from protocol.messages import Action
-from sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
-from sim.faults.kinds import KINDS
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Schedule
-from sim.lockstep.members import SimulatedAuthority
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action
+from radron.sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Schedule
+from radron.sim.lockstep.members import SimulatedAuthority
 
 DRONES = ("d1", "d2", "d3")
 TRUSTS = [SimulatedAuthority(1).trust(name) for name in DRONES]

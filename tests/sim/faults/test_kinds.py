@@ -5,11 +5,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agent.errors import ConfigError
-from sim.faults.base import Fault
-from sim.faults.kinds import KINDS
-from sim.faults.schedule import Schedule
-from sim.scenario import load_scenario, override
+from radron.agent.errors import ConfigError
+from radron.sim.faults.base import Fault
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.schedule import Schedule
+from radron.sim.scenario import load_scenario, override
 
 DRONES = ("d1", "d2", "d3")
 

@@ -8,15 +8,15 @@ import msgspec
 import pytest
 from of_a_second import SECOND, at
 
-from protocol.codec import decode_from, encode
-from protocol.entries import Entry
-from protocol.keys import key_of
-from sim.faults.kinds import KINDS
-from sim.faults.liars import KIND_OF, Liars
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Schedule
-from sim.lockstep.flight import watched
-from sim.lockstep.members import SimulatedAuthority
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Entry
+from radron.protocol.keys import key_of
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.liars import KIND_OF, Liars
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Schedule
+from radron.sim.lockstep.flight import watched
+from radron.sim.lockstep.members import SimulatedAuthority
 
 
 def told(what, how, drone=0, **values):
@@ -75,7 +75,7 @@ def test_false_positions_are_shifted_one_way_and_counts_multiplied():
 
 def test_who_asks_a_liar_for_entries_hears_what_all_others_do(monkeypatch):
     """Also of a measurement a moment ago: else one number means one entry here, and another there, for good."""
-    monkeypatch.setattr("sim.faults.recovery.PERIOD_NS", SECOND // 20)  # a query at any time
+    monkeypatch.setattr("radron.sim.faults.recovery.PERIOD_NS", SECOND // 20)  # a query at any time
     lie = {"kind": "lie", "at_s": 1.0, "target": "d3", "what": "counts", "how": "mistimed", "ago_s": 3.0}
     held = []
 

@@ -5,13 +5,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from protocol.codec import decode_from, encode
-from protocol.errors import ProtocolError
-from protocol.messages import Pose
-from sim.faults.kinds import KINDS
-from sim.faults.network import FaultyRadio, padded
-from sim.faults.schedule import Schedule
-from sim.world.radio import Radio, RadioTruth
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.errors import ProtocolError
+from radron.protocol.messages import Pose
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.network import FaultyRadio, padded
+from radron.sim.faults.schedule import Schedule
+from radron.sim.world.radio import Radio, RadioTruth
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2", "d3")

@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.mission.telling import LEFT_OUT, MISEXPOSED
-from protocol.messages import Stage
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario, override
+from radron.agent.mission.telling import LEFT_OUT, MISEXPOSED
+from radron.protocol.messages import Stage
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario, override
 
 AT_S, UNTIL_S = 14.0, 24.0  # the source is tracked from 8 s on
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agent.config.mission import DatumConfig
-from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
-from sim.campaign.faults.mission import Mission
-from sim.faults.base import Fault
-from sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
-from sim.faults.poses import PoseFaults, with_filter_errors
-from sim.faults.schedule import Schedule
-from sim.lockstep.flight import watched
-from sim.scenario import parse_scenario
-from sim.scoring.invariants.base import Setting
-from sim.scoring.invariants.judge import Judge
-from sim.vehicle.autopilot import Autopilot
-from sim.world.localization import Localization, LocalizationTruth
-from sim.world.localizers import VehicleTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.streams import streams
+from radron.agent.config.mission import DatumConfig
+from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.faults.base import Fault
+from radron.sim.faults.machines import Drag, HeadingReset, PositionJump, SatellitesLost
+from radron.sim.faults.poses import PoseFaults, with_filter_errors
+from radron.sim.faults.schedule import Schedule
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.invariants.judge import Judge
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.world.localization import Localization, LocalizationTruth
+from radron.sim.world.localizers import VehicleTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.streams import streams
 
 STEP_S = 0.05
 PLACES = np.array([[0.0, 0.0, 5.0], [9.0, 0.0, 5.0]])

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from agent.mission.memory import Memory
-from protocol.messages import Stage
-from sim.faults.kinds import KINDS
-from sim.faults.process import Agent, Crew
-from sim.faults.schedule import Schedule
+from radron.agent.mission.memory import Memory
+from radron.protocol.messages import Stage
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.process import Agent, Crew
+from radron.sim.faults.schedule import Schedule
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2")

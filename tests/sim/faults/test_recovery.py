@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sim.faults.network import FaultyRadio
-from sim.faults.poisoners import Poisoners
-from sim.faults.recovery import Recovery
-from sim.faults.schedule import Schedule
-from sim.faults.tellers import Tellers
-from sim.world.radio import RadioTruth
+from radron.sim.faults.network import FaultyRadio
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.recovery import Recovery
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.tellers import Tellers
+from radron.sim.world.radio import RadioTruth
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2", "d3")

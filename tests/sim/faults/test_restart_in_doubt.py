@@ -5,12 +5,12 @@ from math import dist
 
 from msgspec.structs import replace
 
-from agent.mission.stages import STRANDED_S
-from protocol.messages import Stage
-from sim.faults.kinds import read_faults
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario
-from sim.scoring.moment import Moment
+from radron.agent.mission.stages import STRANDED_S
+from radron.protocol.messages import Stage
+from radron.sim.faults.kinds import read_faults
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.moment import Moment
 
 JUMP_S, KILL_S, BACK_S = 12.0, 13.0, 15.0
 END_S = BACK_S + STRANDED_S + 1.0

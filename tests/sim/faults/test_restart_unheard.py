@@ -6,11 +6,11 @@ from math import dist
 import pytest
 from msgspec.structs import replace
 
-from protocol.messages import Stage
-from sim.faults.kinds import read_faults
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario
-from sim.scoring.moment import Moment
+from radron.protocol.messages import Stage
+from radron.sim.faults.kinds import read_faults
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.moment import Moment
 
 FREEZE_S, END_S = 30.0, 60.0
 

@@ -5,17 +5,17 @@ import pytest
 from msgspec.structs import replace
 from of_a_second import at
 
-from protocol.codec import decode_from, encode
-from protocol.keys import key_of
-from protocol.messages import Stage
-from protocol.summary import Held, decode_summary, encode_summary
-from sim.faults.kinds import KINDS, read_faults
-from sim.faults.poisoners import Poisoners
-from sim.faults.schedule import Schedule
-from sim.faults.tellers import Tellers
-from sim.lockstep.flight import watched
-from sim.lockstep.members import SimulatedAuthority
-from sim.scenario import load_scenario
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage
+from radron.protocol.summary import Held, decode_summary, encode_summary
+from radron.sim.faults.kinds import KINDS, read_faults
+from radron.sim.faults.poisoners import Poisoners
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.tellers import Tellers
+from radron.sim.lockstep.flight import watched
+from radron.sim.lockstep.members import SimulatedAuthority
+from radron.sim.scenario import load_scenario
 
 NAMES = ("d1", "d2", "d3", "d4")
 MISSION, BOOT = "0123456789abcdef", "00000000000000aa"

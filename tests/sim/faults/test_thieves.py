@@ -4,14 +4,14 @@ import msgspec
 import pytest
 from of_a_second import at
 
-from protocol.codec import decode_from, encode
-from protocol.keys import key_of
-from protocol.messages import Pose, Stage, Status
-from protocol.signing import Verifier
-from sim.faults.kinds import KINDS
-from sim.faults.schedule import Schedule
-from sim.faults.thieves import OTHER_BOOT, Thieves
-from sim.lockstep.members import SimulatedAuthority
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Pose, Stage, Status
+from radron.protocol.signing import Verifier
+from radron.sim.faults.kinds import KINDS
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.thieves import OTHER_BOOT, Thieves
+from radron.sim.lockstep.members import SimulatedAuthority
 
 DRONES = ("d1", "d2", "d3")
 AUTHORITY = SimulatedAuthority(1)

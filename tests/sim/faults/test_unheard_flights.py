@@ -8,11 +8,11 @@ from math import dist, inf
 import pytest
 from msgspec.structs import replace
 
-from sim.campaign.faults.mission import Mission
-from sim.faults.kinds import read_faults
-from sim.lockstep.flight import watched
-from sim.scenario import Scenario, load_scenario, parse_scenario
-from sim.scoring.moment import Moment
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.faults.kinds import read_faults
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import Scenario, load_scenario, parse_scenario
+from radron.sim.scoring.moment import Moment
 
 LOW = {"kind": "battery", "level": 0.09, "drain_ps": 0.0, "acts": False}  # all return at once
 ALONE_3, ALONE_5 = [["d1"], ["d2"], ["d3"]], [["d1"], ["d2"], ["d3"], ["d4"], ["d5"]]

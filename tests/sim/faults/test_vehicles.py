@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
-from sim.faults.base import Fault
-from sim.faults.machines import Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
-from sim.faults.schedule import Schedule
-from sim.faults.vehicles import VehicleFaults
-from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
+from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from radron.sim.faults.base import Fault
+from radron.sim.faults.machines import Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
+from radron.sim.faults.schedule import Schedule
+from radron.sim.faults.vehicles import VehicleFaults
+from radron.sim.vehicle.autopilot import Autopilot
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
 
 STEP_S = 0.05
 OFFBOARD = VehicleCommand(Request.OFFBOARD, Setpoint((0.0, 0.0, 5.0), (0.0,) * 3, (0.0,) * 3, 0.0, 0.0))

@@ -6,10 +6,10 @@ import time
 import numpy as np
 from detector_feed import readout_at, until
 
-from agent.detector.drivers.feed import FeedDetector
-from agent.detector.readout import PixelHits, Readout
-from sim.live import feed as feed_module
-from sim.live.feed import FeedServer
+from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.sim.live import feed as feed_module
+from radron.sim.live.feed import FeedServer
 
 
 async def unpacked(reader, number):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-import sim.cli
-from sim.live.command import _beside
+import radron.sim.cli
+from radron.sim.live.command import _beside
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def test_what_cannot_be_flown_is_one_line(
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["radron-sim", "live", *options, "--out", str(tmp_path / "out")])
     with pytest.raises(SystemExit) as end:
-        sim.cli.main()
+        radron.sim.cli.main()
     said = capsys.readouterr().err
     assert end.value.code == 2
     assert text in said

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from protocol.messages import Stage
-from sim.live.report import AgentEnd, LiveReport, agreement
+from radron.protocol.messages import Stage
+from radron.sim.live.report import AgentEnd, LiveReport, agreement
 
 
 def end(drone: str, **changed: Any) -> AgentEnd:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.message import DroneMessage
-from protocol.messages import Estimate, Source, Stage, Status
-from protocol.signing import Verifier, sign_status
-from sim.live.monitor import Observer
-from sim.lockstep.members import SimulatedAuthority
-from sim.scenario import load_scenario
-from sim.vehicle.px4.fleet import VehicleReport
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.message import DroneMessage
+from radron.protocol.messages import Estimate, Source, Stage, Status
+from radron.protocol.signing import Verifier, sign_status
+from radron.sim.live.monitor import Observer
+from radron.sim.lockstep.members import SimulatedAuthority
+from radron.sim.scenario import load_scenario
+from radron.sim.vehicle.px4.fleet import VehicleReport
 
 MISSION = load_scenario("demo").mission
 NAMES = frozenset(drone.id for drone in MISSION.drones)

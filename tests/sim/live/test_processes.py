@@ -11,12 +11,12 @@ from pathlib import Path
 
 import psutil
 
-from sim.live.processes import Child
+from radron.sim.live.processes import Child
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(60)"
 PARENT = """
 import asyncio, sys
-from sim.live.processes import Child
+from radron.sim.live.processes import Child
 async def main():
     child = await Child.start("sleeper", ["sleep", "60"])
     print(child.pid, flush=True)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from agent.config.drone import DroneConfig, PeerMeshConfig, VehicleConfig, VisionConfig
-from agent.config.loading import load_mission, load_toml
-from agent.vehicle.demands import demands_of
-from agent.vehicle.rules import rules_of
-from sim.live.crew import Guidance, crew_parameters
-from sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
-from sim.scenario import load_scenario, override, shipped
-from sim.vehicle.px4.parameters import DEFAULTS
+from radron.agent.config.drone import DroneConfig, PeerMeshConfig, VehicleConfig, VisionConfig
+from radron.agent.config.loading import load_mission, load_toml
+from radron.agent.vehicle.demands import demands_of
+from radron.agent.vehicle.rules import rules_of
+from radron.sim.live.crew import Guidance, crew_parameters
+from radron.sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
+from radron.sim.scenario import load_scenario, override, shipped
+from radron.sim.vehicle.px4.parameters import DEFAULTS
 
 
 @pytest.mark.parametrize("name", shipped())

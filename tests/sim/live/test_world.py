@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
-from agent.detector.readout import Readout
-from agent.detector.wire import Unpacker
-from agent.vehicle.interface import SeenDrone
-from agent.vehicle.vision import VisionPose
-from sim.live.world import SLIP_S
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read
-from sim.live.worldprocess import LiveError, WorldProcess
-from sim.scenario import load_scenario, override
-from sim.world.localization import Localization, LocalizationTruth
-from sim.world.streams import streams
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.wire import Unpacker
+from radron.agent.vehicle.interface import SeenDrone
+from radron.agent.vehicle.vision import VisionPose
+from radron.sim.live.world import SLIP_S
+from radron.sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read
+from radron.sim.live.worldprocess import LiveError, WorldProcess
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.localization import Localization, LocalizationTruth
+from radron.sim.world.streams import streams
 
 NOBODY = ("127.0.0.1", 9)
 

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from agent.config.beyond import bearing_beyond
-from sim import api
+from radron.agent.config.beyond import bearing_beyond
+from radron.sim import api
 
 
 @pytest.mark.slow

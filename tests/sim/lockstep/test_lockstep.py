@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.detector.files.calibration import load_flight_calibration
-from agent.errors import ConfigError
-from agent.pilot import Pilot
-from protocol.messages import Stage
-from sim.faults.agents import Kill
-from sim.lockstep.flight import fly, watched
-from sim.scenario import load_scenario, override
-from sim.scoring.samples import Row, spacing_error_deg
+from radron.agent.detector.files.calibration import load_flight_calibration
+from radron.agent.errors import ConfigError
+from radron.agent.pilot import Pilot
+from radron.protocol.messages import Stage
+from radron.sim.faults.agents import Kill
+from radron.sim.lockstep.flight import fly, watched
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.samples import Row, spacing_error_deg
 
 WALL = {"wall_s": 0.0, "realtime_factor": 0.0}
 
@@ -28,7 +28,7 @@ def collect_pilots(monkeypatch):
             super().__init__(*args, **kwargs)
             pilots.append(self)
 
-    monkeypatch.setattr("sim.lockstep.flight.Pilot", Collected)
+    monkeypatch.setattr("radron.sim.lockstep.flight.Pilot", Collected)
     return pilots
 
 
@@ -207,7 +207,7 @@ def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):
                 return super().observe_detector(readout)
 
         with monkeypatch.context() as patched:
-            patched.setattr("sim.lockstep.flight.Pilot", Listening)
+            patched.setattr("radron.sim.lockstep.flight.Pilot", Listening)
             fly(override(load_scenario("empty"), {"end.search_s": 0.5} | values), seed=2)
         return list(states.values()), list(clocks.values())
 
@@ -263,7 +263,7 @@ def test_each_drone_has_the_calibration_of_its_own_camera(monkeypatch):
         slopes.append(np.loadtxt(folder / "a.txt"))
         return load_flight_calibration(folder)
 
-    monkeypatch.setattr("agent.sensing.camera.load_flight_calibration", take)
+    monkeypatch.setattr("radron.agent.sensing.camera.load_flight_calibration", take)
     short = {"camera.calibration_spread": 0.05, "source.activity_bq": 1.0, "end.search_s": 1.0}
     fly(override(load_scenario("demo"), short), seed=2)
     assert len(slopes) == 3

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agent.pilot import Pilot
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
+from radron.agent.pilot import Pilot
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
 
 JUMP_S = 9.0
 
@@ -43,7 +43,7 @@ def flight():
         return pilots[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.lockstep.flight.Pilot", listening)
+        patch.setattr("radron.sim.lockstep.flight.Pilot", listening)
         done = fly(override(load_scenario("mixed-frames"), changes), seed=4)
     return done, pilots
 

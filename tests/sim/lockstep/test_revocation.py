@@ -4,14 +4,14 @@ from math import dist
 
 import pytest
 
-from protocol.codec import encode
-from protocol.messages import Stage
-from protocol.revocations import Revocation
-from protocol.signing import sign_revocation
-from sim.lockstep.flight import watched
-from sim.lockstep.members import SimulatedAuthority, operator_of
-from sim.scenario import load_scenario, override
-from sim.scoring.moment import EPOCH_NS, Moment
+from radron.protocol.codec import encode
+from radron.protocol.messages import Stage
+from radron.protocol.revocations import Revocation
+from radron.protocol.signing import sign_revocation
+from radron.sim.lockstep.flight import watched
+from radron.sim.lockstep.members import SimulatedAuthority, operator_of
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.moment import EPOCH_NS, Moment
 
 SEED = 3
 TOLD_S, KNOWN_S, SETTLED_S, END_S = 30.0, 32.0, 35.0, 50.0

@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
-from protocol.codec import decode
-from sim.faults.schedule import Schedule
-from sim.lockstep.members import SimulatedAuthority, SimulatedOperator
-from sim.lockstep.revoker import Revoker
+from radron.protocol.codec import decode
+from radron.sim.faults.schedule import Schedule
+from radron.sim.lockstep.members import SimulatedAuthority, SimulatedOperator
+from radron.sim.lockstep.revoker import Revoker
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sim import api
-from sim.world.sourcetruth import SourceTruth
+from radron.sim import api
+from radron.sim.world.sourcetruth import SourceTruth
 
 SIDE_M = 44.0
 STRONG = SourceTruth(activity_bq=2e9, start_m=(12.0, 20.0))

@@ -7,10 +7,10 @@ import pytest
 from estimated_frames import DRIFT, UNKNOWN, anchored, lines, satellites, told_later
 from sighted_swarm import SECOND, Drone, arrival_ns, fly, settle
 
-from agent.frames.estimate import Estimate
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
-from sim.lockstep.sharedframes import SharedFrames
+from radron.agent.frames.estimate import Estimate
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
+from radron.sim.lockstep.sharedframes import SharedFrames
 
 
 def jumping(seed):

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.frames.estimate import Estimate
-from agent.frames.transform import Transform
-from agent.fusion.bayes.estimator import BayesEstimator
-from agent.fusion.estimator import GridStep
-from agent.fusion.observation import CountObservation
-from agent.fusion.registry import estimator_named
-from agent.pilot import Pilot
-from protocol.entries import EntryId
-from protocol.signing import signed_root
-from protocol.spectrum import SpectrumBin
-from sim.lockstep.flight import watched
-from sim.lockstep.sharedframes import SharedFrames
-from sim.lockstep.sharing import Descended, Folds, Results, SharedFold, SignedRoots
-from sim.scenario import load_scenario, override
-from sim.scoring.invariants.care import bytes_of
+from radron.agent.frames.estimate import Estimate
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.estimator import BayesEstimator
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.observation import CountObservation
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.pilot import Pilot
+from radron.protocol.entries import EntryId
+from radron.protocol.signing import signed_root
+from radron.protocol.spectrum import SpectrumBin
+from radron.sim.lockstep.flight import watched
+from radron.sim.lockstep.sharedframes import SharedFrames
+from radron.sim.lockstep.sharing import Descended, Folds, Results, SharedFold, SignedRoots
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.invariants.care import bytes_of
 
 PARTITION = {"kind": "partition", "groups": [["d1", "d2"], ["d3"]], "at_s": 12.0, "for_s": 5.0}
 CLOCK = {"kind": "clock", "at_s": 8.0, "jump_s": 1.5, "target": "d2"}
@@ -145,7 +145,7 @@ def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
 
 def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
     """Before, the agents had two copies of equal states, and computed everything twice to the end of the flight."""
-    monkeypatch.setattr("sim.lockstep.sharing.MOST_STEPS", 4)
+    monkeypatch.setattr("radron.sim.lockstep.sharing.MOST_STEPS", 4)
     fold = SharedFold(estimator_named("bayes", load_scenario("demo").mission))
 
     def walked(state, numbers):

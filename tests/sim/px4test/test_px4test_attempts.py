@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sim.px4test import session
-from sim.px4test.rows import Row, table
+from radron.sim.px4test import session
+from radron.sim.px4test.rows import Row, table
 
 FAILED, PASSED = Row("the mission", ("the failsafe of d1 took over",)), Row("the mission", figures={"least distance m": 5.0})
 

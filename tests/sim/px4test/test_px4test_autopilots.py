@@ -19,15 +19,15 @@ import pytest
 from live_agents import until
 from px4_ports import px4_ports
 
-from agent.errors import VehicleError
-from sim.live.runfolder import live_mission
-from sim.live.worldprocess import LiveError
-from sim.px4test.autopilots import autopilots, variables_of
-from sim.px4test.px4 import Px4
-from sim.px4test.session import SESSIONS
-from sim.scenario import load_scenario
-from sim.vehicle.px4.config import Datum
-from sim.vehicle.px4.parameters import DEFAULTS
+from radron.agent.errors import VehicleError
+from radron.sim.live.runfolder import live_mission
+from radron.sim.live.worldprocess import LiveError
+from radron.sim.px4test.autopilots import autopilots, variables_of
+from radron.sim.px4test.px4 import Px4
+from radron.sim.px4test.session import SESSIONS
+from radron.sim.scenario import load_scenario
+from radron.sim.vehicle.px4.config import Datum
+from radron.sim.vehicle.px4.parameters import DEFAULTS
 
 STANDIN = Path(__file__).parents[2] / "support/px4/px4_standin.py"
 MISSION = live_mission(load_scenario("demo"), 1)

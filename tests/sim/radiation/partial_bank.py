@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import Readout
-from sim.radiation.bank import EventBank, bin_of, build_bank
-from sim.radiation.events import Events
-from sim.radiation.nuclides import nuclide
-from sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL, response
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import Readout
+from radron.sim.radiation.bank import EventBank, bin_of, build_bank
+from radron.sim.radiation.events import Events
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL, response
+from radron.sim.radiation.truth import CameraTruth
 
 POLAR_DEG = 60.0
 ALONE = CameraTruth(background_hits_per_s=0.0, scatter_near=0.0, scatter_air=0.0)

@@ -7,12 +7,12 @@ import pytest
 from event_quality import Clusters, clusters
 from scipy import stats
 
-from sim.radiation import emission
-from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, SCATTERED_BIN, bin_centres, bin_of, near_bin
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
-from sim.radiation.events import COMPLETE, SCATTERED, SINGLE, Events, simulate
-from sim.radiation.timepix3 import response
+from radron.sim.radiation import emission
+from radron.sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, SCATTERED_BIN, bin_centres, bin_of, near_bin
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
+from radron.sim.radiation.events import COMPLETE, SCATTERED, SINGLE, Events, simulate
+from radron.sim.radiation.timepix3 import response
 
 from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import Readout
-from agent.errors import ConfigError
-from sim.radiation import emission
-from sim.radiation.beam import BeamCamera
-from sim.radiation.camera import Camera, CameraTruth, SourceView
-from sim.radiation.materials import air_attenuation_per_m
-from sim.radiation.timepix3 import energies_kev
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import Readout
+from radron.agent.errors import ConfigError
+from radron.sim.radiation import emission
+from radron.sim.radiation.beam import BeamCamera
+from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
+from radron.sim.radiation.materials import air_attenuation_per_m
+from radron.sim.radiation.timepix3 import energies_kev
 
 from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 

@@ -1,6 +1,6 @@
 import pytest
 
-from sim.radiation.concrete import concrete_attenuation_per_m
+from radron.sim.radiation.concrete import concrete_attenuation_per_m
 
 
 @pytest.mark.parametrize(("energy_kev", "mass_attenuation_cm2pg"), [(400.0, 0.09783), (600.0, 0.08236), (1250.0, 0.05807)])

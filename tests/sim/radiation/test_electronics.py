@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.files.calibration import Calibration, load_calibration
-from agent.detector.readout import Readout
-from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
-from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP, Electronics
-from sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.files.calibration import Calibration, load_calibration
+from radron.agent.detector.readout import Readout
+from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP, Electronics
+from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL
+from radron.sim.radiation.truth import CameraTruth
 
 SECOND = 1_000_000_000
 

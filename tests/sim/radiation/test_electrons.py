@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim.radiation.electrons import MAX_STEPS, csda_range_mm, electrons, rotated, track
+from radron.sim.radiation.electrons import MAX_STEPS, csda_range_mm, electrons, rotated, track
 
 BOX = np.array([7.04, 7.04, 1.0])
 FORWARD = np.array([0.0, 0.0, 1.0])

@@ -4,14 +4,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.files.calibration import load_calibration
-from agent.detector.files.t3pa import T3paReader
-from sim.cli import main
-from sim.radiation import beam
-from sim.radiation.events import Events
-from sim.radiation.hits import MAX_SLICE_PHOTONS
-from sim.radiation.surroundings import Lines
-from sim.radiation.timepix3 import Response
+from radron.agent.detector.files.calibration import load_calibration
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.sim.cli import main
+from radron.sim.radiation import beam
+from radron.sim.radiation.events import Events
+from radron.sim.radiation.hits import MAX_SLICE_PHOTONS
+from radron.sim.radiation.surroundings import Lines
+from radron.sim.radiation.timepix3 import Response
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
@@ -80,7 +80,7 @@ def test_a_bright_recording_is_simulated_in_slices_of_bounded_size(monkeypatch: 
         counts.append(interactions)
         return simulated(lines, interactions, *arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("sim.radiation.beam.simulate", counting)
+    monkeypatch.setattr("radron.sim.radiation.beam.simulate", counting)
     run(monkeypatch, "--activity", "1e15", "--seconds", "0.005", str(tmp_path / "x.t3pa"))
     assert max(counts[1:]) <= MAX_SLICE_PHOTONS
     assert sum(counts[1:]) == pytest.approx(8.7e6 * 0.005, rel=0.02)

@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import Readout
-from sim.radiation import emission
-from sim.radiation.calibration import NOMINAL_A, PixelCalibration
-from sim.radiation.camera import Camera, CameraTruth, SourceView
-from sim.radiation.individual import Individual
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import Readout
+from radron.sim.radiation import emission
+from radron.sim.radiation.calibration import NOMINAL_A, PixelCalibration
+from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
+from radron.sim.radiation.individual import Individual
 
 from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sim.radiation.materials import CDTE_DENSITY_GCM3, air_attenuation_per_m, cdte
-from sim.radiation.transport import attenuation_per_mm
+from radron.sim.radiation.materials import CDTE_DENSITY_GCM3, air_attenuation_per_m, cdte
+from radron.sim.radiation.transport import attenuation_per_mm
 
 
 def at(energy_kev: float, table: np.ndarray) -> float:

@@ -1,8 +1,8 @@
 import pytest
 
-from agent.errors import ConfigError
-from sim.radiation.nuclides import NUCLIDES, nuclide
-from sim.radiation.surroundings import background_lines, scattered_lines
+from radron.agent.errors import ConfigError
+from radron.sim.radiation.nuclides import NUCLIDES, nuclide
+from radron.sim.radiation.surroundings import background_lines, scattered_lines
 
 
 def test_all_nuclides_of_the_project_are_known() -> None:

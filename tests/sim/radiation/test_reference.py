@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from event_quality import clusters, complete, cones, fwhm
 
-from sim.radiation.events import Events, simulate
-from sim.radiation.timepix3 import response
-from sim.radiation.transport import projected_area_mm2
-from sim.radiation.truth import CameraTruth
+from radron.sim.radiation.events import Events, simulate
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.transport import projected_area_mm2
+from radron.sim.radiation.truth import CameraTruth
 
 LINE = 661.657
 ANGLES = [0, 60, 90, 180]

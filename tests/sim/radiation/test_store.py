@@ -4,11 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.radiation import store
-from sim.radiation.bank import EventBank
-from sim.radiation.nuclides import nuclide
-from sim.radiation.timepix3 import response
-from sim.radiation.truth import CameraTruth
+from radron.sim.radiation import store
+from radron.sim.radiation.bank import EventBank
+from radron.sim.radiation.nuclides import nuclide
+from radron.sim.radiation.timepix3 import response
+from radron.sim.radiation.truth import CameraTruth
 
 from .partial_bank import partial_bank
 

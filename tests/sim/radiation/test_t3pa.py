@@ -3,9 +3,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.readout import PixelHits, Readout
-from sim.radiation.t3pa import T3paWriter
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.sim.radiation.t3pa import T3paWriter
 
 
 def readout(tick: list[int], lost: int = 0) -> Readout:

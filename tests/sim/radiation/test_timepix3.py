@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from agent.detector.readout import TICK_NS
-from sim.radiation.electrons import electrons
-from sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL, Response, energies_kev, respond, response, scratch
-from sim.radiation.transport import HALF_SIZE_MM, SITE_COLUMNS
-from sim.radiation.truth import CameraTruth
+from radron.agent.detector.readout import TICK_NS
+from radron.sim.radiation.electrons import electrons
+from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL, Response, energies_kev, respond, response, scratch
+from radron.sim.radiation.transport import HALF_SIZE_MM, SITE_COLUMNS
+from radron.sim.radiation.truth import CameraTruth
 
 QUIET = CameraTruth(gain_noise=0.0, pixel_noise_kev=0.0, threshold_kev=0.001, charge_scale=1.0, toa_jitter_ns=0.0)
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import xraylib
 
-from sim.radiation.materials import ELECTRON_MASS_KEV, cdte
-from sim.radiation.transport import (
+from radron.sim.radiation.materials import ELECTRON_MASS_KEV, cdte
+from radron.sim.radiation.transport import (
     HALF_SIZE_MM,
     MAX_SITES,
     SITE_COLUMNS,

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sim.radiation.truth import CameraTruth
-from sim.scoring.bound import Bound, bound_of, median_error
-from sim.scoring.coneinformation import cone_information
-from sim.scoring.information import camera_of
-from sim.world.localization import LocalizationTruth
-from sim.world.sourcetruth import SourceTruth
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.scoring.bound import Bound, bound_of, median_error
+from radron.sim.scoring.coneinformation import cone_information
+from radron.sim.scoring.information import camera_of
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.sourcetruth import SourceTruth
 
 IDEAL = LocalizationTruth(horizontal_m=0.0, vertical_m=0.0, height_m=0.0, yaw_deg=0.0, tilt_deg=0.0)
 BIASED = replace(IDEAL, bias_m=1.0, bias_yaw_deg=3.0)

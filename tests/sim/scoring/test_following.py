@@ -2,8 +2,8 @@
 
 import pytest
 
-from protocol.messages import Plan, Pose, Stage
-from sim.scoring.following import Following
+from radron.protocol.messages import Plan, Pose, Stage
+from radron.sim.scoring.following import Following
 
 SECOND = 1_000_000_000
 

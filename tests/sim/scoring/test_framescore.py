@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.mission import DatumConfig
-from sim.scenario import load_scenario
-from sim.scoring.framescore import RECOVERY_S, FrameScore
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.streams import streams
+from radron.agent.config.mission import DatumConfig
+from radron.sim.scenario import load_scenario
+from radron.sim.scoring.framescore import RECOVERY_S, FrameScore
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.streams import streams
 
 PLACES = np.array([[10.0, 5.0, 3.0], [20.0, 5.0, 3.0], [15.0, 15.0, 3.0]])
 NOTHING = np.zeros((3, 3))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from protocol.messages import Stage
-from sim.live.monitor import Belief
-from sim.scenario import load_scenario, override
-from sim.scoring.recorder import Recorder
-from sim.world.frame import LocalFrames
-from sim.world.sources import Source
+from radron.protocol.messages import Stage
+from radron.sim.live.monitor import Belief
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.recorder import Recorder
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.sources import Source
 
 SOURCES = (Source("Cs-137", 3e9, (0.0, 0.0, 0.0)),)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import AreaConfig
-from protocol.messages import Stage
-from sim.scoring.safety import Safety
+from radron.agent.config.mission import AreaConfig
+from radron.protocol.messages import Stage
+from radron.sim.scoring.safety import Safety
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)), fence_margin_m=5.0, floor_m=1.5, ceiling_m=10.0)
 

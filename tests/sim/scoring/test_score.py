@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from sim.scoring.score import Claim, Score
-from sim.scoring.statistics import ecdf
+from radron.sim.scoring.score import Claim, Score
+from radron.sim.scoring.statistics import ecdf
 
 Array = np.ndarray
 SOURCE = (10.0, 20.0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from protocol.messages import Source as Found
-from sim.scoring.heard import Heard
-from sim.scoring.sourcescore import SourceScore, score_sources
-from sim.world.frame import LocalFrames
-from sim.world.sources import Source
+from radron.protocol.messages import Source as Found
+from radron.sim.scoring.heard import Heard
+from radron.sim.scoring.sourcescore import SourceScore, score_sources
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.sources import Source
 
 
 def true(x, y, nuclide="Cs-137", activity_bq=1e9, z=0.0):

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from sim.result import RunResult
-from sim.scoring.statistics import (
+from radron.sim.result import RunResult
+from radron.sim.scoring.statistics import (
     ecdf,
     hypothesis_steps,
     mean,

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
-from sim.scenario import load_scenario
-from sim.vehicle.autopilot import Autopilot, autopilots
-from sim.vehicle.guidance import Reframing, return_height_m
+from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from radron.sim.scenario import load_scenario
+from radron.sim.vehicle.autopilot import Autopilot, autopilots
+from radron.sim.vehicle.guidance import Reframing, return_height_m
 
 STEP_S = 0.05
 SETPOINT = Setpoint((3.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)

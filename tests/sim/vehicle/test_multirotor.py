@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from agent.errors import ConfigError
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, MultirotorTruth, Setpoints, attitude
+from radron.agent.errors import ConfigError
+from radron.sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, MultirotorTruth, Setpoints, attitude
 
 STEP_S = 0.05
 NOWHERE = np.zeros((1, 3))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.filter.deadreckoning import DeadReckoning
+from radron.sim.vehicle.px4.parameters import Parameters
 
 STEP_S = 0.02
 

@@ -7,7 +7,7 @@ import pytest
 from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import Battery, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
+from radron.sim.faults.machines import Battery, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
 
 ACCEPTED, REJECTED = 0, 1
 ARM, LAND, RETURN = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH

@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from sim.vehicle.multirotor import MultirotorTruth
-from sim.vehicle.px4.gains import equipped
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.multirotor import MultirotorTruth
+from radron.sim.vehicle.px4.gains import equipped
+from radron.sim.vehicle.px4.parameters import Parameters
 
 
 def test_defaults_leave_the_vehicle_as_it_is():

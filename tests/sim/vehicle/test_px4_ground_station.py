@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.errors import VehicleError
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.ground_station import GroundStation
-from sim.world.localization import Localization, LocalizationTruth
+from radron.agent.errors import VehicleError
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.vehicle.px4.ground_station import GroundStation
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 RECORDINGS = Path(__file__).parents[2] / "contract" / "recordings"
 sys.path.append(str(RECORDINGS))

@@ -8,11 +8,11 @@ import pytest
 from emulated_px4 import Flight, int_bits, param_set
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.config.mission import DatumConfig
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, VehicleTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.streams import streams
+from radron.agent.config.mission import DatumConfig
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import EventTruth, VehicleTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.streams import streams
 
 STEP_S = 0.01
 BY_VISION = {"EKF2_EV_CTRL": 9, "EKF2_GPS_CTRL": 0, "EKF2_NOAID_TOUT": 1_000_000}

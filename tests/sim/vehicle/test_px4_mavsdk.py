@@ -13,7 +13,7 @@ from mavsdk.asyncio.plugins.offboard import OffboardAsync, PositionNedYaw, Veloc
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
-from sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.config import Px4Config
 
 FASTER = 4  # the vehicle's time than the wall's
 

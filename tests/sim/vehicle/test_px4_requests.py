@@ -8,7 +8,7 @@ import pytest
 from emulated_px4 import Flight, int_bits, param_set, position_target
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.config import Faults
+from radron.sim.vehicle.px4.config import Faults
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
 SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM

@@ -4,7 +4,7 @@ from itertools import count
 
 import pytest
 
-from sim.vehicle.px4.mavlink.setpoint import SetpointLog
+from radron.sim.vehicle.px4.mavlink.setpoint import SetpointLog
 
 _contents = count()
 

@@ -10,9 +10,9 @@ from emulated_px4 import Companion, Flight, new_fleet, position_target
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.fleet import VehicleReport
-from sim.world.localization import LocalizationTruth
+from radron.sim.vehicle.px4.config import Datum, Px4Config
+from radron.sim.vehicle.px4.fleet import VehicleReport
+from radron.sim.world.localization import LocalizationTruth
 
 ONBOARD = {
     "ATTITUDE": 100,

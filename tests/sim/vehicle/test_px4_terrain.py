@@ -6,7 +6,7 @@ import pytest
 from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.world.terrain import HillTruth, Terrain, TerrainTruth
+from radron.sim.world.terrain import HillTruth, Terrain, TerrainTruth
 
 HILL = Terrain(TerrainTruth(slope=(0.2, 0.0), hills=(HillTruth(centre_m=(0.0, 0.0), height_m=6.0, width_m=10.0),)))
 

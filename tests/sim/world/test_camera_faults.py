@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.detector.readout import PixelHits
-from protocol.codec import decode_from
-from sim.faults.network import FaultyRadio
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
-from sim.world.cameras import Cameras
+from radron.agent.detector.readout import PixelHits
+from radron.protocol.codec import decode_from
+from radron.sim.faults.network import FaultyRadio
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.cameras import Cameras
 
 FAULTY = 1
 

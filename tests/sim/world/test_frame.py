@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.world.frame import CameraMount
+from radron.sim.world.frame import CameraMount
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 

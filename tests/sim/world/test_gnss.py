@@ -4,8 +4,8 @@ import numpy as np
 import pymap3d
 import pytest
 
-from agent.config.mission import DatumConfig
-from sim.world.gnss import RTK, GnssTruth, Receiver
+from radron.agent.config.mission import DatumConfig
+from radron.sim.world.gnss import RTK, GnssTruth, Receiver
 
 DATUM = DatumConfig(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=488.0)
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from protocol.messages import Stage
-from protocol.stages import CIRCLING
-from sim.lockstep.flight import fly
-from sim.scenario import load_scenario, override
-from sim.world.terrain import Terrain
+from radron.protocol.messages import Stage
+from radron.protocol.stages import CIRCLING
+from radron.sim.lockstep.flight import fly
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.terrain import Terrain
 
 GUIDED = (Stage.SURVEY, *CIRCLING)
 

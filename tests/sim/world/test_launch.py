@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.errors import ConfigError
-from sim.scenario import load_scenario, override
-from sim.world.launch import StartTruth, launch_places
+from radron.agent.errors import ConfigError
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.launch import StartTruth, launch_places
 
 MISSION = override(load_scenario("demo"), {"drones": 8}).mission
 
@@ -31,7 +31,7 @@ def smallest():
 
 
 def test_no_room_is_an_error_and_not_an_endless_search(monkeypatch):
-    monkeypatch.setattr("sim.world.launch._ATTEMPTS", 2)
+    monkeypatch.setattr("radron.sim.world.launch._ATTEMPTS", 2)
     with pytest.raises(ConfigError, match="no room for 8 drones"):
         launch_places(StartTruth(scatter_m=1.0), MISSION, np.random.default_rng(1))
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 
 def test_errors_have_the_given_size_and_memory():

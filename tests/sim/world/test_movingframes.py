@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import DatumConfig
-from agent.errors import ConfigError
-from sim.scenario import load_scenario, override
-from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.streams import streams
+from radron.agent.config.mission import DatumConfig
+from radron.agent.errors import ConfigError
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.localization import LocalizationTruth
+from radron.sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.streams import streams
 
 DATUM = DatumConfig(latitude_deg=47.4, longitude_deg=8.5)
 STEP_S = 0.05

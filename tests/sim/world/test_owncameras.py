@@ -7,17 +7,17 @@ import json
 import numpy as np
 import pytest
 
-from agent.config.drone import DroneConfig
-from agent.errors import ConfigError
-from sim.lockstep.flight import watched
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.truth import CameraTruth
-from sim.scenario import load_scenario, override
-from sim.scoring.moment import Moment
-from sim.world.cameras import Cameras
-from sim.world.frame import CameraMount
-from sim.world.owncameras import OwnCamera, drone_file
-from sim.world.streams import streams
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import ConfigError
+from radron.sim.lockstep.flight import watched
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.truth import CameraTruth
+from radron.sim.scenario import load_scenario, override
+from radron.sim.scoring.moment import Moment
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.frame import CameraMount
+from radron.sim.world.owncameras import OwnCamera, drone_file
+from radron.sim.world.streams import streams
 
 AHEAD = SourceView((0.0, 0.0, 1.0), 2.0, 1e8)
 

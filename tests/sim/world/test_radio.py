@@ -1,6 +1,6 @@
 import numpy as np
 
-from sim.world.radio import Radio, RadioTruth
+from radron.sim.world.radio import Radio, RadioTruth
 
 SECOND = 1_000_000_000
 

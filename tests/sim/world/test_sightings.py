@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.vehicle.multirotor import attitude
-from sim.world.sightings import Sightings, SightingTruth
-from sim.world.walls import Walls, WallTruth
+from radron.sim.vehicle.multirotor import attitude
+from radron.sim.world.sightings import Sightings, SightingTruth
+from radron.sim.world.walls import Walls, WallTruth
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 SURE = {"missed": 0.0, "false_share": 0.0, "visible_s": None, "delay_s": 0.0}

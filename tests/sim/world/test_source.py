@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from shapely import Point, Polygon
 
-from agent.errors import ConfigError
-from sim.world.source import source_path
-from sim.world.sourcetruth import SourceTruth
+from radron.agent.errors import ConfigError
+from radron.sim.world.source import source_path
+from radron.sim.world.sourcetruth import SourceTruth
 
 AREA = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 

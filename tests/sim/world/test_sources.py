@@ -8,12 +8,12 @@ import pytest
 from msgspec.structs import replace
 from shapely import Point, Polygon
 
-from agent.errors import ConfigError
-from sim.scenario import load_scenario
-from sim.world.sources import Sources, place_of
-from sim.world.sourcetruth import RandomSourcesTruth, SourceTruth
-from sim.world.streams import streams
-from sim.world.terrain import HillTruth, TerrainTruth
+from radron.agent.errors import ConfigError
+from radron.sim.scenario import load_scenario
+from radron.sim.world.sources import Sources, place_of
+from radron.sim.world.sourcetruth import RandomSourcesTruth, SourceTruth
+from radron.sim.world.streams import streams
+from radron.sim.world.terrain import HillTruth, TerrainTruth
 
 MANY = load_scenario("many-ideal")
 

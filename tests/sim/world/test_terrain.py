@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from sim.scenario import load_scenario
-from sim.world.cameras import Cameras
-from sim.world.elevation import surveyed
-from sim.world.frame import CameraMount
-from sim.world.sources import Sources
-from sim.world.streams import streams
-from sim.world.terrain import HillTruth, Terrain, TerrainTruth
+from radron.agent.config.drone import DroneConfig
+from radron.sim.scenario import load_scenario
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.elevation import surveyed
+from radron.sim.world.frame import CameraMount
+from radron.sim.world.sources import Sources
+from radron.sim.world.streams import streams
+from radron.sim.world.terrain import HillTruth, Terrain, TerrainTruth
 
 HILL = TerrainTruth(height_m=2.0, slope=(0.1, 0.0), hills=(HillTruth(centre_m=(10.0, 20.0), height_m=8.0, width_m=5.0),))
 

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from agent.config.drone import DroneConfig
-from agent.errors import ConfigError
-from agent.terrain.buildings import Buildings, attenuation_per_m
-from agent.terrain.ground import Ground
-from sim.scenario import load_scenario, override
-from sim.world.cameras import Cameras
-from sim.world.sources import Source
-from sim.world.streams import streams
-from sim.world.walls import Walls, WallTruth
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import ConfigError
+from radron.agent.terrain.buildings import Buildings, attenuation_per_m
+from radron.agent.terrain.ground import Ground
+from radron.sim.scenario import load_scenario, override
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.sources import Source
+from radron.sim.world.streams import streams
+from radron.sim.world.walls import Walls, WallTruth
 
 
 def crossed(wall: WallTruth, start: tuple[float, float, float], end: tuple[float, float, float]) -> float:

@@ -22,27 +22,27 @@ from identities import identity, new_issuer
 from msgspec.structs import replace
 from served_page import served
 
-from agent.frames.geodesy import mission_from_geodetic
-from agent.fusion.log import ObservationLog
-from agent.fusion.registry import estimator_named
-from agent.mission.worldmodel import WorldModel
-from protocol.codec import decode_from
-from protocol.entries import Cone, Entry, Exposure
-from protocol.identity import Role
-from protocol.messages import Status
-from protocol.spectrum import EDGES_KEV
-from station.findings.command import write_report
-from station.findings.earth import geojson
-from station.findings.facts import FindingsError, Source, gather
-from station.findings.html import report_html
-from station.findings.n42 import WINDOW_NS, spectrum_of
-from station.findings.ondemand import reports
-from station.findings.seal import others, verify
-from station.findings.tables import utc
-from station.hub import Hub
-from station.picture.picture import Picture
-from station.picture.shapes import cordon_radius_m
-from station.replay import Records, play
+from radron.agent.frames.geodesy import mission_from_geodetic
+from radron.agent.fusion.log import ObservationLog
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.mission.worldmodel import WorldModel
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Cone, Entry, Exposure
+from radron.protocol.identity import Role
+from radron.protocol.messages import Status
+from radron.protocol.spectrum import EDGES_KEV
+from radron.station.findings.command import write_report
+from radron.station.findings.earth import geojson
+from radron.station.findings.facts import FindingsError, Source, gather
+from radron.station.findings.html import report_html
+from radron.station.findings.n42 import WINDOW_NS, spectrum_of
+from radron.station.findings.ondemand import reports
+from radron.station.findings.seal import others, verify
+from radron.station.findings.tables import utc
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
+from radron.station.picture.shapes import cordon_radius_m
+from radron.station.replay import Records, play
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ import rasterio
 from lxml import etree
 from msgspec.structs import replace
 
-from agent.config.mission import DatumConfig
-from agent.frames.geodesy import geodetic_from_mission
-from station.findings import command
-from station.findings.command import write_report
-from station.findings.facts import gather
+from radron.agent.config.mission import DatumConfig
+from radron.agent.frames.geodesy import geodetic_from_mission
+from radron.station.findings import command
+from radron.station.findings.command import write_report
+from radron.station.findings.facts import gather
 
 SCHEMAS = Path(__file__).parent / "schemas"
 NAME = 'Müller & <Söhne> "A", Übung Нр. 1'

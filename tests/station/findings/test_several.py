@@ -8,12 +8,12 @@ import pytest
 import rasterio
 from msgspec.structs import replace as replace_struct
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from station.findings.earth import dose_geotiff, geojson, kml
-from station.findings.facts import Findings, Located, Source
-from station.findings.html import report_html
-from station.picture.dose import rate_usvph
-from station.picture.frame import Frame, SourceFrame
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.station.findings.earth import dose_geotiff, geojson, kml
+from radron.station.findings.facts import Findings, Located, Source
+from radron.station.findings.html import report_html
+from radron.station.picture.dose import rate_usvph
+from radron.station.picture.frame import Frame, SourceFrame
 
 MISSION = MissionConfig(
     name="two", drones=(DroneInMission(id="d1"),), datum=DatumConfig(latitude_deg=50.0, longitude_deg=14.0),

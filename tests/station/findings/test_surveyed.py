@@ -7,12 +7,12 @@ import pytest
 import shown_drone
 from shown_drone import D1, NOW_NS
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
-from protocol.entries import Coverage
-from station.findings.facts import Source, facts_of
-from station.findings.html import report_html
-from station.hub import Hub
-from station.picture.picture import Picture
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
+from radron.protocol.entries import Coverage
+from radron.station.findings.facts import Source, facts_of
+from radron.station.findings.html import report_html
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
 
 MISSION = MissionConfig(
     name="m",

@@ -4,12 +4,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agent.config.mission import GroundConfig
-from agent.frames.transform import Transform
-from agent.fusion.observation import ConeObservation, ConeSurface
-from agent.terrain.ground import Ground
-from protocol.entries import EntryId
-from station.picture.curves import DETAIL_M, ground_curves
+from radron.agent.config.mission import GroundConfig
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.observation import ConeObservation, ConeSurface
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import EntryId
+from radron.station.picture.curves import DETAIL_M, ground_curves
 
 GROUND = Ground(GroundConfig())
 

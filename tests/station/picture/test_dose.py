@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from agent.detector.lines import GAMMAS
-from station.picture.dose import CONSTANTS, expected_usvph, rate_usvph
+from radron.agent.detector.lines import GAMMAS
+from radron.station.picture.dose import CONSTANTS, expected_usvph, rate_usvph
 
 # ICRP Publication 74, Table A.21: photon energy (MeV), H*(10) per fluence (pSv cm2).
 ENERGY_MEV = (0.04, 0.05, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0)

@@ -1,5 +1,5 @@
-from station.picture.events import Events
-from station.picture.frame import DroneFrame, Frame, SourceFrame
+from radron.station.picture.events import Events
+from radron.station.picture.frame import DroneFrame, Frame, SourceFrame
 
 SOURCE = SourceFrame(
     place=(1.0, 2.0, 0.0),

@@ -1,7 +1,7 @@
 import msgspec
 
-from station.picture.frame import ConeCurve, DroneFrame, Frame
-from station.picture.history import CONES_MS, FRAME_MS, MOST_CONES, RASTER_MS, History
+from radron.station.picture.frame import ConeCurve, DroneFrame, Frame
+from radron.station.picture.history import CONES_MS, FRAME_MS, MOST_CONES, RASTER_MS, History
 
 
 def frame(at_ms, x=0.0):

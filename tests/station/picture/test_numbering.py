@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
-from station.picture.frame import SourceFrame
-from station.picture.numbering import APART_M, KNOWN_MS, Numbering, numbered
+from radron.station.picture.frame import SourceFrame
+from radron.station.picture.numbering import APART_M, KNOWN_MS, Numbering, numbered
 
 CS = SourceFrame(
     place=(10.0, 20.0, 0.0),

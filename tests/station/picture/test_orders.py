@@ -5,14 +5,14 @@ from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS
 
-from protocol.codec import encode
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.messages import Action, Answer, Obeyed, Stage, Status, Ticket, Upload
-from protocol.signing import Verifier, sign_command, sign_status
-from station.findings.facts import BY_DRONES, UNHEARD, of_station
-from station.picture.orders import MOST_REFUSED, MOST_TOLD, OBEYED, OVERTAKEN, TAKEN, UNSURE
-from station.picture.picture import Picture
+from radron.protocol.codec import encode
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Answer, Obeyed, Stage, Status, Ticket, Upload
+from radron.protocol.signing import Verifier, sign_command, sign_status
+from radron.station.findings.facts import BY_DRONES, UNHEARD, of_station
+from radron.station.picture.orders import MOST_REFUSED, MOST_TOLD, OBEYED, OVERTAKEN, TAKEN, UNSURE
+from radron.station.picture.picture import Picture
 
 D1, D2 = {"d1": Ticket("0" * 16, 5)}, {"d2": Ticket("0" * 16, 9)}
 TOWER = AUTHORITY.trust("tower", Role.OPERATOR)

@@ -2,8 +2,8 @@ from itertools import pairwise
 
 import pytest
 
-from station.picture.frame import DroneFrame, Frame, SourceFrame
-from station.picture.overview import MOST_ROWS, TRAIL_MS, Overview
+from radron.station.picture.frame import DroneFrame, Frame, SourceFrame
+from radron.station.picture.overview import MOST_ROWS, TRAIL_MS, Overview
 
 SOURCE = SourceFrame(
     place=(3.0, 4.0, 0.0),

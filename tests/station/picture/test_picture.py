@@ -4,13 +4,13 @@ import shown_drone
 from msgspec.structs import replace
 from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, exposure
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.fusion.estimator import Hypothesis
-from protocol.entries import Counts
-from protocol.keys import key_of
-from protocol.messages import Plan, Stage, Status
-from protocol.spectrum import SpectrumBin
-from station.picture.picture import Picture
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.fusion.estimator import Hypothesis
+from radron.protocol.entries import Counts
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Plan, Stage, Status
+from radron.protocol.spectrum import SpectrumBin
+from radron.station.picture.picture import Picture
 
 MISSION = MissionConfig(
     name="m",

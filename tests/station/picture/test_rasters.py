@@ -5,11 +5,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.fusion.estimator import Hypothesis, Outlook
-from agent.fusion.posterior import Posterior
-from station.picture.frame import Raster
-from station.picture.rasters import Rasters
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.fusion.estimator import Hypothesis, Outlook
+from radron.agent.fusion.posterior import Posterior
+from radron.station.picture.frame import Raster
+from radron.station.picture.rasters import Rasters
 
 MISSION = MissionConfig(
     name="m", area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0))), drones=(DroneInMission(id="d1"),)

@@ -4,12 +4,12 @@ import pytest
 from members import AUTHORITY, FOREIGN, cones, credential, give, revocation, trusting
 from one_pilot import MISSION, START_NS
 
-from protocol.codec import encode
-from protocol.identity import Role
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
-from protocol.signing import Verifier, sign_status
-from station.picture.picture import Picture
+from radron.protocol.codec import encode
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
+from radron.protocol.signing import Verifier, sign_status
+from radron.station.picture.picture import Picture
 
 ENTRIES = [credential(), *cones(range(1, 11))]
 REVOCATION = revocation(last={"2" * 16: 6})

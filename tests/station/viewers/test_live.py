@@ -14,13 +14,13 @@ from served_page import served
 from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, give
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from station.hub import Hub
-from station.picture.frame import Event
-from station.picture.picture import Picture
-from station.viewers import live as live_module
-from station.viewers.live import LiveFoxglove
-from station.web.foxglove import MOST_CLIENTS, door
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.station.hub import Hub
+from radron.station.picture.frame import Event
+from radron.station.picture.picture import Picture
+from radron.station.viewers import live as live_module
+from radron.station.viewers.live import LiveFoxglove
+from radron.station.web.foxglove import MOST_CLIENTS, door
 
 MISSION = MissionConfig(
     name="<b>m</b>",

@@ -11,16 +11,16 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from agent.config.mission import DatumConfig
-from agent.errors import FlightRecordError
-from agent.frames.geodesy import mission_from_geodetic
-from protocol.codec import decode_from
-from protocol.entries import Exposure
-from protocol.messages import Pose
-from station.hub import Hub
-from station.picture.picture import Picture
-from station.replay import Records, play
-from station.viewers.record import STEP_MS, export
+from radron.agent.config.mission import DatumConfig
+from radron.agent.errors import FlightRecordError
+from radron.agent.frames.geodesy import mission_from_geodetic
+from radron.protocol.codec import decode_from
+from radron.protocol.entries import Exposure
+from radron.protocol.messages import Pose
+from radron.station.hub import Hub
+from radron.station.picture.picture import Picture
+from radron.station.replay import Records, play
+from radron.station.viewers.record import STEP_MS, export
 
 FOXGLOVE = {  # https://docs.foxglove.dev/docs/sdk/schemas
     "/tf": "foxglove.FrameTransforms",

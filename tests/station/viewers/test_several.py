@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.frames.geodesy import mission_from_geodetic
-from agent.fusion.estimator import Hypothesis
-from station.picture.picture import Picture
-from station.viewers import topics
-from station.viewers.foxglove import Foxglove
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.frames.geodesy import mission_from_geodetic
+from radron.agent.fusion.estimator import Hypothesis
+from radron.station.picture.picture import Picture
+from radron.station.viewers import topics
+from radron.station.viewers.foxglove import Foxglove
 
 MISSION = MissionConfig(
     name="m",

@@ -13,14 +13,14 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from msgspec.structs import replace
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.frames.geodesy import mission_from_geodetic
-from station.picture.frame import DroneFrame, Frame, SourceFrame
-from station.picture.picture import Picture
-from station.picture.shapes import cordon_radius_m
-from station.viewers import tak
-from station.viewers.cot import CursorOnTarget
-from station.viewers.tak import Tak, TakError
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.frames.geodesy import mission_from_geodetic
+from radron.station.picture.frame import DroneFrame, Frame, SourceFrame
+from radron.station.picture.picture import Picture
+from radron.station.picture.shapes import cordon_radius_m
+from radron.station.viewers import tak
+from radron.station.viewers.cot import CursorOnTarget
+from radron.station.viewers.tak import Tak, TakError
 
 DATUM = DatumConfig(latitude_deg=-33.9, longitude_deg=18.4, altitude_m=120.0)
 MISSION = MissionConfig(

@@ -18,15 +18,15 @@ from msgspec.structs import replace
 from served_page import first, fresh, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from station.hub import Hub
-from station.outbox import GAVE_WAY, MAX_AHEAD
-from station.picture.picture import Picture
-from station.web import beat
-from station.web.app import MAX_PAGES
-from station.web.connections import MAX_CONNECTIONS
-from station.web.serving import Place, Serving, StationError
-from station.web.token import TokenError
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.station.hub import Hub
+from radron.station.outbox import GAVE_WAY, MAX_AHEAD
+from radron.station.picture.picture import Picture
+from radron.station.web import beat
+from radron.station.web.app import MAX_PAGES
+from radron.station.web.connections import MAX_CONNECTIONS
+from radron.station.web.serving import Place, Serving, StationError
+from radron.station.web.token import TokenError
 
 MISSION = MissionConfig(
     name="m", area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))), drones=(DroneInMission(id="d1"),)

@@ -13,15 +13,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
+import msgspec
+from onboard import OnboardFiles, well
 
-import msgspec  # noqa: E402
-from onboard import OnboardFiles, well  # noqa: E402
-
-from agent.errors import RadronError  # noqa: E402
-from agent.update.install import Updater  # noqa: E402
-from agent.update.settle import Surroundings, settle  # noqa: E402
-from protocol.onboard import Computer, Report  # noqa: E402
+from radron.agent.errors import RadronError
+from radron.agent.update.install import Updater
+from radron.agent.update.settle import Surroundings, settle
+from radron.protocol.onboard import Computer, Report
 
 DAY_NS = 86_400_000_000_000
 

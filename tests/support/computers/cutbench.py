@@ -14,7 +14,7 @@ from cutdisk import Content, CutDisk
 from dronedisk import BOOT_S, Drone
 from machine import Machine
 
-from deploy.image.layout import ESP, ROOT_A, ROOT_B
+from radron.deploy.image.layout import ESP, ROOT_A, ROOT_B
 
 ON_TRIAL = r"radron-update: slot B, .*, is on trial, attempt \d of 3"
 PROVISIONED = r"radron-provision: this is radron-d1"

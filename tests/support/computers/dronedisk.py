@@ -14,9 +14,9 @@ from fleets import FLEET, KEY, make_fleet
 from machine import Machine
 from meshes import free_port
 
-from deploy.image.layout import LEAST_DISK_BYTES
-from deploy.remote import Host
-from protocol.onboard import Computer
+from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.remote import Host
+from radron.protocol.onboard import Computer
 
 ROOT = Path(__file__).parents[3]
 PASSPHRASE = "four quite ordinary words"
@@ -66,12 +66,12 @@ class Drone:
 
     def command(self, *arguments: str) -> list[str]:
         """``radron-deploy`` with these arguments."""
-        return [sys.executable, "-m", "deploy.cli", *arguments]
+        return [sys.executable, "-m", "radron.deploy.cli", *arguments]
 
     @property
     def environment(self) -> dict[str, str]:
         """For it."""
-        return {**os.environ, "RADRON_PKI_PASSPHRASE": PASSPHRASE, "PYTHONPATH": str(ROOT)}
+        return {**os.environ, "RADRON_PKI_PASSPHRASE": PASSPHRASE}
 
     def deploy(self, *arguments: str) -> None:
         """Run it, as a user does."""

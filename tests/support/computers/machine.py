@@ -17,10 +17,10 @@ from pathlib import Path
 from tempfile import gettempdir
 from urllib.request import urlopen
 
-from deploy.image.build import PROGRAMS
-from deploy.image.errors import ImageError
-from deploy.image.rootfs import MIRROR, SUITE
-from deploy.image.tools import need
+from radron.deploy.image.build import PROGRAMS
+from radron.deploy.image.errors import ImageError
+from radron.deploy.image.rootfs import MIRROR, SUITE
+from radron.deploy.image.tools import need
 
 _FIRMWARE = Path("/usr/share/OVMF")
 CODE, VARIABLES = _FIRMWARE / "OVMF_CODE_4M.fd", _FIRMWARE / "OVMF_VARS_4M.fd"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from agent.update.records import Records
-from agent.update.slots import Slots
-from deploy.image.bootloader import FIRST_BOOT, grub_environment
-from protocol.messages import Stage
-from protocol.onboard import MOST_ATTEMPTS, Release, Report
+from radron.agent.update.records import Records
+from radron.agent.update.slots import Slots
+from radron.deploy.image.bootloader import FIRST_BOOT, grub_environment
+from radron.protocol.messages import Stage
+from radron.protocol.onboard import MOST_ATTEMPTS, Release, Report
 
 OLD = Release(version="0.1.0", build="20261101T000000Z-aaaaaaaaaaaa")
 NEW = Release(version="0.2.0", build="20261123T000000Z-bbbbbbbbbbbb")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from meshes import free_port
 
-from deploy.remote import Host
+from radron.deploy.remote import Host
 
 SSHD = shutil.which("sshd", path=os.environ.get("PATH", os.defpath) + ":/usr/sbin")
 LACKING = None if SSHD and shutil.which("ssh") else "no SSH server on this computer: `apt-get install openssh-server`"

@@ -17,7 +17,7 @@ from meshes import free_port
 from sshserver import LACKING as NO_SSH
 from sshserver import SSHD
 
-from deploy.remote import Host
+from radron.deploy.remote import Host
 
 _ROOT = Path(os.environ.get("COMPUTER_ROOT", "/")).resolve()
 _SYSTEMD = _ROOT / "lib/systemd/systemd"

@@ -14,12 +14,12 @@ import pytest
 from computer import VirtualComputer
 from onboard import NEW
 
-from deploy.digest import digest
-from deploy.remote import Host, RemoteError
-from deploy.update import hosts, push
-from deploy.update.bundle import BundleManifest
-from deploy.update.push import Push
-from protocol.onboard import Outcome, Release
+from radron.deploy.digest import digest
+from radron.deploy.remote import Host, RemoteError
+from radron.deploy.update import hosts, push
+from radron.deploy.update.bundle import BundleManifest
+from radron.deploy.update.push import Push
+from radron.protocol.onboard import Outcome, Release
 
 SCRIPT = Path(__file__).with_name("computer.py")
 

@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config.drone import ResponseConfig
-from agent.config.mission import AreaConfig, EncirclementConfig, LimitsConfig
-from agent.motion.encirclement import Encirclement
-from agent.motion.fence import Fence
-from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import PeerPlan
-from agent.motion.tracker import Tracker
-from agent.navigation.identification import ResponseEstimator
-from agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.mission import AreaConfig, EncirclementConfig, LimitsConfig
+from radron.agent.motion.encirclement import Encirclement
+from radron.agent.motion.fence import Fence
+from radron.agent.motion.reference import PeerState, Reference
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.motion.tracker import Tracker
+from radron.agent.navigation.identification import ResponseEstimator
+from radron.agent.vehicle.interface import FlightMode, VehicleState
 
 Array = NDArray[np.float64]
 Law = Callable[[PeerState, Mapping[str, PeerState], str], Reference]

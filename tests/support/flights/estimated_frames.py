@@ -3,9 +3,9 @@
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, settle
 
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
-from protocol.entries import Entry, Exposure
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
+from radron.protocol.entries import Entry, Exposure
 
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
 UNKNOWN = {"reported_yaw_deg": 0.0, "yaw_sigma_deg": 180.0}

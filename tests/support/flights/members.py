@@ -3,14 +3,14 @@
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, boot_of, command, cone_of, nonce_key_of
 
-from agent.config.drone import DroneConfig
-from agent.pilot import Pilot
-from protocol.codec import decode_from, encode
-from protocol.entries import Credential
-from protocol.keys import key_of
-from protocol.revocations import Revocation
-from protocol.signing import sign_command, sign_entries, sign_revocation
-from sim.lockstep.members import SimulatedAuthority, operator_of
+from radron.agent.config.drone import DroneConfig
+from radron.agent.pilot import Pilot
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Credential
+from radron.protocol.keys import key_of
+from radron.protocol.revocations import Revocation
+from radron.protocol.signing import sign_command, sign_entries, sign_revocation
+from radron.sim.lockstep.members import SimulatedAuthority, operator_of
 
 AUTHORITY, FOREIGN = SimulatedAuthority(1), SimulatedAuthority(2)
 OPERATOR = operator_of(AUTHORITY)

@@ -6,16 +6,16 @@ import numpy as np
 from msgspec.structs import replace
 from shapely import box
 
-from agent.frames.transform import Transform
-from agent.localization.ownpose import Whereabouts
-from agent.motion.separation import PeerPlan
-from agent.navigation.reckoning import Reckoning
-from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
-from protocol.messages import Stage
-from sim.campaign.faults.draw import draw
-from sim.scenario import parse_scenario
-from sim.scoring.invariants.base import Setting
-from sim.scoring.moment import Moment
+from radron.agent.frames.transform import Transform
+from radron.agent.localization.ownpose import Whereabouts
+from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.reckoning import Reckoning
+from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from radron.protocol.messages import Stage
+from radron.sim.campaign.faults.draw import draw
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.moment import Moment
 
 PLACES = ((10.0, 10.0, 3.0), (20.0, 10.0, 3.0), (10.0, 20.0, 3.0))
 HEAL_S, END_S = 50.0, 100.0

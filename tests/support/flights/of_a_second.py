@@ -1,7 +1,7 @@
 """Messages of one drone by the second, to be changed by lying members."""
 
-from protocol.entries import Cone, ConeOrder, Counts, Exposure, PoseSample, Sighting
-from protocol.messages import Plan, Pose
+from radron.protocol.entries import Cone, ConeOrder, Counts, Exposure, PoseSample, Sighting
+from radron.protocol.messages import Plan, Pose
 
 SECOND = 1_000_000_000
 BORN = {"mission": "a" * 16, "boot": "b" * 16}

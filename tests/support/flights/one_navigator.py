@@ -7,17 +7,17 @@ from msgspec.structs import replace
 from one_pilot import MISSION as ANY_MISSION
 from one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
 
-from agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
-from agent.config.mission import EncirclementConfig, MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.fusion.estimator import Hypothesis
-from agent.navigation.home import KeptHome
-from agent.navigation.moment import Moment
-from agent.navigation.navigator import Navigator
-from agent.navigation.peers.newest import Peers
-from agent.navigation.surveying import InformedSearch, Prospect, Search
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
+from radron.agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
+from radron.agent.config.mission import EncirclementConfig, MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.navigation.home import KeptHome
+from radron.agent.navigation.moment import Moment
+from radron.agent.navigation.navigator import Navigator
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.surveying import InformedSearch, Prospect, Search
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
 
 MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
 AT_ONCE = DroneConfig(id="d1", vehicle=VehicleConfig(response=ResponseConfig(lag_s=0.0)))

@@ -5,19 +5,19 @@ from collections import Counter
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config.drone import DroneConfig
-from agent.config.estimators import FusionConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.frames.drift import Drift
-from agent.localization.clocks import Clocks
-from agent.localization.ownpose import OwnPose
-from agent.mission.orders import Orders
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.codec import decode_from, encode
-from protocol.entries import Cone, ConeOrder
-from protocol.keys import command_key, key_of
-from protocol.messages import Action, Command, Pose, Stage, Status
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.frames.drift import Drift
+from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.ownpose import OwnPose
+from radron.agent.mission.orders import Orders
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Cone, ConeOrder
+from radron.protocol.keys import command_key, key_of
+from radron.protocol.messages import Action, Command, Pose, Stage, Status
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND

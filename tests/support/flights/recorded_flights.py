@@ -12,15 +12,15 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from agent.config.drone import DroneConfig
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.flight.header import FlightHeader
-from agent.flight.recorded import RecordedPilot
-from agent.flight.recorder import FlightRecorder
-from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, VehicleState
-from sim.lockstep.flight import watched
-from sim.scenario import load_scenario, override
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.flight.header import FlightHeader
+from radron.agent.flight.recorded import RecordedPilot
+from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.sim.lockstep.flight import watched
+from radron.sim.scenario import load_scenario, override
 
 MISSION = MissionConfig(
     name="recorded",

@@ -8,8 +8,8 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from protocol.entries import CarriedFrame, Cone, Exposure, Retraction, Sighting
-from protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
+from radron.protocol.entries import CarriedFrame, Cone, Exposure, Retraction, Sighting
+from radron.protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
 
 UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 

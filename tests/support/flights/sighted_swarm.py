@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pymap3d
 
-from agent.config.frames import FramesConfig
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.frames.swarm import SwarmFrames
-from protocol.codec import encode
-from protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
+from radron.agent.config.frames import FramesConfig
+from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from radron.agent.frames.swarm import SwarmFrames
+from radron.protocol.codec import encode
+from radron.protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND

@@ -2,11 +2,11 @@
 
 from msgspec.structs import replace
 
-from agent.config.mission import TrackConfig
-from agent.mission.situation import Situation
-from agent.mission.stages import Mission
-from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.messages import Action, Stage
+from radron.agent.config.mission import TrackConfig
+from radron.agent.mission.situation import Situation
+from radron.agent.mission.stages import Mission
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.messages import Action, Stage
 
 SECOND = 1_000_000_000
 VEHICLE = VehicleState(

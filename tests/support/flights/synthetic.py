@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.campaign.workers import Job
-from sim.result import ConeTrace, RunResult, Trace
-from sim.sweep import Case
+from radron.sim.campaign.workers import Job
+from radron.sim.result import ConeTrace, RunResult, Trace
+from radron.sim.sweep import Case
 
 SOURCE_M = np.array([60.0, 45.0, 0.0])
 

@@ -2,14 +2,14 @@
 
 from math import hypot
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from protocol.entries import Sighting
-from protocol.messages import Plan, Pose, Status
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.entries import Sighting
+from radron.protocol.messages import Plan, Pose, Status
 
 SECOND = 1_000_000_000
 MISSION = MissionConfig(

@@ -10,9 +10,9 @@ import sys
 import time
 from collections.abc import AsyncIterator
 
-from agent.detector.readout import Readout
-from agent.pilot import Pilot
-from agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
+from radron.agent.detector.readout import Readout
+from radron.agent.pilot import Pilot
+from radron.agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
 
 HANG_S = 60
 
@@ -41,6 +41,6 @@ class HangingCamera:
 
 if __name__ == "__main__":
     die_with(int(sys.argv[-1]))
-    from agent.shell.running import run_agent
+    from radron.agent.shell.running import run_agent
 
     os._exit(run_agent(sys.argv[1], False, Heartbeat(HEARTBEAT_FD), lambda _: HangingCamera()))

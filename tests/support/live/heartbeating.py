@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, RELOADING, Heartbeat, die_with
+from radron.agent.shell.heartbeat import ANEW, HEARTBEAT_FD, RELOADING, Heartbeat, die_with
 
 PARENT = int(sys.argv[-1])
 HOW = sys.argv[1]

@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 
 import psutil
 
-from protocol.identity import Role
-from protocol.issuing import throwaway
+from radron.protocol.identity import Role
+from radron.protocol.issuing import throwaway
 
 SUPPORT = Path(__file__).parents[1]
 T = TypeVar("T")
@@ -101,7 +101,7 @@ class Agent:
         self._log_from = self._log.tell()
         child = [sys.executable, str(SUPPORT / "live/hanging_agent.py"), config]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "agent.shell.supervisor", *child]
+            [sys.executable, "-m", "radron.agent.shell.supervisor", *child]
             if hanging
             else [str(Path(sys.executable).parent / "radron-agent"), "run", "--config", config],
             stderr=self._log, env={**os.environ, **environment}, start_new_session=True,

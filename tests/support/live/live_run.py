@@ -15,8 +15,8 @@ from pathlib import Path
 
 import psutil
 
-from agent.config.drone import DroneConfig
-from agent.config.loading import load_toml
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.loading import load_toml
 
 PATIENCE_S = 60.0  # for what takes a second or a few on a machine that has nothing else to do
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"

@@ -16,11 +16,11 @@ from pathlib import Path
 
 from live_run import LiveRun, live_run
 
-from agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
-from agent.flight import topics
-from agent.flight.reader import RecordedFlight
-from sim.live.relays.linkstate import LinkState
-from sim.live.runfolder import as_toml
+from radron.agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
+from radron.agent.flight import topics
+from radron.agent.flight.reader import RecordedFlight
+from radron.sim.live.relays.linkstate import LinkState
+from radron.sim.live.runfolder import as_toml
 
 sys.path.append(str(Path(__file__).parents[1] / "mesh"))
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from meshes import DEADLINE_S, SWARM, Member, free_port, linked
 
-from protocol.identity import Identity, Role, load_identity
-from protocol.keys import command_key, drone_key
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.identity import Identity, Role, load_identity
+from radron.protocol.keys import command_key, drone_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 DRONES = ("d1", "d2", "d3")
 QUIET_S = 0.6  # in which a peer that is let in is linked many times over: that takes milliseconds, and it dials again after 0.2 s

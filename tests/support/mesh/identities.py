@@ -14,8 +14,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
 from cryptography.x509.oid import NameOID
 
-from protocol.identity import KEY_FILE, Identity, Role, load_identity, utc
-from protocol.issuing import Issuer, write_identity
+from radron.protocol.identity import KEY_FILE, Identity, Role, load_identity, utc
+from radron.protocol.issuing import Issuer, write_identity
 
 DAY_NS = 86_400_000_000_000
 

@@ -6,9 +6,9 @@ import argparse
 import asyncio
 import sys
 
-from protocol.keys import drone_key
-from protocol.mesh import link
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh import link
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 
 async def main() -> None:

@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
-from protocol.keys import drone_key
-from protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.keys import drone_key
+from radron.protocol.mesh.session import Mesh, MeshConfig
 
 SWARM = "s"
 DEADLINE_S = 10.0  # for an exchange that takes milliseconds on an idle machine

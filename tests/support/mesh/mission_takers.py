@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager
 from meshes import endpoint
 from one_pilot import MISSION
 
-from protocol.codec import decode, encode
-from protocol.keys import key_of
-from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Answer, Stage, Status, Ticket, Upload
+from radron.protocol.codec import decode, encode
+from radron.protocol.keys import key_of
+from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.messages import Answer, Stage, Status, Ticket, Upload
 
 
 class Drone:

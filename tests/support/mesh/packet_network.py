@@ -19,7 +19,7 @@ from random import Random
 
 import msgspec
 
-from sim.live.relays.linkstate import LinkState, Packets
+from radron.sim.live.relays.linkstate import LinkState, Packets
 
 HUB = 254
 _TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000

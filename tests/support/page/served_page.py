@@ -15,8 +15,8 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
-from station.hub import Hub
-from station.web.serving import Doors, Place, Serving
+from radron.station.hub import Hub
+from radron.station.web.serving import Doors, Place, Serving
 
 Work = Callable[[], Coroutine[Any, Any, None]]
 

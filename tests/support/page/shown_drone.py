@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from agent.config.mission import DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.entries import Counts, Exposure, PoseSample
-from protocol.keys import key_of
-from protocol.message import Message
-from protocol.messages import Pose
-from station.picture.picture import Picture
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.protocol.codec import encode
+from radron.protocol.entries import Counts, Exposure, PoseSample
+from radron.protocol.keys import key_of
+from radron.protocol.message import Message
+from radron.protocol.messages import Pose
+from radron.station.picture.picture import Picture
 
 NOW_NS = 1_800_000_000_000_000_000
 D1 = DroneInMission(id="d1", origin_m=(10.0, 20.0, 1.0), yaw_deg=90.0)

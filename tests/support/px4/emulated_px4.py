@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000

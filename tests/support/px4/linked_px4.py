@@ -14,21 +14,21 @@ from mavsdk_json import fields_of
 from one_pilot import MISSION, boot_of, command, nonce_key_of
 from pymavlink.dialects.v20 import development as mavlink
 
-from agent.config.drone import DroneConfig, VehicleConfig
-from agent.config.mission import MissionConfig
-from agent.pilot import Pilot
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import VehicleState
-from agent.vehicle.mavlink.link import Received
-from agent.vehicle.mavlink.messages import DECODERS, ExtendedState, Heartbeat
-from agent.vehicle.px4 import Px4Vehicle
-from protocol.codec import decode_from
-from protocol.messages import Action, Stage, Status
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Faults, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.release import ReleaseName
-from sim.world.localization import Localization, LocalizationTruth
+from radron.agent.config.drone import DroneConfig, VehicleConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import VehicleState
+from radron.agent.vehicle.mavlink.link import Received
+from radron.agent.vehicle.mavlink.messages import DECODERS, ExtendedState, Heartbeat
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.protocol.codec import decode_from
+from radron.protocol.messages import Action, Stage, Status
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Faults, Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.vehicle.px4.release import ReleaseName
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 TICK_STEPS, LOOK_STEPS = 5, 50  # of the pilot, and of its input from the shell

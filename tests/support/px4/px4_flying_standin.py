@@ -8,10 +8,10 @@ import time
 
 import numpy as np
 
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Datum, Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 

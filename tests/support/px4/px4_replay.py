@@ -20,12 +20,12 @@ import numpy as np
 from px4_timeline import _IGNORED_BITS, Packet, Row, Timeline
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
-from sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
+from radron.sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 FILE = Path(__file__).parents[2] / "contract" / "recordings" / "timelines.json.xz"
 STEP_S = 0.02

@@ -11,17 +11,17 @@ from contextlib import asynccontextmanager
 import numpy as np
 from msgspec import convert
 
-from agent.config.drone import VehicleConfig
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
-from agent.vehicle.px4 import Px4Vehicle
-from agent.vehicle.requests import REPEAT_S
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Faults, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.world.localization import Localization, LocalizationTruth
-from sim.world.movingframes import MovingFrames
-from sim.world.slam import Slam
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from radron.agent.vehicle.px4 import Px4Vehicle
+from radron.agent.vehicle.requests import REPEAT_S
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Faults, Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.world.localization import Localization, LocalizationTruth
+from radron.sim.world.movingframes import MovingFrames
+from radron.sim.world.slam import Slam
 
 STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000

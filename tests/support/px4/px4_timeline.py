@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.mavlink import dialect
+from radron.sim.vehicle.px4.mavlink import dialect
 
 Row = list[Any]
 DISTURBED = ("D_gps_loss", "D_ekf")  # recordings with errors and accuracies kept

@@ -17,9 +17,9 @@ from mavsdk_json import fields_of
 from pymavlink.dialects.v20 import common as mavlink
 from recorded_px4 import FOLDER, Replay, packets
 
-from agent.vehicle.interface import LaunchPlace
-from agent.vehicle.launch import WINDOW_S
-from agent.vehicle.mavlink.messages import DECODERS, Attitude, GlobalOrigin, Message, Odometry
+from radron.agent.vehicle.interface import LaunchPlace
+from radron.agent.vehicle.launch import WINDOW_S
+from radron.agent.vehicle.mavlink.messages import DECODERS, Attitude, GlobalOrigin, Message, Odometry
 
 FLOWN = FOLDER.parent / "flown"
 V1_16 = ("F_v116-px4-0", "F_v116-px4-1", "F_v116-px4-2", "F_v116b-px4-0")  # stable v1.16.1

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 from mavsdk_json import fields_of
 
-from agent.config.drone import VehicleConfig
-from agent.vehicle.demands import Demands
-from agent.vehicle.interface import GnssFix, LaunchPlace, VehicleCommand, VehicleState
-from agent.vehicle.mavlink.link import AUTOPILOT_COMPONENT, Received
-from agent.vehicle.mavlink.messages import DECODERS, Message
-from agent.vehicle.px4 import Px4Vehicle
+from radron.agent.config.drone import VehicleConfig
+from radron.agent.vehicle.demands import Demands
+from radron.agent.vehicle.interface import GnssFix, LaunchPlace, VehicleCommand, VehicleState
+from radron.agent.vehicle.mavlink.link import AUTOPILOT_COMPONENT, Received
+from radron.agent.vehicle.mavlink.messages import DECODERS, Message
+from radron.agent.vehicle.px4 import Px4Vehicle
 
 FOLDER = Path(__file__).parents[2] / "contract" / "recordings" / "messages"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xz"))

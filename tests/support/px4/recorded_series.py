@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
 
 RECORDINGS = Path(__file__).parents[2] / "contract" / "recordings"
 UNITS = {

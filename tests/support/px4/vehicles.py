@@ -14,10 +14,10 @@ from contextlib import suppress
 import msgspec
 import numpy as np
 
-from sim.vehicle.multirotor import Multirotors, MultirotorTruth
-from sim.vehicle.px4.config import Faults, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
-from sim.world.localization import Localization, LocalizationTruth
+from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from radron.sim.vehicle.px4.config import Faults, Px4Config
+from radron.sim.vehicle.px4.fleet import Px4Fleet
+from radron.sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 REPORT_STEPS = 5

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from agent.detector.readout import TICK_NS, PixelHits, Readout
-from agent.detector.wire import pack
-from sim.live.feed import ByteServer
+from radron.agent.detector.readout import TICK_NS, PixelHits, Readout
+from radron.agent.detector.wire import pack
+from radron.sim.live.feed import ByteServer
 
 SLICE_NS = 200_000_000
 HITS_PER_S = 6.0

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from agent.calibration.collection import Collection
-from agent.calibration.facing import Facing
-from agent.config.mission import DetectionConfig
-from agent.detector.files.calibration import Calibration
-from agent.detector.readout import Readout
-from agent.detector.spectroscopy.shapes import strongest_line_kev
-from sim.radiation.beam import BeamCamera
-from sim.radiation.camera import SourceView
-from sim.radiation.truth import CameraTruth
+from radron.agent.calibration.collection import Collection
+from radron.agent.calibration.facing import Facing
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.readout import Readout
+from radron.agent.detector.spectroscopy.shapes import strongest_line_kev
+from radron.sim.radiation.beam import BeamCamera
+from radron.sim.radiation.camera import SourceView
+from radron.sim.radiation.truth import CameraTruth
 
 RPY_DEG = (90.0, 0.0, 90.0)  # of the drone file
 FACINGS = [Facing(0.0, -10.0), Facing(60.0, 5.0), Facing(-50.0, 25.0)]

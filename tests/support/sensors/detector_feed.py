@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.readout import PixelHits, Readout
 
 
 async def until(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> None:

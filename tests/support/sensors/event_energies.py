@@ -5,16 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
 
-events = pytest.importorskip("sim.radiation.events")
-nuclides = pytest.importorskip("sim.radiation.nuclides")
+events = pytest.importorskip("radron.sim.radiation.events")
+nuclides = pytest.importorskip("radron.sim.radiation.nuclides")
 event_readout = pytest.importorskip("event_readout")
-surroundings = pytest.importorskip("sim.radiation.surroundings")
-timepix3 = pytest.importorskip("sim.radiation.timepix3")
-truth = pytest.importorskip("sim.radiation.truth")
+surroundings = pytest.importorskip("radron.sim.radiation.surroundings")
+timepix3 = pytest.importorskip("radron.sim.radiation.timepix3")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 
 def energies(lines, interactions):

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM, TICK_NS
-from sim.radiation._jit import jit
-from sim.radiation.events import Events
-from sim.radiation.materials import ELECTRON_MASS_KEV
-from sim.radiation.timepix3 import ENERGY_STEP_KEV
+from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNESS_MM, TICK_NS
+from radron.sim.radiation._jit import jit
+from radron.sim.radiation.events import Events
+from radron.sim.radiation.materials import ELECTRON_MASS_KEV
+from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

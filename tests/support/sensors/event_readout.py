@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.detector.files.calibration import NOMINAL
-from agent.detector.readout import PixelHits, Readout
-from sim.radiation.events import Events
-from sim.radiation.timepix3 import energies_kev
+from radron.agent.detector.files.calibration import NOMINAL
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.sim.radiation.events import Events
+from radron.sim.radiation.timepix3 import energies_kev
 
 SPACING_NS = 100_000  # an event's stamp over this is its number
 SPACING = SPACING_NS * 16 // 25  # ticks

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from sim.live.feed import ByteServer
+from radron.sim.live.feed import ByteServer
 
 
 class LineServer(ByteServer):

@@ -14,11 +14,11 @@ from math import cos, exp, hypot, sin, tau
 
 import numpy as np
 
-from sim.geometry import Array
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.events import Announcement
-from sim.vehicle.px4.parameters import Parameters
-from sim.world.localization import Localization
+from radron.sim.geometry import Array
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.events import Announcement
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.world.localization import Localization
 
 DRIFT_MPS = (0.1, 0.8)  # initial velocity error
 DRIFT_MPS2 = (0.08, 0.35)  # its growth: tilt and accelerometer errors
@@ -47,7 +47,8 @@ class _Phase(Enum):
 
 
 class DeadReckoning:
-    """State of one vehicle. Errors are estimate minus truth, world axes, in addition to those of ``sim.world.localization``.
+    """State of one vehicle. Errors are estimate minus truth, world axes, in addition to those of
+    ``radron.sim.world.localization``.
 
     known: whether the position is. fused: satellites are, or were recently. still: it assumes to be at rest. resets: so far.
     reported_sigma_m: 1 sigma, horizontal, in addition to the usual one. velocity_ratio, position_ratio: innovation test ratios.
@@ -181,7 +182,7 @@ class DeadReckoning:
 
 
 class FilterErrors:
-    """Errors of N filters, with the interface of ``sim.world.localization``: its small errors, dead reckoning, and heading
+    """Errors of N filters, with the interface of ``radron.sim.world.localization``: its small errors, dead reckoning, and heading
     resets.
     """
 

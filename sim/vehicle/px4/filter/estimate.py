@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pymap3d
 
-from sim.geometry import Array, Vector3
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors
-from sim.vehicle.px4.config import Datum
-from sim.vehicle.px4.filter.deadreckoning import FilterErrors
-from sim.world.frame import LocalFrames
-from sim.world.terrain import Terrain
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors
+from radron.sim.vehicle.px4.config import Datum
+from radron.sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from radron.sim.world.frame import LocalFrames
+from radron.sim.world.terrain import Terrain
 
 
 class Geodetic(NamedTuple):

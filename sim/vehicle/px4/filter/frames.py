@@ -6,9 +6,9 @@ from math import cos, sin
 
 import numpy as np
 
-from sim.geometry import Array, Vector3
-from sim.vehicle.guidance import Reframing
-from sim.world.frame import LocalFrames
+from radron.sim.geometry import Array, Vector3
+from radron.sim.vehicle.guidance import Reframing
+from radron.sim.world.frame import LocalFrames
 
 
 class AutopilotFrames(LocalFrames):

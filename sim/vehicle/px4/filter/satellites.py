@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from sim.geometry import Array
-from sim.vehicle.px4.face import Px4Face
-from sim.vehicle.px4.filter.estimate import Geodetic
-from sim.vehicle.px4.state import GPS_FIX_S, Reading
-from sim.world.movingframes import MovingFrames
+from radron.sim.geometry import Array
+from radron.sim.vehicle.px4.face import Px4Face
+from radron.sim.vehicle.px4.filter.estimate import Geodetic
+from radron.sim.vehicle.px4.state import GPS_FIX_S, Reading
+from radron.sim.world.movingframes import MovingFrames
 
 SATELLITES = 10  # SIM_GPS_USED's default
 OPEN_SKY_M = (0.7, 1.0)  # horizontal, vertical: reported accuracy of a receiver without modelled errors

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.geometry import Vector3
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.state import Message
+from radron.sim.geometry import Vector3
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.state import Message
 
 GAIN = 0.2  # of one pose
 GATE_M, GATE_RAD = 1.0, 0.5

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sim.vehicle.px4 import events
-from sim.vehicle.px4.events import Announcement
-from sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4 import events
+from radron.sim.vehicle.px4.events import Announcement
+from radron.sim.vehicle.px4.parameters import Parameters
 
 STATION_NOTICED_S = 2.1  # delay beyond COM_DL_LOSS_T
 COMPANION_LOST_S = 7.08

@@ -9,11 +9,11 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.errors import VehicleError
-from sim.vehicle.px4.config import Address
-from sim.vehicle.px4.mavlink.streams import Schedule
-from sim.vehicle.px4.mavlink.texts import Texts
-from sim.vehicle.px4.state import Message, State
+from radron.agent.errors import VehicleError
+from radron.sim.vehicle.px4.config import Address
+from radron.sim.vehicle.px4.mavlink.streams import Schedule
+from radron.sim.vehicle.px4.mavlink.texts import Texts
+from radron.sim.vehicle.px4.state import Message, State
 
 DATAGRAM_BYTES = 65_536
 _SO_TIMESTAMPNS = 35  # Linux: each datagram carries the time at which the kernel had it

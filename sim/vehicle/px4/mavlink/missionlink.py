@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.mavlink.link import Link
-from sim.vehicle.px4.state import Message
+from radron.sim.vehicle.px4.mavlink.link import Link
+from radron.sim.vehicle.px4.state import Message
 
 
 class MissionLink:

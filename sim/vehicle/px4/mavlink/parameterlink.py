@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.mavlink.link import Link
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.state import Message
+from radron.sim.vehicle.px4.mavlink.link import Link
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.state import Message
 
 UNKNOWN: int = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 WRONG_TYPE = 7  # PX4's own number; pymavlink does not name it

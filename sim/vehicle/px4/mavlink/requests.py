@@ -9,21 +9,21 @@ from math import isfinite, isnan
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.commander import ACCEPTED, DENIED, FORCE, TEMPORARILY_REJECTED, Commander
-from sim.vehicle.px4.events import SETPOINT_INVALID, Announcement
-from sim.vehicle.px4.filter.estimate import Geodetic
-from sim.vehicle.px4.filter.vision import Vision
-from sim.vehicle.px4.mavlink.contacts import Contacts
-from sim.vehicle.px4.mavlink.dialect import AvailableModes, ProtocolVersion
-from sim.vehicle.px4.mavlink.link import Link
-from sim.vehicle.px4.mavlink.missionlink import MissionLink
-from sim.vehicle.px4.mavlink.parameterlink import ParameterLink
-from sim.vehicle.px4.mavlink.setpoint import SetpointLog, offboard_target
-from sim.vehicle.px4.mavlink.status import available_modes
-from sim.vehicle.px4.mavlink.streams import BUILDERS
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.state import Message, State
+from radron.sim.vehicle.px4.commander import ACCEPTED, DENIED, FORCE, TEMPORARILY_REJECTED, Commander
+from radron.sim.vehicle.px4.events import SETPOINT_INVALID, Announcement
+from radron.sim.vehicle.px4.filter.estimate import Geodetic
+from radron.sim.vehicle.px4.filter.vision import Vision
+from radron.sim.vehicle.px4.mavlink.contacts import Contacts
+from radron.sim.vehicle.px4.mavlink.dialect import AvailableModes, ProtocolVersion
+from radron.sim.vehicle.px4.mavlink.link import Link
+from radron.sim.vehicle.px4.mavlink.missionlink import MissionLink
+from radron.sim.vehicle.px4.mavlink.parameterlink import ParameterLink
+from radron.sim.vehicle.px4.mavlink.setpoint import SetpointLog, offboard_target
+from radron.sim.vehicle.px4.mavlink.status import available_modes
+from radron.sim.vehicle.px4.mavlink.streams import BUILDERS
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.parameters import Parameters
+from radron.sim.vehicle.px4.state import Message, State
 
 SLOWEST_SYNC_NS = 30_000_000  # round trip; a slower answer is too inaccurate
 SYNC_WINDOW_NS = 2_000_000_000

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.geometry import Vector3
+from radron.sim.geometry import Vector3
 
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
 

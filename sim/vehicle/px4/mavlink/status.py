@@ -6,11 +6,11 @@ from math import cos, nan, pi
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.arming import HEADING
-from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.mavlink.dialect import AvailableModes, CurrentEventSequence, CurrentMode, ProtocolVersion
-from sim.vehicle.px4.modes import Mode
-from sim.vehicle.px4.state import Message, State
+from radron.sim.vehicle.px4.arming import HEADING
+from radron.sim.vehicle.px4.battery import Warning
+from radron.sim.vehicle.px4.mavlink.dialect import AvailableModes, CurrentEventSequence, CurrentMode, ProtocolVersion
+from radron.sim.vehicle.px4.modes import Mode
+from radron.sim.vehicle.px4.state import Message, State
 
 _NO_CELL = 65535
 # SYS_STATUS as recorded. RC_RECEIVER is enabled and never present; the arming checks are reported as healthy, never as present.

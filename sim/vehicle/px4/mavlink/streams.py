@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.mavlink import status, telemetry
-from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode, ProtocolVersion
-from sim.vehicle.px4.state import Builder
+from radron.sim.vehicle.px4.mavlink import status, telemetry
+from radron.sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode, ProtocolVersion
+from radron.sim.vehicle.px4.state import Builder
 
 BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: status.heartbeat,

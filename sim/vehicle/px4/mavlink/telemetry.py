@@ -6,9 +6,9 @@ from math import atan2, cos, hypot, nan, pi, sin
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.multirotor import GRAVITY_MPS2
-from sim.vehicle.px4.filter.estimate import Estimate
-from sim.vehicle.px4.state import Message, State
+from radron.sim.vehicle.multirotor import GRAVITY_MPS2
+from radron.sim.vehicle.px4.filter.estimate import Estimate
+from radron.sim.vehicle.px4.state import Message, State
 
 RANGE_M = (0.1, 40.0)  # of the rangefinder
 SATELLITES = 10

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.state import Message
+from radron.sim.vehicle.px4.state import Message
 
 BEGIN_S = 2.85  # after the start: time of the first text
 EVERY_S = 0.048  # between two texts

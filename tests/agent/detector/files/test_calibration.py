@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.files.calibration import Calibration, bad_pixels, load_calibration, load_flight_calibration
-from agent.errors import DetectorError
+from radron.agent.detector.files.calibration import Calibration, bad_pixels, load_calibration, load_flight_calibration
+from radron.agent.errors import DetectorError
 
 
 def write(folder, **matrices):

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.files.t3pa import T3paReader
-from agent.detector.files.toa import MAX_APART, PERIOD
+from radron.agent.detector.files.t3pa import T3paReader
+from radron.agent.detector.files.toa import MAX_APART, PERIOD
 
 NAMES = ("Index", "Matrix Index", "ToA", "ToT", "FToA", "Overflow")
 EVENTS = 60

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.detector.files import t3pa
-from agent.detector.files.t3pa import T3paReader, readouts
-from agent.errors import DetectorError
+from radron.agent.detector.files import t3pa
+from radron.agent.detector.files.t3pa import T3paReader, readouts
+from radron.agent.errors import DetectorError
 
 HEADER = "Index\tMatrix Index\tToA\tToT\tFToA\tOverflow"
 

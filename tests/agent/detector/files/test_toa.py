@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.detector.files.toa import MAX_APART, PERIOD, BorderRepair, joined_at_borders
+from radron.agent.detector.files.toa import MAX_APART, PERIOD, BorderRepair, joined_at_borders
 
 
 def test_hits_away_from_a_border_stay() -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from event_energies import pool
 
-from agent.detector.lines import GAMMAS, LINES_KEV
-from agent.detector.spectroscopy import recognition, residuals
-from agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
-from agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
+from radron.agent.detector.lines import GAMMAS, LINES_KEV
+from radron.agent.detector.spectroscopy import recognition, residuals
+from radron.agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
+from radron.agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
 
 FOUR = ("Cs-137", "Co-60", "I-131", "Ir-192")
 

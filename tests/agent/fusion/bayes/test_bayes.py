@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from bayesflights import entries_of, errors_of, fusion_of, hypotheses
 
-from agent.frames.carried import told
-from agent.frames.graph import FrameGraph
-from agent.frames.swarm import SwarmFrames
-from agent.frames.transform import Transform
-from agent.fusion.bayes.search import SearchState
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.engine import Fusion
-from agent.fusion.estimator import GridStep
-from agent.fusion.registry import estimator_named
-from protocol.codec import encode
-from protocol.entries import Counts, Exposure, PoseSample
+from radron.agent.frames.carried import told
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.swarm import SwarmFrames
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.search import SearchState
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.engine import Fusion
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.registry import estimator_named
+from radron.protocol.codec import encode
+from radron.protocol.entries import Counts, Exposure, PoseSample
 
 
 def test_a_static_source_is_found_with_its_activity(kit):

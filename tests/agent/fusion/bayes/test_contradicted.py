@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from bayesflights import SOURCE, entries_of, errors_of, flown, fusion_of, hypotheses
 
-from agent.fusion.bayes import contradicted
-from agent.fusion.bayes.contradicted import MOST, is_contradicted, rejected
+from radron.agent.fusion.bayes import contradicted
+from radron.agent.fusion.bayes.contradicted import MOST, is_contradicted, rejected
 
 S = 1_000_000_000
 OFF_M = (11.0, -7.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from bayesflights import SOURCE, errors_of, flown, fusion_of, hypotheses
 
-from agent.fusion.bayes.doubted import MOST_SIGMA_M, RECENT_NS, of_counting
-from agent.fusion.bayes.motion import BIAS
+from radron.agent.fusion.bayes.doubted import MOST_SIGMA_M, RECENT_NS, of_counting
+from radron.agent.fusion.bayes.motion import BIAS
 
 
 def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.fusion.bayes import hidden
-from agent.fusion.bayes.response import response_of
+from radron.agent.fusion.bayes import hidden
+from radron.agent.fusion.bayes.response import response_of
 
 RESPONSE = response_of("Cs-137")
 DIRECT, SCATTERED = RESPONSE.parts(np.array([[2.0]]), np.array([[10.0]]), np.array([[0.9]]))

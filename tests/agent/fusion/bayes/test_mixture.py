@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
+from radron.agent.fusion.bayes.mixture import Mixture
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
 
 MOTION = Motion(
     velocity_variance=np.array([0.0, 0.49, 4.0]),

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.errors import ConfigError
-from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
-from agent.fusion.facing import Facing
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
+from radron.agent.fusion.facing import Facing
 
-beam = pytest.importorskip("sim.radiation.beam")
-camera = pytest.importorskip("sim.radiation.camera")
-truth = pytest.importorskip("sim.radiation.truth")
+beam = pytest.importorskip("radron.sim.radiation.beam")
+camera = pytest.importorskip("radron.sim.radiation.camera")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 DISTANCE_M = 15.0
 LIVE_S = 10.0

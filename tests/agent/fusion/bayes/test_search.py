@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from shapely import Polygon, box, distance, points
 
-from agent.config.estimators import BayesEstimatorConfig
-from agent.fusion.bayes.grid import OUTSIDE, Grid
-from agent.fusion.bayes.response import response_of
-from agent.fusion.bayes.search import SearchState
-from agent.terrain.ground import Ground
+from radron.agent.config.estimators import BayesEstimatorConfig
+from radron.agent.fusion.bayes.grid import OUTSIDE, Grid
+from radron.agent.fusion.bayes.response import response_of
+from radron.agent.fusion.bayes.search import SearchState
+from radron.agent.terrain.ground import Ground
 
 
 @pytest.mark.parametrize("side_m", [50.0, 100.0, 300.0, 1000.0])

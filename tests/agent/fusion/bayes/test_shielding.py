@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from agent.config.buildings import BuildingConfig, BuildingsConfig
-from agent.config.mission import GroundConfig
-from agent.fusion.bayes.response import response_of
-from agent.fusion.bayes.shielding import Shielding
-from agent.terrain.buildings import Buildings
-from agent.terrain.ground import Ground
+from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
+from radron.agent.config.mission import GroundConfig
+from radron.agent.fusion.bayes.response import response_of
+from radron.agent.fusion.bayes.shielding import Shielding
+from radron.agent.terrain.buildings import Buildings
+from radron.agent.terrain.ground import Ground
 
 RESPONSE = response_of("Cs-137")
 WALL = BuildingConfig(footprint_m=((5.0, 0.0), (5.2, 0.0), (5.2, 10.0), (5.0, 10.0)), height_m=4.0, attenuation_per_m=10.0)

@@ -4,17 +4,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.config.estimators import FusionConfig
-from agent.config.mission import DetectionConfig
-from agent.config.section import content_of
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
-from agent.fusion.bayes.soil import IMAGE_DEPTH, SOIL
-from agent.fusion.facing import Facing
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.config.section import content_of
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
+from radron.agent.fusion.bayes.soil import IMAGE_DEPTH, SOIL
+from radron.agent.fusion.facing import Facing
 
-camera = pytest.importorskip("sim.radiation.camera")
-truth = pytest.importorskip("sim.radiation.truth")
+camera = pytest.importorskip("radron.sim.radiation.camera")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 LIVE_S = 4.0
 EVENTS_PS = 3000.0

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import GroundConfig
-from agent.fusion.bayes.exposed import Exposed
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, SCATTER, Motion
-from agent.fusion.bayes.response import response_of
-from agent.fusion.bayes.sight import Scene
-from agent.fusion.bayes.soil import HEIGHT_SIGMA_M, IMAGE_DEPTH, SCATTER_SIGMA
-from agent.fusion.bayes.spectrum import Contrast, soil_share
-from agent.fusion.facing import Facing
-from agent.terrain.ground import Ground
+from radron.agent.config.mission import GroundConfig
+from radron.agent.fusion.bayes.exposed import Exposed
+from radron.agent.fusion.bayes.mixture import Mixture
+from radron.agent.fusion.bayes.motion import ACTIVITY, BIAS, HEIGHT, SCATTER, Motion
+from radron.agent.fusion.bayes.response import response_of
+from radron.agent.fusion.bayes.sight import Scene
+from radron.agent.fusion.bayes.soil import HEIGHT_SIGMA_M, IMAGE_DEPTH, SCATTER_SIGMA
+from radron.agent.fusion.bayes.spectrum import Contrast, soil_share
+from radron.agent.fusion.facing import Facing
+from radron.agent.terrain.ground import Ground
 
 SCENE = Scene(response_of("Cs-137", "soil"), Ground(GroundConfig()))
 LOG_ACTIVITY = np.log(3.0)

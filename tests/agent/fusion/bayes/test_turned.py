@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from bayesflights import SOURCE, entries_of, fusion_of
 
-from agent.fusion.bayes.turned import turned_deg, with_score
-from protocol.entries import Cone
+from radron.agent.fusion.bayes.turned import turned_deg, with_score
+from radron.protocol.entries import Cone
 
 
 def turned(entry, turn_deg):

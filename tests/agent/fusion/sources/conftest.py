@@ -9,20 +9,20 @@ import pytest
 from fusions import fusion_of
 from shapely import Polygon
 
-from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
-from agent.config.mission import AreaConfig, DetectionConfig
-from agent.detector.windows import Windows
-from agent.frames.transform import Transform
-from agent.fusion.facing import MEAN_FACING
-from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Cones, Rows
-from agent.fusion.sources.directions import ConeModel
-from agent.fusion.sources.fit import Prior, Problem
-from agent.fusion.sources.spectra import Spectra
-from agent.terrain.ground import Ground
-from protocol.entries import Counts
-from protocol.spectrum import SpectrumBin
+from radron.agent.config.estimators import FusionConfig, SourcesEstimatorConfig
+from radron.agent.config.mission import AreaConfig, DetectionConfig
+from radron.agent.detector.windows import Windows
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.agent.fusion.observation import ConeObservation, observe
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Cones, Rows
+from radron.agent.fusion.sources.directions import ConeModel
+from radron.agent.fusion.sources.fit import Prior, Problem
+from radron.agent.fusion.sources.spectra import Spectra
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import Counts
+from radron.protocol.spectrum import SpectrumBin
 
 SIDE_M = 40.0
 NUCLIDES = ("Cs-137", "Co-60", "Ir-192")

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.frames.transform import Transform
-from agent.fusion.observation import CountObservation
-from agent.fusion.sources.data import Rows
-from protocol.entries import EntryId
-from protocol.spectrum import SpectrumBin
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.observation import CountObservation
+from radron.agent.fusion.sources.data import Rows
+from radron.protocol.entries import EntryId
+from radron.protocol.spectrum import SpectrumBin
 
 DRONES = {"a": 0, "b": 1}
 NS = 1_000_000_000

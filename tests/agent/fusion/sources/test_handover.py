@@ -7,17 +7,17 @@ import pytest
 from fusions import fusion_of
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform
-from agent.fusion.bayes.exposed import Exposed
-from agent.fusion.bayes.state import BayesState
-from agent.fusion.deferred import Deferred, Folder
-from agent.fusion.observation import observe
-from agent.fusion.registry import estimator_named
-from agent.fusion.sources.handover import FollowingEstimator
-from agent.fusion.sources.looking import led
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.tracker import Track
-from agent.navigation.focus import focus
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.bayes.exposed import Exposed
+from radron.agent.fusion.bayes.state import BayesState
+from radron.agent.fusion.deferred import Deferred, Folder
+from radron.agent.fusion.observation import observe
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.fusion.sources.handover import FollowingEstimator
+from radron.agent.fusion.sources.looking import led
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.tracker import Track
+from radron.agent.navigation.focus import focus
 
 SPEED_MPS, WALKS_S = 0.8, 30.0
 END_S = 120.0  # up to 40 s until it clearly rests; taken back 30 s later, with the next moves

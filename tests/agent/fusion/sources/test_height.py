@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.fusion.sources.moves import _joined
-from agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.moves import _joined
+from radron.agent.fusion.sources.solution import Solution
 
 
 def raised():

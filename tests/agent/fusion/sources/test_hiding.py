@@ -7,8 +7,8 @@ import pytest
 from fusions import fusion_of
 from msgspec.structs import replace
 
-from agent.config.buildings import BuildingConfig, BuildingsConfig
-from agent.config.mission import SurveyConfig
+from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
+from radron.agent.config.mission import SurveyConfig
 
 LEAST_BQ = 5e7
 STRONG = ("Cs-137", 8.0, 20.0, 5e9)

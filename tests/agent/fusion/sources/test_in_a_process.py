@@ -17,11 +17,11 @@ import psutil
 import pytest
 from fusions import fusion_of
 
-from agent.fusion import deferred
-from agent.fusion.estimator import Hypothesis
-from agent.fusion.registry import deferred_named
-from agent.shell.folding import Folding
-from agent.shell.foldworker import LENGTH, packed
+from radron.agent.fusion import deferred
+from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.fusion.registry import deferred_named
+from radron.agent.shell.folding import Folding
+from radron.agent.shell.foldworker import LENGTH, packed
 
 DEADLINE_S = 120.0  # the machine is shared
 MOST_HELD_S = 0.01  # processor time of the loop between two waits
@@ -147,7 +147,7 @@ def test_the_same_bits_and_a_loop_that_is_free_although_the_process_is_killed(ki
 def test_the_process_ends_with_an_agent_that_is_killed():
     parent = """
 import os, subprocess, sys, time
-command = [sys.executable, "-m", "agent.shell.foldworker", str(os.getpid())]
+command = [sys.executable, "-m", "radron.agent.shell.foldworker", str(os.getpid())]
 print(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL).pid, flush=True)
 time.sleep(600)
 """

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.frames.transform import Transform
-from agent.fusion.observation import observe
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra
-from agent.terrain.ground import Ground
-from protocol.entries import Counts, PoseSample
-from protocol.spectrum import SpectrumBin
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.observation import observe
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import Spectra
+from radron.agent.terrain.ground import Ground
+from radron.protocol.entries import Counts, PoseSample
+from radron.protocol.spectrum import SpectrumBin
 
 NS = 1_000_000_000
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from agent.frames.transform import Transform
-from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.misled import _COMMON_ERROR, misled
-from agent.fusion.sources.solution import Solution
+from radron.agent.frames.transform import Transform
+from radron.agent.fusion.observation import ConeObservation, observe
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.misled import _COMMON_ERROR, misled
+from radron.agent.fusion.sources.solution import Solution
 
 SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
 

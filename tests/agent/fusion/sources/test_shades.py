@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.buildings import BuildingConfig, BuildingsConfig
-from agent.config.mission import GroundConfig
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.shades import KnownWalls, Shades
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra
-from agent.terrain.buildings import attenuation_per_m
-from agent.terrain.ground import Ground
+from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
+from radron.agent.config.mission import GroundConfig
+from radron.agent.fusion.sources.counts import CountModel
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.shades import KnownWalls, Shades
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import Spectra
+from radron.agent.terrain.buildings import attenuation_per_m
+from radron.agent.terrain.ground import Ground
 
 SOURCE = ("Cs-137", 18.0, 22.0, 3e9)
 WEST_M, THICKNESS_M, SOUTH_M, NORTH_M, HEIGHT_M = 14.9, 0.2, 16.0, 32.0, 2.5

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.detector.windows import Windows
-from agent.fusion.bayes.response import Channel
-from agent.fusion.facing import MEAN_FACING, Facing
-from agent.fusion.sources.bins import pooled
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
-from agent.fusion.sources.tracker import _bins, _response
-from protocol.spectrum import BINS
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.detector.windows import Windows
+from radron.agent.fusion.bayes.response import Channel
+from radron.agent.fusion.facing import MEAN_FACING, Facing
+from radron.agent.fusion.sources.bins import pooled
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.tracker import _bins, _response
+from radron.protocol.spectrum import BINS
 
-camera = pytest.importorskip("sim.radiation.camera")
-truth = pytest.importorskip("sim.radiation.truth")
+camera = pytest.importorskip("radron.sim.radiation.camera")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 OVER_SOIL = truth.CameraTruth(scatter_near=0.05, background_hits_per_s=0.3)
 LIVE_S, EVENTS_PS = 4.0, 3000.0

@@ -7,15 +7,15 @@ import pytest
 from fusions import fusion_of
 from msgspec.structs import replace
 
-from agent.errors import ConfigError
-from agent.fusion.estimator import GridStep
-from agent.fusion.registry import estimator_named
-from agent.fusion.sources.data import Rows
-from agent.fusion.sources.estimator import _strongest_first
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.handover import FollowingState
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.state import SourcesState
+from radron.agent.errors import ConfigError
+from radron.agent.fusion.estimator import GridStep
+from radron.agent.fusion.registry import estimator_named
+from radron.agent.fusion.sources.data import Rows
+from radron.agent.fusion.sources.estimator import _strongest_first
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.handover import FollowingState
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.state import SourcesState
 
 TWO = [("Cs-137", 12.0, 20.0, 6e8), ("Ir-192", 30.0, 15.0, 1e9)]
 

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import DetectionConfig
-from agent.detector.chain import DetectorChain
-from agent.detector.files.calibration import Calibration
-from agent.fusion.facing import MEAN_FACING
-from agent.fusion.sources.bins import pooled
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
-from protocol.spectrum import BINS, EDGES_KEV
+from radron.agent.config.mission import DetectionConfig
+from radron.agent.detector.chain import DetectorChain
+from radron.agent.detector.files.calibration import Calibration
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.agent.fusion.sources.bins import pooled
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
+from radron.protocol.spectrum import BINS, EDGES_KEV
 
-beam = pytest.importorskip("sim.radiation.beam")
-camera = pytest.importorskip("sim.radiation.camera")
-truth = pytest.importorskip("sim.radiation.truth")
+beam = pytest.importorskip("radron.sim.radiation.beam")
+camera = pytest.importorskip("radron.sim.radiation.camera")
+truth = pytest.importorskip("radron.sim.radiation.truth")
 
 DISTANCE_M = 15.0
 BELOW_RAD = 0.44  # of the source, as seen from a circle of 6 m, 3 m high
@@ -87,4 +87,4 @@ def test_cones_point_to_the_nuclide_whose_line_they_have():
     assert pointing[0] > 5.0 * other[0]
     assert pointing[1] == pointing[2] == 0.0
     assert (other > 0.0).all()
-    assert 0.001 < background_ps < 0.02  # 0.008 in agent.fusion.bayes.response, with the selection of cones
+    assert 0.001 < background_ps < 0.02  # 0.008 in radron.agent.fusion.bayes.response, with the selection of cones

@@ -5,9 +5,9 @@ import pytest
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.fusion.sources.estimator import SourcesAtRest
-from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.estimator import SourcesAtRest
+from radron.agent.fusion.sources.fit import Fitted
+from radron.agent.fusion.sources.solution import Solution
 
 
 @pytest.mark.parametrize(

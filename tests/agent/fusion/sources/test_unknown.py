@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agent.fusion.facing import MEAN_FACING
-from agent.fusion.sources.fit import Fitted, Prior
-from agent.fusion.sources.moves import Moves
-from agent.fusion.sources.soil import Sight
-from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra, UnknownSpectrum
-from agent.fusion.sources.unknown import Measured, _seen, explained, lines_kev, only_told
+from radron.agent.fusion.facing import MEAN_FACING
+from radron.agent.fusion.sources.fit import Fitted, Prior
+from radron.agent.fusion.sources.moves import Moves
+from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.solution import Solution
+from radron.agent.fusion.sources.spectra import Spectra, UnknownSpectrum
+from radron.agent.fusion.sources.unknown import Measured, _seen, explained, lines_kev, only_told
 
 CHANCE_MM2 = 0.05  # of a spectrum's areas: that of about 2,000 events of Cs-137 a few metres away
 

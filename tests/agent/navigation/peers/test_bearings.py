@@ -4,9 +4,9 @@ from math import cos, pi, sin
 
 import pytest
 
-from agent.navigation.peers.bearings import freest_bearing, seen_bearings
-from agent.navigation.peers.newest import Peers
-from protocol.entries import Sighting
+from radron.agent.navigation.peers.bearings import freest_bearing, seen_bearings
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.entries import Sighting
 
 SECOND = 1_000_000_000
 

@@ -4,11 +4,11 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, partner, pilot
 
-from agent.localization.clocks import MOST_SIGMA_M, Clocks
-from agent.navigation.peers.newest import FUTURE_NS, Peers
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Stage, Status
+from radron.agent.localization.clocks import MOST_SIGMA_M, Clocks
+from radron.agent.navigation.peers.newest import FUTURE_NS, Peers
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Stage, Status
 
 MS = 1_000_000
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.navigation.peers.relative import WINDOW_NS, offset, placed_alone, places
-from protocol.entries import Sighting
+from radron.agent.navigation.peers.relative import WINDOW_NS, offset, placed_alone, places
+from radron.protocol.entries import Sighting
 
 SECOND = 1_000_000_000
 OWN = np.array([1.0, 2.0, 3.0])

@@ -6,16 +6,16 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.sources import MAX_STORIES, RIVAL_NS, SHOWN_NS, contradict
-from agent.pilot import Step
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Pose, Stage, Status
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.peers.sources import MAX_STORIES, RIVAL_NS, SHOWN_NS, contradict
+from radron.agent.pilot import Step
+from radron.protocol.codec import encode
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Pose, Stage, Status
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS

@@ -5,10 +5,10 @@ from math import inf
 import numpy as np
 import pytest
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
-from agent.motion.reference import PeerState
-from agent.navigation.unheard.agentless import Agentless
-from protocol.messages import Stage
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.unheard.agentless import Agentless
+from radron.protocol.messages import Stage
 
 HOME = (0.0, 0.0, 0.0)
 NOW = np.array([3.0, 5.0, 7.0])

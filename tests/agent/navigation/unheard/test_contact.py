@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from agent.motion.reference import PeerState
-from agent.navigation.unheard.contact import Circle, wall_between
+from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.unheard.contact import Circle, wall_between
 
 AT_REST = Circle((20.0, 10.0), (0.0, 0.0), 10.0, 3.0)
 WITH_ITS_SOURCE = Circle((20.0, 10.0), (0.0, -2.0), 10.0, 3.0)

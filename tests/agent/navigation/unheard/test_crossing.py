@@ -5,9 +5,9 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
-from agent.motion.orbit import ring_lift_m
-from agent.navigation.unheard.crossing import Crossing, WayHome, crossing_height_m, is_over_m
+from radron.agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
+from radron.agent.motion.orbit import ring_lift_m
+from radron.agent.navigation.unheard.crossing import Crossing, WayHome, crossing_height_m, is_over_m
 
 OVER_M = 16.0  # return height of d3
 THREE = replace(

@@ -7,12 +7,12 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, pose, status
 
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from protocol.messages import Stage
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.protocol.messages import Stage
 
 HEARD = replace(pose(), position_m=(-40.0, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0))  # at (10, -40)
 HOME = (10.0, 0.0)

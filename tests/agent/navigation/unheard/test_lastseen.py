@@ -7,14 +7,14 @@ import pytest
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, pose, sighting, status
 
-from agent.config.mission import SafetyConfig
-from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
-from agent.navigation.myself import Self
-from agent.navigation.neighbours import Neighbourhood
-from agent.navigation.peers.newest import Peers
-from agent.navigation.peers.placing import WORST_SIGMA_M
-from protocol.messages import Stage
+from radron.agent.config.mission import SafetyConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.frames.transform import Transform
+from radron.agent.navigation.myself import Self
+from radron.agent.navigation.neighbours import Neighbourhood
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M
+from radron.protocol.messages import Stage
 
 FAR = replace(pose(), position_m=(-40.0, 0.0, 3.0))  # at (10, -40)
 HIDDEN_S = 20.0

@@ -3,10 +3,10 @@
 import pytest
 from msgspec.structs import replace
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.navigation.peers.newest import Peers
-from agent.navigation.unheard.silent import LEFT_S, Silent
-from protocol.messages import Pose, Stage, Status
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.unheard.silent import LEFT_S, Silent
+from radron.protocol.messages import Pose, Stage, Status
 
 NAMES = ("a", "b", "c", "d")
 MISSION = MissionConfig(

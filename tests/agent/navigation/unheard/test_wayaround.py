@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.navigation.unheard.wayaround import KeptPlace, WayAround
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.navigation.unheard.wayaround import KeptPlace, WayAround
 
 
 def mission(left, right, margin_m):

@@ -5,12 +5,12 @@ from hashlib import sha256
 
 import pytest
 
-from sim.campaign.faults.attacks import ATTACKS, attack
-from sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, SHORT
-from sim.campaign.faults.mission import Mission
-from sim.faults.disk import check_playable
-from sim.faults.kinds import DEALT_ONLY, KINDS
-from sim.scenario import parse_scenario
+from radron.sim.campaign.faults.attacks import ATTACKS, attack
+from radron.sim.campaign.faults.course import ATTACKED, DEALT, FULL, LIVE, SHORT
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.faults.disk import check_playable
+from radron.sim.faults.kinds import DEALT_ONLY, KINDS
+from radron.sim.scenario import parse_scenario
 
 
 def test_successive_seeds_have_each_attack_in_turn_on_one_drone() -> None:

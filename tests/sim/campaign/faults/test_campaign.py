@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from agent.errors import ConfigError
-from sim.campaign.faults.campaign import FaultCampaign, fly_faults
-from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
-from sim.campaign.faults.minimise import minimise
-from sim.campaign.faults.mission import Mission, Verdict
-from sim.campaign.faults.summary import summarise, table, told, write_summary
-from sim.campaign.workers import attempt
-from sim.scoring.invariants.base import Violation
-from sim.scoring.invariants.judge import ANY
+from radron.agent.errors import ConfigError
+from radron.sim.campaign.faults.campaign import FaultCampaign, fly_faults
+from radron.sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
+from radron.sim.campaign.faults.minimise import minimise
+from radron.sim.campaign.faults.mission import Mission, Verdict
+from radron.sim.campaign.faults.summary import summarise, table, told, write_summary
+from radron.sim.campaign.workers import attempt
+from radron.sim.scoring.invariants.base import Violation
+from radron.sim.scoring.invariants.judge import ANY
 
 
 def verdict(mission: Mission) -> Verdict:

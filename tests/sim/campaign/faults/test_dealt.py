@@ -5,13 +5,13 @@ from collections import Counter
 
 import pytest
 
-from sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
-from sim.campaign.faults.dealt import DECK, HAND, LIVE_HANDS, MISLEADING, deal
-from sim.campaign.faults.mission import Mission
-from sim.faults.disk import check_playable as check_lockstep
-from sim.faults.machines import Clock
-from sim.live.faults.playable import check_playable as check_live
-from sim.scenario import parse_scenario
+from radron.sim.campaign.faults.course import DEALT, FULL, LIVE, SHORT
+from radron.sim.campaign.faults.dealt import DECK, HAND, LIVE_HANDS, MISLEADING, deal
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.faults.disk import check_playable as check_lockstep
+from radron.sim.faults.machines import Clock
+from radron.sim.live.faults.playable import check_playable as check_live
+from radron.sim.scenario import parse_scenario
 
 
 def kinds(first: int, course) -> Counter[str]:

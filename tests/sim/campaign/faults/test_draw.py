@@ -4,11 +4,11 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
-from sim.campaign.faults.course import FULL, SHORT
-from sim.campaign.faults.draw import as_toml, draw
-from sim.campaign.faults.strengths import STRENGTHS
-from sim.faults.kinds import DEALT_ONLY, KINDS
-from sim.scenario import load_scenario, parse_scenario
+from radron.sim.campaign.faults.course import FULL, SHORT
+from radron.sim.campaign.faults.draw import as_toml, draw
+from radron.sim.campaign.faults.strengths import STRENGTHS
+from radron.sim.faults.kinds import DEALT_ONLY, KINDS
+from radron.sim.scenario import load_scenario, parse_scenario
 
 SEEDS = range(60)
 

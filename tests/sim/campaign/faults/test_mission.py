@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 from moments import hypothesis, moment, pilot
 
-import sim.lockstep.flight
-from agent.pilot import Pilot
-from protocol.messages import Stage
-from sim.campaign.faults.course import SHORT
-from sim.campaign.faults.draw import draw
-from sim.campaign.faults.mission import Log, Mission, fly_mission
-from sim.campaign.faults.recording import Recording
-from sim.scenario import parse_scenario
-from sim.scoring.moment import Moment
+import radron.sim.lockstep.flight
+from radron.agent.pilot import Pilot
+from radron.protocol.messages import Stage
+from radron.sim.campaign.faults.course import SHORT
+from radron.sim.campaign.faults.draw import draw
+from radron.sim.campaign.faults.mission import Log, Mission, fly_mission
+from radron.sim.campaign.faults.recording import Recording
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.moment import Moment
 
 
 def document(*faults):
@@ -29,7 +29,7 @@ def fly_until(end_s: float, make=Pilot, *faults) -> list[Moment]:
         seen.append(moment)
         return moment.time_s > end_s
 
-    sim.lockstep.flight.watched(parse_scenario(document(*faults), "test"), 1, watch, make)
+    radron.sim.lockstep.flight.watched(parse_scenario(document(*faults), "test"), 1, watch, make)
     return seen
 
 
@@ -88,7 +88,7 @@ def test_an_agent_that_starts_late_is_recorded_from_then_on(tmp_path: Path) -> N
 def test_a_pilot_that_is_not_the_same_again_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = Recording("d1", tmp_path)
     fly_until(1.5, recording.make)
-    monkeypatch.setattr("agent.mission.stages.REQUESTS", {})
+    monkeypatch.setattr("radron.agent.mission.stages.REQUESTS", {})
     (difference,) = recording.differences()
     assert "flown" in difference
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.campaign.faults.recording import _Recorded
+from radron.sim.campaign.faults.recording import _Recorded
 
 
 @pytest.mark.parametrize(

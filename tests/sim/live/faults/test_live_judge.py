@@ -8,16 +8,16 @@ import moments
 import numpy as np
 from msgspec.structs import replace
 
-from protocol.messages import Pose, Stage, Status
-from sim.faults.machines import Disarm, StreamLost
-from sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
-from sim.live.monitor import Belief, ObservedAgent
-from sim.live.report import AgentEnd, LiveReport
-from sim.live.worldlink import Truth
-from sim.scoring.invariants.base import Setting
-from sim.scoring.moment import Scene
-from sim.vehicle.px4.fleet import VehicleReport
-from sim.world.sources import Source
+from radron.protocol.messages import Pose, Stage, Status
+from radron.sim.faults.machines import Disarm, StreamLost
+from radron.sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
+from radron.sim.live.monitor import Belief, ObservedAgent
+from radron.sim.live.report import AgentEnd, LiveReport
+from radron.sim.live.worldlink import Truth
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.moment import Scene
+from radron.sim.vehicle.px4.fleet import VehicleReport
+from radron.sim.world.sources import Source
 
 SECOND = 1_000_000_000
 

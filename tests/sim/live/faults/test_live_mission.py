@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from sim.campaign.faults.course import LIVE
-from sim.campaign.faults.mission import Mission
-from sim.live.faults import mission
-from sim.live.faults.judge import LiveJudge
-from sim.live.monitor import ObservedAgent
-from sim.scenario import Scenario
-from sim.scoring.invariants.base import Setting, Violation
+from radron.sim.campaign.faults.course import LIVE
+from radron.sim.campaign.faults.mission import Mission
+from radron.sim.live.faults import mission
+from radron.sim.live.faults.judge import LiveJudge
+from radron.sim.live.monitor import ObservedAgent
+from radron.sim.scenario import Scenario
+from radron.sim.scoring.invariants.base import Setting, Violation
 
 VIOLATION = Violation(invariant="own-pose", time_s=30.0, drones=("d1",), text="it is elsewhere")
 

@@ -12,10 +12,10 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from agent.errors import ConfigError
-from protocol.codec import decode, encode
-from protocol.messages import Pose
-from sim.faults.agents import (
+from radron.agent.errors import ConfigError
+from radron.protocol.codec import decode, encode
+from radron.protocol.messages import Pose
+from radron.sim.faults.agents import (
     Cut,
     DenseEntries,
     Disk,
@@ -30,8 +30,8 @@ from sim.faults.agents import (
     Stall,
     Throttle,
 )
-from sim.faults.kinds import AnyFault
-from sim.faults.machines import (
+from radron.sim.faults.kinds import AnyFault
+from radron.sim.faults.machines import (
     Battery,
     CameraDead,
     CameraNoisy,
@@ -46,19 +46,19 @@ from sim.faults.machines import (
     StreamLost,
     Takeover,
 )
-from sim.faults.network import padded
-from sim.live.agents import Agents
-from sim.live.faults.flooding import FloodPlan
-from sim.live.faults.playable import check_playable, needs_relays
-from sim.live.faults.player import FaultPlayer
-from sim.live.places import Places
-from sim.live.relays.launcher import RelayProcess
-from sim.live.relays.linkstate import PASSING, LinkState
-from sim.live.view import View
-from sim.live.worldlink import Order, Truth, order_line, read_order
-from sim.live.worldprocess import WorldProcess
-from sim.scenario import Scenario, load_scenario
-from sim.vehicle.px4.faults import VehicleFault
+from radron.sim.faults.network import padded
+from radron.sim.live.agents import Agents
+from radron.sim.live.faults.flooding import FloodPlan
+from radron.sim.live.faults.playable import check_playable, needs_relays
+from radron.sim.live.faults.player import FaultPlayer
+from radron.sim.live.places import Places
+from radron.sim.live.relays.launcher import RelayProcess
+from radron.sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.view import View
+from radron.sim.live.worldlink import Order, Truth, order_line, read_order
+from radron.sim.live.worldprocess import WorldProcess
+from radron.sim.scenario import Scenario, load_scenario
+from radron.sim.vehicle.px4.faults import VehicleFault
 
 CUT = LinkState(cut=True)
 

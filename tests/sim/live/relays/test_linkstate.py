@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from sim.live.relays.linkstate import PASSING, LinkState, Packets, combined, corrupted
+from radron.sim.live.relays.linkstate import PASSING, LinkState, Packets, combined, corrupted
 
 PACKET = bytes(range(40))
 SENT = 20_000

@@ -7,8 +7,8 @@ import socket
 from collections.abc import Callable
 from random import Random
 
-from sim.live.relays.linkstate import LinkState
-from sim.live.relays.mavlink import MavlinkRelay
+from radron.sim.live.relays.linkstate import LinkState
+from radron.sim.live.relays.mavlink import MavlinkRelay
 
 LIMIT_S = 20.0
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
-from sim.live.relays.linkstate import PASSING, LinkState
-from sim.live.relays.tcp import Relay
+from radron.sim.live.relays.linkstate import PASSING, LinkState
+from radron.sim.live.relays.tcp import Relay
 
 LIMIT_S = 20.0
 SHORT_S = 0.15  # for what must not happen

@@ -8,17 +8,17 @@ import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from agent.config.drone import DroneConfig
-from agent.errors import ConfigError
-from sim.cli import app
-from sim.radiation.camera import Camera, SourceView
-from sim.radiation.ground.field import natural_flux, rain_flux
-from sim.radiation.ground.shares import hits_per_s, isotropic_mm2
-from sim.radiation.truth import CameraTruth, GroundTruth, RainTruth
-from sim.scenario import load_scenario, parse_scenario
-from sim.world.cameras import Cameras
-from sim.world.sources import Source
-from sim.world.streams import streams
+from radron.agent.config.drone import DroneConfig
+from radron.agent.errors import ConfigError
+from radron.sim.cli import app
+from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.ground.field import natural_flux, rain_flux
+from radron.sim.radiation.ground.shares import hits_per_s, isotropic_mm2
+from radron.sim.radiation.truth import CameraTruth, GroundTruth, RainTruth
+from radron.sim.scenario import load_scenario, parse_scenario
+from radron.sim.world.cameras import Cameras
+from radron.sim.world.sources import Source
+from radron.sim.world.streams import streams
 
 QUIET = CameraTruth(background_hits_per_s=0.0, scatter_near=0.0, scatter_air=0.0)
 BESIDE = SourceView((0.0, -0.6, 0.8), 5.0, 3e8, camera_m=3.0)  # 3 m up, 4 m away, in front of the sensor

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.natural import air_kerma, natural_flux
+from support.soil import scattered_flux
 
-from benchmarks.support.natural import air_kerma, natural_flux
-from benchmarks.support.soil import scattered_flux
-from sim.radiation.ground.field import LEVELS_M, natural_field, natural_series, point_field
-from sim.radiation.ground.materials import air, energies_kev, ground, kerma_per_fluence
-from sim.radiation.ground.natural import SERIES
-from sim.radiation.ground.photons import BELOW, GROUPS, MAX_GROUP_KEV, MIN_KEV, TOWARDS, Setting, follow
-from sim.radiation.ground.shares import hits_per_s, kerma_per_activity, scattered_share
+from radron.sim.radiation.ground.field import LEVELS_M, natural_field, natural_series, point_field
+from radron.sim.radiation.ground.materials import air, energies_kev, ground, kerma_per_fluence
+from radron.sim.radiation.ground.natural import SERIES
+from radron.sim.radiation.ground.photons import BELOW, GROUPS, MAX_GROUP_KEV, MIN_KEV, TOWARDS, Setting, follow
+from radron.sim.radiation.ground.shares import hits_per_s, kerma_per_activity, scattered_share
 
 NGY_PER_H = 3.6e12
 LEVEL_1_M, LEVEL_10_M = 1, 5

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import moments
 import numpy as np
 
-from sim.scoring.invariants.convergence import Converged
+from radron.sim.scoring.invariants.convergence import Converged
 
 TICK_S = 0.05
 REFUSAL = {"kind": "refusal", "at_s": 9.0, "target": "d3"}

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.motion.separation import PeerPlan
-from protocol.entries import Counts, Exposure, PoseSample
-from sim.campaign.faults.course import DEALT
-from sim.campaign.faults.dealt import deal
-from sim.scenario import parse_scenario
-from sim.scoring.invariants.base import Setting
-from sim.scoring.invariants.beliefs import FollowsSource
-from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
-from sim.scoring.moment import EPOCH_NS
+from radron.agent.motion.separation import PeerPlan
+from radron.protocol.entries import Counts, Exposure, PoseSample
+from radron.sim.campaign.faults.course import DEALT
+from radron.sim.campaign.faults.dealt import deal
+from radron.sim.scenario import parse_scenario
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.invariants.beliefs import FollowsSource
+from radron.sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
+from radron.sim.scoring.moment import EPOCH_NS
 
 SPEED_MPS, RADIUS_M = 0.8, 7.0
 CLOCK = {"kind": "clock", "at_s": 5.0, "for_s": 20.0, "jump_s": 1.5, "target": "d1"}

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
-from sim.scoring.invariants.base import Setting
-from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
-from sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
-from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
-from sim.scoring.invariants.judge import ANY, Judge
-from sim.scoring.invariants.liveness import Landed
-from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
+from radron.sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
+from radron.sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from radron.sim.scoring.invariants.judge import ANY, Judge
+from radron.sim.scoring.invariants.liveness import Landed
+from radron.sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 
 GUST = {"kind": "gust", "at_s": 20.0, "for_s": 5.0, "target": "d2"}
 

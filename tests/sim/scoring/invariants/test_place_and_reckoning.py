@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agent.mission.memory import Memory
-from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
-from sim.scoring.invariants.base import Setting
-from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
-from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
+from radron.agent.mission.memory import Memory
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.messages import Stage
+from radron.sim.scoring.invariants.base import Setting
+from radron.sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
+from radron.sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 
 JUMP = {"kind": "position-jump", "at_s": 5.0, "for_s": 2.0, "target": "d2", "turn_deg": 45.0}
 
