@@ -20,29 +20,33 @@ TOLD_NS = 10_000_000_000  # duration of the report on a deferred drone
 
 
 class Admission:
-    """The quotas of all drones, separate by signature: no drone can use up another drone's quota."""
+    """Quotas of log entries for each drone; they protect the agent's computing time from a drone that publishes too much.
+
+    Entries beyond the quota are not taken now; they arrive again by the log query. Quotas are separate by signature: no drone can
+    use up another drone's quota.
+    """
 
     def __init__(self, drones: int) -> None:
-        """``drones``: number of the mission's drones."""
+        """Set the quotas for a mission of ``drones`` drones."""
         self._rate = RATE + RATE_BESIDE * (drones - 1)
         self._began_ns: int | None = None
         self._quotas: dict[tuple[str, str], Bucket] = {}  # by drone, and kind of quota
         self._put_off_ns: dict[str, int] = {}
 
     def admits(self, entry: Entry, now_ns: int) -> bool:
-        """Return whether an entry, not yet verified, may be admitted now; the quota is that of its stated drone."""
+        """Return whether an entry, not yet verified, may be taken now by the quota of the drone that it names."""
         if all(quota.left(1e-9 * now_ns) >= 1.0 for quota in self._of(entry, now_ns)):
             return True
         self._put_off_ns[entry.drone] = now_ns
         return False
 
     def charge(self, entry: Entry, now_ns: int) -> None:
-        """Charge an admitted entry to its quotas."""
+        """Reduce the quota of an entry's drone after the entry has been taken."""
         for quota in self._of(entry, now_ns):
             quota.charge(1.0)
 
     def put_off(self, now_ns: int) -> frozenset[str]:
-        """Return the drones with recently deferred entries."""
+        """Return the drones whose entries were recently put off."""
         return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < TOLD_NS)
 
     def _of(self, entry: Entry, now_ns: int) -> Iterator[Bucket]:

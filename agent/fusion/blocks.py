@@ -13,10 +13,10 @@ Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # number a
 
 
 class Blocks:
-    """The non-empty blocks of a log with their hashes, computed on demand. After growth at a block's end, only the new part is
-    hashed.
+    """Hashes of the log's entries in blocks of consecutive numbers, by publisher, which reveal that two logs differ.
 
-    A hash covers the bytes in their order, unlike the log's digest, a sum. For sums a publisher could find two equal ones.
+    The hashes are computed when asked for. After growth at a block's end, only the new part is hashed. A hash covers the bytes in
+    their order, unlike the log's digest, a sum. For sums a publisher could find two equal ones.
     """
 
     def __init__(self, payloads: Payloads) -> None:
@@ -24,7 +24,7 @@ class Blocks:
         self._hashes: dict[Publisher, dict[int, _Hash]] = {}
 
     def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
-        """Note a changed entry under a number; ``empty``: no entry of its block is held any more."""
+        """Note that the entry under a number has been added, changed or removed; ``empty``: its block has no entry any more."""
         blocks = self._hashes.setdefault(publisher, {})
         block = number // BLOCK
         if empty:
@@ -35,11 +35,13 @@ class Blocks:
             blocks[block].digest = None
 
     def held(self, publisher: Publisher, block: int) -> bool:
-        """Return whether any entry of a block is held."""
+        """Return whether the log has any entry of a publisher's block."""
         return block in self._hashes.get(publisher, ())
 
     def chosen(self, publishers: Sequence[Publisher], turn: int) -> list[tuple[Publisher, int]]:
-        """Return as many blocks as a summary carries: others each turn, until all have been published."""
+        """Return the blocks whose hashes go into a summary, as many as it can carry: others each turn, until all have been
+        published.
+        """
         every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
         if len(every) <= MOST_BLOCKS:
             return every
@@ -47,7 +49,7 @@ class Blocks:
         return list(islice(cycle(every), start, start + MOST_BLOCKS))
 
     def hash(self, publisher: Publisher, block: int) -> bytes:
-        """Return the hash of a held block."""
+        """Return the hash of a publisher's block, which must have an entry."""
         found = self._hashes[publisher][block]
         if found.digest is not None:
             return found.digest
@@ -80,12 +82,12 @@ class _Hash:
 
 
 def numbers_of(block: int) -> range:
-    """Return the sequence numbers of a block."""
+    """Return the sequence numbers that belong to a block."""
     return range(block * BLOCK, (block + 1) * BLOCK)
 
 
 def hash_of(payloads: Iterable[bytes]) -> bytes:
-    """Return the hash of entries, from their bytes."""
+    """Return the common hash of several entries, from their bytes in order."""
     whole = blake2b(digest_size=HASH_BYTES)
     for payload in payloads:
         _add(whole, payload)

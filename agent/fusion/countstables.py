@@ -13,5 +13,5 @@ from radron.agent.fusion.sources.tables import TABLES
 
 @cache
 def tables_version() -> str:
-    """Return 16 hex digits that change with any number of the tables."""
+    """Return 16 hex digits that change with any number in the tables of camera counts, on which all source estimates depend."""
     return hashlib.blake2b(repr((RESPONSES, SOIL, TABLES, SOIL_SPECTRA)).encode(), digest_size=8).hexdigest()

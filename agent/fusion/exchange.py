@@ -14,25 +14,28 @@ MOST_BYTES = 1_000_000
 
 
 class LogExchange:
-    """Requests for entries missing from one agent's log, and answers to the requests of its peers."""
+    """Exchanges log entries between agents: requests for entries missing in this agent's log, and answers to requests of other
+    agents.
+    """
 
     def __init__(self, swarm: str, drone: str | None, log: ObservationLog, counters: Counter[str]) -> None:
-        """``drone``: the log's owner; None: a station, which publishes no summary."""
+        """Set up the exchange of one log. ``drone``: the log's owner; None: a station, which publishes no summary."""
         self._swarm, self._drone = swarm, drone
         self._log = log
         self._counters = counters
         self._turn = 0  # of the summaries: none has the hashes of all blocks
 
     def summary(self) -> bytes:
-        """Return a summary of the log, as a request for its missing entries."""
+        """Return an encoded summary of the log, with which other agents find the entries that are missing here."""
         self._turn += 1
         return encode_summary(self._log.mission_id, self._log.summary(self._turn))
 
     def answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Return keys and payloads of the entries missing at the peer, some of every publisher, up to the limits of one answer.
+        """Return keys and payloads of the entries that another agent lacks, some of every publisher, up to the limits of one
+        answer.
 
-        An empty request is for the summary of this log. A malformed summary, or a summary of another mission's log, is counted
-        and not answered.
+        request: encoded summary of the other agent's log. An empty request asks for the summary of this log. A malformed summary,
+        or a summary of another mission's log, is counted and not answered.
         """
         if not request and self._drone is not None:
             return [(drone_key(self._swarm, self._drone, "log"), self.summary())]

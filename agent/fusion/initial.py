@@ -19,11 +19,12 @@ _TINY_M = 1e-9  # floor of ``across``, for a finite gradient on a cone's axis
 
 
 class InitialSearch:
-    """Finds the point on the ground of the searched area with the least sum of squared distances to the M cones:
+    """Finds the first source estimate x0: the point on the ground of the area with the least sum of squared distances to M cones.
 
         x0 = argmin_p sum_m r_m(p)^2,   r_m = |v_m| sin(alpha_m - theta_m),   v_m = p - apex_m,   alpha_m = angle(v_m, axis_m),
 
-    p = (x, y, ground height). With along = v . axis = |v| cos(alpha) and across = |v - along axis| = |v| sin(alpha),
+    p = (x, y, ground height), theta_m the opening angle of cone m. With along = v . axis = |v| cos(alpha) and across = |v - along
+    axis| = |v| sin(alpha),
 
         r = across cos(theta) - along sin(theta)
         dr/dv = cos(theta) (v - along axis) / across - sin(theta) axis
@@ -50,7 +51,7 @@ class InitialSearch:
         self._grid = inside
 
     def solve(self, cones: Sequence[ConeSurface]) -> tuple[float, float]:
-        """Return (x, y) of x0, mission frame, metres; bit-identical for the same cones."""
+        """Return the first source estimate (x, y) from these cones, mission frame, metres; bit-identical for equal cones."""
         apex = np.array([cone.apex for cone in cones])
         axis = np.array([cone.axis for cone in cones])
         theta = np.array([cone.theta_rad for cone in cones])

@@ -40,11 +40,12 @@ class Outcome(Enum):
 
 
 class ObservationLog:
-    """Entries of one mission by identity.
+    """The observation log: all measurements of the swarm in one mission, as signed entries by identity (drone, restart and
+    number).
 
     Digest: the sum, modulo 2^128, of the BLAKE2b-128 hashes of the entries' bytes. A sum is independent of the order, takes one
-    addition per entry, and unlike XOR does not cancel equal terms. The digest detects accidental differences, not
-    forgeries; the publishers' signatures detect those.
+    addition per entry, and unlike XOR does not cancel equal terms. The digest detects accidental differences, not forgeries; the
+    publishers' signatures detect those.
 
     A publisher that contradicts itself counts up to the first contradiction. Neither of the two entries counts, nor any greater
     number in that boot. The first proven contradiction decides, so that all agents with the same entries leave out the same, in
@@ -90,39 +91,44 @@ class ObservationLog:
         return (self.record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
     def payloads(self) -> Iterator[bytes]:
-        """Iterate over the bytes of the held entries, in no order."""
+        """Iterate over the bytes of all entries in the log, in no particular order."""
         return chain.from_iterable(held.values() for held in self._payloads.values())
 
     def numbers(self, publisher: Publisher) -> Collection[int]:
-        """Return the sequence numbers of the held entries of a publisher."""
+        """Return the sequence numbers of a publisher's entries in the log. publisher: drone, and its boot (start of the
+        agent).
+        """
         return self._numbered.get(publisher, {}).keys()
 
     def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
-        """Return the entries of one kind, of one drone or of all, in the order of their identities: a function of the log's
-        content.
+        """Return the log's entries of one kind, of one drone or of all, in the order of their identities.
+
+        The result depends on the log's content alone, not on the order of arrival.
         """
         held = (item for item in self._payloads[kind].items() if drone is None or item[0].drone == drone)
         return [decode_as(kind, payload) for _, payload in sorted(held)]
 
     def entry(self, identity: EntryId) -> Entry:
-        """Return the held entry of this identity. Raises KeyError without one."""
+        """Return the entry with this identity. Raises KeyError if it is not in the log."""
         return self.record(identity).entry
 
     def identity_of(self, entry: Entry) -> EntryId:
-        """Return the identity object that the log holds for a held entry: with this one, users need no memory for another."""
+        """Return the log's own identity object of an entry, so that users need no memory for another one."""
         return self._numbered[entry.drone, entry.boot][entry.sequence]
 
     def counts(self, identity: EntryId) -> bool:
-        """Return whether the entry of this identity is held, is not retracted by its drone, and is no overlapping exposure."""
+        """Return whether an entry is in the log, is not retracted by its drone, and is not an overlapping exposure."""
         kind = self._kind_of(identity)
         return kind is not None and not self._counting.leaves_out(kind, identity)
 
     def leaves_out(self, entry: Entry) -> bool:
-        """Return whether a held entry does not count: the opposite of ``counts``, in a third of the time."""
+        """Return whether an entry in the log does not count: the opposite of ``counts``, in a third of the time."""
         return self._counting.leaves_out(type(entry), self.identity_of(entry))
 
     def misexposed(self, since_ns: int) -> list[tuple[str, str]]:
-        """Return the drones with exposures since then that do not count, and the reason."""
+        """Return the drones with exposures since a time (ns) that do not count, each with the reason (they overlap, or are too
+        long).
+        """
         longer = [drone for drone, end_ns in sorted(self._too_long_ns.items()) if end_ns >= since_ns]
         return [(drone, "overlap") for drone in self._counting.overlapping(since_ns)] + [
             (drone, "are too long") for drone in longer
@@ -130,7 +136,7 @@ class ObservationLog:
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
-        """The held entries that have ceased to count (False), or begun again (True), in the order of these events.
+        """The entries that have ceased to count (False), or begun to count again (True), in the order of these events.
 
         The sequence only grows: owners of derived results continue reading at their last position.
         """
@@ -138,16 +144,19 @@ class ObservationLog:
 
     @property
     def contradictions(self) -> Mapping[Publisher, Contradiction]:
-        """The first contradiction of each publisher that has contradicted itself."""
+        """The first contradiction of each publisher that has published different entries under one number."""
         return self._contradictions
 
     @property
     def publishers(self) -> Mapping[str, int]:
-        """The drones with accepted entries, with the latest stamp of each."""
+        """The drones with entries in the log, with the latest time stamp (ns) of each."""
         return self._newest_ns
 
     def last_counted(self, drone: str, boot: str) -> int:
-        """Return the last sequence number before a contradiction; without one, more than any number."""
+        """Return the last sequence number of a drone's boot (start of its agent) that counts: the last before a contradiction.
+
+        Without a contradiction the result is greater than any number.
+        """
         found = self._contradictions.get((drone, boot))
         return _EVERYTHING if found is None else found.number - 1
 
@@ -157,11 +166,13 @@ class ObservationLog:
 
     @property
     def digest(self) -> str:
-        """32 hex digits over all held entries."""
+        """Hash over all entries in the log, 32 hex digits; logs with equal entries have equal hashes."""
         return f"{self._sum:032x}"
 
     def add(self, entry: Entry, payload: bytes) -> Outcome:
-        """Offer an entry; ``payload``: the received bytes from which it was decoded."""
+        """Offer an entry to the log, and return whether it was added, or why not. ``payload``: the received bytes of the
+        entry.
+        """
         outcome = self._add(entry, payload)
         self.counters[outcome.value] += 1
         return outcome
@@ -214,7 +225,7 @@ class ObservationLog:
         return None
 
     def record(self, identity: EntryId) -> Record:
-        """Return the held record of this identity. Raises KeyError without one."""
+        """Return the entry with this identity as its bytes. Raises KeyError if it is not in the log."""
         for kind, held in self._payloads.items():
             payload = held.get(identity)
             if payload is not None:
@@ -222,11 +233,12 @@ class ObservationLog:
         raise KeyError(identity)
 
     def identities(self, kind: type[Entry], drone: str) -> list[EntryId]:
-        """Return the identities of the held entries of one kind and drone, ascending."""
+        """Return the identities of a drone's entries of one kind, ascending."""
         return sorted(identity for identity in self._payloads[kind] if identity.drone == drone)
 
     def beyond(self, drone: str, last: Callable[[str], int], boot: str | None = None) -> list[EntryId]:
-        """Return the held entries of a drone with numbers greater than ``last`` of their boot, in the order of their identities.
+        """Return a drone's entries with numbers greater than ``last`` of their boot (start of the agent), in the order of their
+        identities.
 
         ``boot``: limits the result to that boot.
         """
@@ -238,7 +250,7 @@ class ObservationLog:
         )
 
     def newest_ns(self, kind: type[Entry]) -> int:
-        """Return the latest stamp of the counted entries of a kind; 0 without any."""
+        """Return the latest time stamp (ns) of the entries of a kind that count; 0 without any."""
         held, leaves_out = self._payloads[kind], self._counting.leaves_out
         newest = max(held, key=attrgetter("stamp_ns"), default=None)
         if newest is None or not leaves_out(kind, newest):
@@ -246,7 +258,7 @@ class ObservationLog:
         return max((one.stamp_ns for one in held if not leaves_out(kind, one)), default=0)
 
     def forget(self, identity: EntryId) -> bool:
-        """Remove an entry that does not count any more; return whether it was held."""
+        """Remove an entry that does not count any more; return whether it was in the log."""
         kind = self._kind_of(identity)
         if kind is None:
             return False
@@ -266,10 +278,12 @@ class ObservationLog:
         return True
 
     def summary(self, turn: int = 0) -> dict[Publisher, Held]:
-        """Return the held entries of each publisher in short: a peer derives the entries missing here.
+        """Return a short description of the log's entries by publisher, from which another agent finds the entries that are
+        missing here.
 
-        A summary carries a limited number of publishers, each drone's in turn. A drone with many boots does not keep the others
-        out. ``turn``: the next summary has hashes of other blocks.
+        A summary carries a limited number of publishers, each drone's in turn, so that a drone with many boots (starts of its
+        agent) does not keep out the other drones. ``turn``: number of the summary; the next one has hashes of other blocks of
+        entries.
         """
         turns = zip_longest(
             *([(drone, boot) for boot in islice(boots, MOST_PUBLISHERS)] for drone, boots in sorted(self._boots.items()))
@@ -286,10 +300,11 @@ class ObservationLog:
         return Held(ranges, None if found is None else found.number, blocks)
 
     def missing_from(self, summary: Summary, most: int) -> list[tuple[EntryId, Record]]:
-        """Return up to ``most`` records held here that are missing from a log with this summary.
+        """Return up to ``most`` entries of this log, as bytes, that are missing in a log with the given summary.
 
-        First come records that prove or show a contradiction, then some of every drone in turn. No drone's entries wait behind a
-        drone with many. In the order of the sequence numbers, so that the cost follows from the result and the summary alone.
+        First come entries that prove or show a contradiction, then some of every drone in turn, so that no drone's entries wait
+        behind a drone with many. They come in the order of the sequence numbers, so that the cost follows from the result and the
+        summary alone.
         """
         missing = list(islice(self._contradicting(summary), most))
         waiting = deque(self._lacked(drone, summary) for drone in sorted(self._boots))

@@ -14,7 +14,7 @@ MOST_HELD = 512  # half a minute of three drones: the usual reach of replays; a 
 
 
 class Observations:
-    """Observations by the identities of their entries.
+    """A cache of observations (log entries in the mission frame) by the identities of their entries.
 
     All of them would take as much memory as the log itself; one takes 25 microseconds to make. A rebuilt observation has the same
     bits: the owner puts an entry again whenever its frame has changed.
@@ -25,21 +25,21 @@ class Observations:
         self._held: dict[EntryId, Observation] = {}  # the last put observations
 
     def put(self, identity: EntryId, observation: Observation) -> None:
-        """Hold an observation, in the place of the oldest one."""
+        """Store an observation; when the cache is full, the oldest one is dropped."""
         self._held[identity] = observation
         if len(self._held) > MOST_HELD:
             del self._held[next(iter(self._held))]
 
     def discard(self, identity: EntryId) -> None:
-        """Discard an observation, if it is held."""
+        """Drop an observation, if it is in the cache."""
         self._held.pop(identity, None)
 
     def missing(self, identities: Iterable[EntryId]) -> int:
-        """Return the number of observations to be rebuilt; one takes a unit of ``Estimator.work``."""
+        """Return how many observations of these entries would have to be rebuilt; one takes a unit of ``Estimator.work``."""
         return sum(identity not in self._held for identity in identities)
 
     def of(self, identity: EntryId) -> Observation | None:
-        """Return the observation of an entry in the log; None if it has none, or its frame is not known any more.
+        """Return the observation of an entry in the log; None if the entry yields none, or its frame is not known any more.
 
         In the latter case its steps are recomputed later.
         """

@@ -22,7 +22,7 @@ BEYOND_M = 200.0  # margin around the area: twice the distance at which a camera
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The filter after its last cone: x and y of x_k, metres, and the horizontal part of its covariance P_k, m2."""
+    """The Kalman filter's estimate after its last cone: x and y of the source x_k (m), and its horizontal covariance P_k (m2)."""
 
     stamp_ns: int
     x: float
@@ -36,7 +36,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PaperState:
-    """The cones gathered for x0 (paper, Sec. V-A), and the track once it exists."""
+    """State of the estimator: the cones gathered for the first estimate x0 (paper, Sec. V-A), and the track once it exists."""
 
     gathered: tuple[ConeSurface, ...] = ()
     seen: int = 0  # cones so far, including cones too close together for x0
@@ -44,7 +44,9 @@ class PaperState:
 
 
 class PaperEstimator:
-    """The filter. With x_k the position and S_k its covariance (P is the paper's rotation):
+    """The estimator of the paper: a linear Kalman filter that corrects the source's position by one Compton cone after the other.
+
+    With x_k the position and S_k its covariance (P is the paper's rotation):
 
         prediction   x_k = F x_k-1, F = I (eq. (4));   S <- S + q dt I
         measurement  z = the projection of x_k onto the cone (eq. (6)), H = I
@@ -80,11 +82,11 @@ class PaperEstimator:
         self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
-        """Return the state without cones; independent of the mission's start."""
+        """Return the state without cones, which does not depend on the mission's start."""
         return PaperState()
 
     def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
-        """Process the step's cones, one after another."""
+        """Return the state after a grid step's cones, which are processed one after another."""
         gathered, seen, track = state.gathered, state.seen, state.track
         for observation in observations:
             if not isinstance(observation, ConeObservation):
@@ -103,11 +105,13 @@ class PaperEstimator:
         return PaperState(gathered, seen, track)
 
     def work(self, state: PaperState, observations: int) -> int:
-        """Return about one unit for the step, and one for each observation."""
+        """Return the cost of a step: about one unit for the step, and one for each observation."""
         return 1 + observations
 
     def hypothesis(self, state: PaperState, step: GridStep) -> Hypothesis | None:
-        """Return the track, predicted to the beginning of ``step`` (or to its last cone, if that is newer)."""
+        """Return the source estimate, predicted to the beginning of ``step`` (or to its last cone, if that is newer); None
+        without a track.
+        """
         if state.track is None:
             return None
         track = self._predict(state.track, max(step.start_ns, state.track.stamp_ns))
@@ -121,7 +125,7 @@ class PaperEstimator:
         )
 
     def outlook(self, state: PaperState, step: GridStep) -> Outlook | None:
-        """Return None: there is no posterior of a search."""
+        """Return None: this estimator has no posterior of a search."""
         return None
 
     def _is_near(self, x: float, y: float) -> bool:

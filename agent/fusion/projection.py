@@ -12,14 +12,18 @@ _NEGLIGIBLE_M = 1e-9
 
 
 class Correction(NamedTuple):
-    """innovation: x_k - x_k-1, projected point minus hypothesis, metres. normal: unit vector of the projection's direction."""
+    """The projection of a point onto a Compton cone, as the correction of an estimate.
+
+    innovation: x_k - x_k-1, projected point minus estimate, metres. normal: unit vector of the projection's direction.
+    """
 
     innovation: Vector3
     normal: Vector3
 
 
 def project(point: Vector3, apex: Vector3, axis: Vector3, theta_rad: float, rule: Rule) -> Correction | None:
-    """Project a point onto the cone's surface. point, apex: metres; axis: unit vector u; one frame for all.
+    """Project a point, the source estimate, onto the surface of a Compton cone. point, apex: metres; axis: unit vector u; one
+    frame for all.
 
     With d = |point - apex|, v = (point - apex) / d, w = v turned by -beta in the plane of u and v (paper, eqs. (5), (6)):
 
@@ -27,9 +31,9 @@ def project(point: Vector3, apex: Vector3, axis: Vector3, theta_rad: float, rule
         x_k = apex + w d cos(beta)     on the surface, or
         x_k = apex.
 
-    In the code: along = d cos(alpha), across = d sin(alpha), reach = d cos(beta) = along cos(theta) + across sin(theta),
-    height = d sin(beta) = across cos(theta) - along sin(theta); normal = unit vector of the outward surface normal at w, so that
-    x_k - x_k-1 = -height normal on the surface, and normal = v at the apex.
+    In the code: along = d cos(alpha), across = d sin(alpha), reach = d cos(beta) = along cos(theta) + across sin(theta), height =
+    d sin(beta) = across cos(theta) - along sin(theta); normal = unit vector of the outward surface normal at w, so that x_k -
+    x_k-1 = -height normal on the surface, and normal = v at the apex.
 
     ``rule`` decides between the two cases. ``paper``: the surface if alpha < pi / 2, as printed in eq. (6). ``geometric``: the
     surface if |beta| < pi / 2. This is the nearest point, as (A3) demands. Of all rays of the surface the ray along w makes the
@@ -37,8 +41,8 @@ def project(point: Vector3, apex: Vector3, axis: Vector3, theta_rad: float, rule
     For alpha >= pi / 2 the paper's rule pulls a point near the surface all the way to the camera. For alpha < pi / 2 with theta >
     alpha + pi / 2 its formula yields a point behind the apex, where the cone has no surface.
 
-    On the surface itself the innovation is zero but the normal is still that of the surface: the cone confirms the point.
-    None where u and v span no plane: the point at the apex, or on the axis (the nearest points then form a circle).
+    On the surface itself the innovation is zero but the normal is still that of the surface: the cone confirms the point. Return
+    None if u and v span no plane: the point at the apex, or on the axis (the nearest points then form a circle).
     """
     v = (point[0] - apex[0], point[1] - apex[1], point[2] - apex[2])
     distance = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

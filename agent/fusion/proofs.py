@@ -18,7 +18,7 @@ Own = tuple[str, str, str]
 
 
 class Proofs:
-    """The proofs of one drone's mission.
+    """Signs the log entries and statuses of this drone, and verifies the signatures of other drones before their messages count.
 
     ``forged``: number of messages dropped without their publisher's signature, by publisher and kind.
     """
@@ -42,7 +42,9 @@ class Proofs:
         self._forged_ns: dict[str, int] = {}
 
     def signed(self, entries: Sequence[Entry], now_ns: int) -> Sequence[Entry]:
-        """Return jointly published entries with their proofs; before the first ones of a boot, its certificate."""
+        """Return entries of this drone that are published together, with their signatures; before the first ones, the drone's
+        certificate.
+        """
         if self._trust is None or not entries:
             return entries
         if self._introduced:
@@ -58,18 +60,22 @@ class Proofs:
         return signed
 
     def signed_status(self, status: Status) -> Status:
-        """Return a status of this drone with its signature."""
+        """Return a status message of this drone with its signature."""
         return status if self._trust is None else sign_status(status, self._trust)
 
     def is_signed(self, status: Status, now_ns: int) -> bool:
-        """Return whether another drone has signed its status."""
+        """Return whether a status message is signed by the drone that it names."""
         if self._verifier is None or self._verifier.accepts_status(status):
             return True
         self._note(status.drone if status.drone in self._waiting else "others", status, now_ns)
         return False
 
     def proven(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Received]:
-        """Yield the entries that may be logged after this one: it and the entries that have waited for it, or none."""
+        """Yield the entries, with their bytes, that may be logged after this one: the entry itself and entries that have waited
+        for it.
+
+        Entries wait for the certificate of their publisher. Yield nothing if the entry is not signed, or must wait.
+        """
         if self._verifier is None:
             yield entry, payload
         elif entry.drone not in self._waiting:
@@ -86,7 +92,7 @@ class Proofs:
                 yield from self._released(entry, now_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """Return one line for each drone with recently forged or altered messages in its name."""
+        """Return one line for each drone in whose name forged or altered messages arrived recently."""
         told = []
         for name in sorted(self._forged_ns):
             if abs(now_ns - self._forged_ns[name]) < TOLD_NS:

@@ -9,20 +9,21 @@ from radron.protocol.entries import Entry
 
 
 class Record(Struct, frozen=True):
-    """An entry as its received bytes. Decoded it would take four times the memory."""
+    """A log entry as its received bytes, which take a quarter of the memory of the decoded entry."""
 
     kind: type[Entry]
     payload: bytes
 
     @property
     def entry(self) -> Entry:
-        """The entry, decoded anew."""
+        """The decoded entry; decoded again at each access."""
         return decode_as(self.kind, self.payload)
 
 
 class Contradiction(Struct, frozen=True):
-    """Two entries of one publisher with one sequence number and different bytes. If both are signed: proof that the publisher, or
-    another owner of its key, has sent different data to different drones.
+    """Two different log entries of one publisher under one sequence number.
+
+    If both are signed, they prove that the publisher, or another owner of its key, has sent different data to different drones.
     """
 
     number: int

@@ -12,10 +12,16 @@ MOST_REFUSED = 20  # in a second, of one member; each costs a third of a millise
 
 
 class Revocations:
-    """``held``: the revocations in effect. ``names``: of the revoked members."""
+    """The revocations in effect: members of the swarm whose rights were withdrawn by an operator. Their order of arrival does not
+    matter.
+
+    ``held``: the revocations in effect. ``names``: of the revoked members.
+    """
 
     def __init__(self, verifier: Verifier | None, counters: Counter[str]) -> None:
-        """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
+        """Start without revocations. ``verifier``: checks signatures; None: the swarm has no certificates, and nothing can be
+        revoked.
+        """
         self._verifier, self._counters = verifier, counters
         self._second = 0
         self._refusals = Counter[str]()  # in that second, by sender of the refused message: no sender uses up another's share
@@ -25,12 +31,12 @@ class Revocations:
     def take(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> str | None:
         """Put a revocation into effect; return the reason of a refusal, or None.
 
-        "known": it would change nothing. "flood": so many messages of the same sender were refused in this second that no more of
-        its signatures are verified; genuine ones come again.
+        "known": it would change nothing. "flood": so many messages of the sender were refused in this second that no more of its
+        signatures are verified; genuine ones come again.
 
-        ``passed_on_by``: another drone, or this one, if it was known before a restart; None: it comes from its station, whose
-        certificate must be valid by now. The stamp is the station's own statement, and a key that is no longer guarded must not
-        revoke any member.
+        ``passed_on_by``: another drone that sent it, or this drone, if it was known before a restart; None: it comes from its
+        station itself, whose certificate must be valid now. The stamp is the station's own statement, and a key that is no longer
+        guarded must not revoke any member.
         """
         sender = passed_on_by or revocation.station
         if self._is_flooded(sender, now_ns):
@@ -48,7 +54,10 @@ class Revocations:
         return refused
 
     def confirms(self, word: Obeying, now_ns: int, passed_on_by: str) -> bool:
-        """Return whether a revoked drone has signed its obedience to a held revocation; refusals count for the flood, too."""
+        """Return whether a message proves that a revoked drone obeys its revocation; refusals count as flood, too.
+
+        word: the message. passed_on_by: the drone that sent it.
+        """
         if word.drone not in self.names or self._is_flooded(passed_on_by, now_ns):
             return False
         if self.counts(word):
@@ -58,12 +67,14 @@ class Revocations:
         return False
 
     def counts(self, word: Obeying) -> bool:
-        """Return whether a message is of a revocation that counts, and signed by its drone."""
+        """Return whether a message confirms a revocation that is in effect, and is signed by the revoked drone."""
         verifier, held = self._verifier, (one for one in self.held if one.member == word.drone)
         return verifier is not None and any(verifier.accepts_obeying(word, one) for one in held)
 
     def leaves_out(self, entry: Entry | EntryId) -> bool:
-        """Return whether an entry, or the entry of an identity, does not count."""
+        """Return whether a log entry does not count, because its author was revoked and its number is beyond the last one that
+        counts.
+        """
         return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
 
     def _is_flooded(self, sender: str, now_ns: int) -> bool:

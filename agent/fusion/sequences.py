@@ -9,7 +9,10 @@ Range = tuple[int, int]  # first and last, both held
 
 
 class SequenceSet:
-    """Set of whole numbers in ascending, disjoint ranges that do not touch."""
+    """A set of whole numbers, stored as ranges: small while the numbers have few gaps, as the numbers of a drone's log entries.
+
+    The ranges are ascending and disjoint, and do not touch.
+    """
 
     __slots__ = ("_firsts", "_lasts")
 
@@ -24,21 +27,21 @@ class SequenceSet:
                 self._lasts.append(last)
 
     def add(self, number: int) -> None:
-        """Add a number; a held number changes nothing."""
+        """Add a number; a number that is in the set already changes nothing."""
         if self._lasts and number == self._lasts[-1] + 1:  # the usual order of numbers
             self._lasts[-1] = number
         else:
             self.add_range(number, number)
 
     def add_range(self, first: int, last: int) -> None:
-        """Add all numbers of a range."""
+        """Add all numbers from ``first`` to ``last``."""
         begin, end = bisect_left(self._lasts, first - 1), bisect_right(self._firsts, last + 1)  # ranges that it meets or touches
         if begin < end:
             first, last = min(first, self._firsts[begin]), max(last, self._lasts[end - 1])
         self._firsts[begin:end], self._lasts[begin:end] = [first], [last]
 
     def discard(self, number: int) -> None:
-        """Remove a number; a number that is not held changes nothing."""
+        """Remove a number; a number that is not in the set changes nothing."""
         place = bisect_right(self._firsts, number) - 1
         if place < 0 or number > self._lasts[place]:
             return
@@ -52,12 +55,12 @@ class SequenceSet:
         return place > 0 and number <= self._lasts[place - 1]
 
     def meets(self, first: int, last: int) -> bool:
-        """Return whether any number of a range is held."""
+        """Return whether any number from ``first`` to ``last`` is in the set."""
         place = bisect_right(self._firsts, last)
         return place > 0 and self._lasts[place - 1] >= first
 
     def range_of(self, number: int) -> Range:
-        """Return the range that holds a number. Raises KeyError if no range does."""
+        """Return the stored range that contains a number. Raises KeyError if the number is not in the set."""
         place = bisect_right(self._firsts, number) - 1
         if place < 0 or number > self._lasts[place]:
             raise KeyError(number)
@@ -67,13 +70,14 @@ class SequenceSet:
         return zip(self._firsts, self._lasts, strict=True)
 
     def within(self, first: int, last: int) -> Iterator[int]:
-        """Yield the held numbers of a range, ascending; the cost does not depend on other numbers."""
+        """Yield the numbers of the set from ``first`` to ``last``, ascending; the cost does not depend on other numbers."""
         for place in range(bisect_left(self._lasts, first), bisect_right(self._firsts, last)):
             yield from range(max(first, self._firsts[place]), min(last, self._lasts[place]) + 1)
 
     def without(self, other: SequenceSet) -> Iterator[Range]:
-        """Yield the numbers of this set that are not in the other one, as ranges; the cost follows from the result, not the other
-        set.
+        """Yield the numbers of this set that are not in ``other``, as ranges.
+
+        The cost follows from the size of the result, not from the size of ``other``.
         """
         at = 0
         while at < len(self._firsts):

@@ -16,7 +16,7 @@ _Kind = tuple[str, bool]  # of observations: the drone, and whether they are exp
 
 
 class Seen(Struct, frozen=True, gc=False):
-    """An entry that holds an observation, and the epoch of its local frame."""
+    """A log entry that yields an observation, and the epoch (period without a jump) of its local frame."""
 
     identity: EntryId
     epoch: int
@@ -24,15 +24,18 @@ class Seen(Struct, frozen=True, gc=False):
 
     @property
     def kind(self) -> _Kind:
-        """Kind of the observation: drone, and whether it is an exposure."""
+        """Kind of the observation: its drone, and whether it is an exposure (counts) or a cone."""
         return self.identity.drone, self.is_exposure
 
 
 class Timeline:
-    """The observed entries by step. The counted ones depend on the held entries alone, not on their order of arrival."""
+    """The observations by step of the estimator's time grid, with a limit for each drone in a step, whatever it publishes.
+
+    Which observations count depends on the entries alone, not on their order of arrival.
+    """
 
     def __init__(self, grid_s: float) -> None:
-        """``grid_s``: width of a step."""
+        """Start without observations. ``grid_s``: width of a step of the time grid."""
         self._max_exposures = min(MOST_OBSERVATIONS, 2 + ceil(MAX_EXPOSURES_PS * grid_s))
         self._steps: list[int] = []  # ascending
         self._seen: dict[int, list[Seen]] = {}  # by step, never empty; each drone's of a kind together, by identity
@@ -43,7 +46,7 @@ class Timeline:
         return len(self._steps)
 
     def add(self, step: int, identity: EntryId, epoch: int, *, is_exposure: bool) -> bool:
-        """Add an entry's observation; return whether this changes the counted ones of its step."""
+        """Add an entry's observation to a step; return whether this changes the observations that count in the step."""
         if step not in self._seen:
             self._seen[step] = []
             insort(self._steps, step)
@@ -55,11 +58,11 @@ class Timeline:
         return place - _first(held, seen.kind) < self._most(seen.kind)
 
     def step_of(self, identity: EntryId) -> int | None:
-        """Return the step in which an entry was observed; None for an entry without observation."""
+        """Return the time step of an entry's observation; None for an entry without observation."""
         return self._step_of.get(identity)
 
     def remove(self, identity: EntryId) -> int | None:
-        """Remove an entry's observation; return the changed step, or None."""
+        """Remove an entry's observation; return the time step whose counted observations have changed, or None."""
         step = self._step_of.pop(identity, None)
         if step is None:
             return None
@@ -74,20 +77,20 @@ class Timeline:
         return step if counted else None
 
     def of(self, step: int) -> list[EntryId]:
-        """Return the entries whose observations count in a step, in the order of their identities."""
+        """Return the entries whose observations count in a time step, in the order of their identities."""
         return sorted(self._counted(self._seen[step]))
 
     def between(self, after: int, until: int) -> list[int]:
-        """Return the steps with observations after one step, up to another, ascending."""
+        """Return the time steps with observations after step ``after``, up to step ``until``, ascending."""
         return self._steps[bisect_right(self._steps, after) : bisect_right(self._steps, until)]
 
     def since(self, step: int) -> list[Seen]:
-        """Return all entries observed from a step on."""
+        """Return all entries with observations from a time step on."""
         first = bisect_left(self._steps, step)
         return [seen for step in self._steps[first:] for seen in self._seen[step]]
 
     def drop_before(self, step: int) -> None:
-        """Remove all observations of earlier steps."""
+        """Remove the observations of all time steps before this one."""
         kept = bisect_left(self._steps, step)
         for dropped in self._steps[:kept]:
             for seen in self._seen.pop(dropped):

@@ -15,15 +15,19 @@ from radron.agent.terrain.ground import Ground
 
 
 class Sights(Mapping[str, Sight]):
-    """By vehicle: y_i = x + b_i ~ N(m_x + m_b, P_xx + P_xb + P_bx + P_bb), on the ground. Computed on access.
+    """The apparent place of the source for each vehicle: the place relative to the vehicle's own, biased position. On the ground.
 
-    mean: (d,) and covariance: (d, d) of the track.
+    For vehicle i: y_i = x + b_i ~ N(m_x + m_b, P_xx + P_xb + P_bx + P_bb), with x the source's place, b_i the vehicle's position
+    error (bias), m and P their means and covariances. Computed when accessed. mean: (d,) and covariance: (d, d) of the track's d
+    variables.
     """
 
     def __init__(
         self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground, height_m: float = 0.0
     ) -> None:
-        """``vehicles``: index of each vehicle's biases. ``height_m``: of the source above the ground."""
+        """Set up the mapping. ``vehicles``: index of each vehicle's biases by name. ``height_m``: of the source above
+        the ground.
+        """
         self._vehicles, self._mean, self._covariance, self._ground = vehicles, mean, covariance, ground
         self._height_m = height_m
         self._known: dict[str, Sight] = {}
@@ -49,7 +53,8 @@ class Sights(Mapping[str, Sight]):
 
 
 def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
-    """Return J P J' (3, 3) of a horizontal covariance P (2, 2), with J = [[1, 0], [0, 1], rise].
+    """Return the covariance (3, 3) of a place on sloping ground from its horizontal covariance P (2, 2): J P J', J = [[1, 0], [0,
+    1], rise].
 
     rise: slope of the ground, metres per metre east and north.
     """
@@ -60,15 +65,17 @@ def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
 
 
 def apparent_rms_m(covariance: Array, bias_variance: Array) -> float:
-    """Return the horizontal RMS, metres, of the source's apparent place x + sum_i b_i / n, mean over the n vehicles heard.
+    """Return the horizontal RMS error (m) of the source's apparent place, relative to the positions of the n vehicles with
+    measurements.
 
-    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P.
+    The apparent place is x + sum_i b_i / n, with x the source's place and b_i the vehicles' position errors. The result is
+    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P of the d variables of the track.
     """
     return math.sqrt(max(float(covariance.ravel() @ _apparent(bias_variance.tobytes(), len(covariance))), 0.0))
 
 
 def shares(bias_variance: Array) -> Array:
-    """Return (V,): 1 / n for each of the n vehicles with measurements, else 0."""
+    """Return the weight of each of V vehicles (V,) in their mean: 1 / n for each of the n vehicles with measurements, else 0."""
     heard = bias_variance.reshape(-1, BIAS).any(axis=1)
     return np.asarray(heard / max(int(heard.sum()), 1), dtype=np.float64)
 

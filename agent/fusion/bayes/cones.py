@@ -32,10 +32,12 @@ _PER_TWO_PI = 0.5 / np.pi
 
 
 class Orders(Struct, frozen=True, eq=False):
-    """The K possible readings of a cone ("orders" of its two clusters, in the words of the message).
+    """The K possible readings of a Compton cone, since either of its two clusters may be the recoil electron, prepared for the
+    likelihood.
 
-    axis: (K, 3) n_k, mission frame, from the absorbed photon to the recoil electron. theta_rad: (K,). variance: (K, 2)
-    (c_j sigma_k)^2, rad2. weight: (K, 2) 2 (1 - eps) p_k f_j / sin(theta_k).
+    axis: (K, 3) n_k, mission frame, from the absorbed photon to the recoil electron. theta_rad: (K,) opening angles. variance:
+    (K, 2) (c_j sigma_k)^2, rad2, of the narrow and the wide part j of the angular error. weight: (K, 2) 2 (1 - eps) p_k f_j /
+    sin(theta_k), with p_k the probability of the reading, f_j the share of the part, eps the fraction of outliers.
     """
 
     axis: Array
@@ -45,7 +47,7 @@ class Orders(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
-        """Return the readings of a cone."""
+        """Return the readings of a cone, prepared for the likelihood."""
         table = np.array(
             [
                 (
@@ -60,9 +62,10 @@ class Orders(Struct, frozen=True, eq=False):
         return Orders(table[:, :3], table[:, 3], table[:, 4:5] * _WIDTHS_SQUARED, table[:, 5:] * _DENSITIES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
-        """Return the terms L_kj of rho, and the precisions 1 / V_kj, (..., K, 2) each; V_kj = variance_k + (c_j sigma_k)^2.
+        """Return the terms L_kj of the cone's density rho (formula above), and the precisions 1 / V_kj, (..., K, 2) each.
 
-        delta_rad: (..., K). variance: (..., K) of delta_k, rad2, by the uncertainty of source and camera.
+        V_kj = variance_k + (c_j sigma_k)^2. delta_rad: (..., K) angular error of each of the K readings. variance: (..., K)
+        variance of this error, rad2, by the uncertainty of source and camera.
         """
         precision = 1.0 / (variance[..., None] + self.variance)
         exponent = (-0.5 * delta_rad * delta_rad)[..., None] * precision
@@ -74,9 +77,10 @@ def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Ar
 
         (R (rho + eps) + B) / (R + B),
 
-    a mixture of the source's cones, of rate R, and isotropic background cones, of rate B. The likelihood is conditional on the
-    cone's registration: its event counts in the exposure.
+    a mixture of the source's cones, of rate R, and isotropic background cones, of rate B; eps is the fraction of the source's
+    cones that do not point to it. The likelihood is conditional on the cone's registration: its event counts in the exposure.
 
-    rate_ps: (...) R, per second. directed: (...) rho. background_ps: B.
+    rate_ps: (...) R, per second. directed: (...) rho, density of the cone in the source's direction. background_ps: B, per
+    second.
     """
     return (rate_ps * (directed + OUTLIER_FRACTION) + background_ps) / (rate_ps + background_ps)

@@ -23,19 +23,23 @@ _LARGEST_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with 
 
 
 def background_log_likelihood(counts: Array, background: Array, temper: Array) -> Array:
-    """Return ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c), of shape (...); counts: (2,), background: (..., 2)."""
+    """Return the log likelihood (...) of an exposure's counts without a source, ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c).
+
+    counts: (2,) k in the two channels c (partial-energy and full-energy events). background: (..., 2) expected counts B. temper:
+    (2,) exponents t.
+    """
     result: Array = (counts * np.log(background) - background) @ temper
     return result
 
 
 def innovation_squared(counts: Array, expected: Array, background: Array, variance: Array) -> Array:
-    """Return the normalised innovation squared (NIS) of the total count, (...); the gate's statistic [BSLK01, Sec. 5.4].
+    """Return how far the total count is from its expectation: the normalised innovation squared (NIS) (...) [BSLK01, Sec. 5.4].
 
         (k - S - B)^2 / (S + B + S^2 (exp(V) - 1)),   k, S, B summed over the channels:
 
-    variance of the Poisson distribution plus that of a log-normal factor (with its mean exp(V / 2) assumed
-    as 1). The residual after the fit would not serve: the better a track is known, the less contradicting counts move it.
-    Shapes as for ``fit_rate``.
+    variance of the Poisson distribution plus that of a log-normal factor (with its mean exp(V / 2) assumed as 1). The gate
+    rejects counts by it. The residual after the fit would not serve: the better a track is known, the less contradicting counts
+    move it. Arguments as for ``fit_rate``.
     """
     signal = expected.sum(axis=-1)
     mean = signal + background.sum()
@@ -47,9 +51,10 @@ def innovation_squared(counts: Array, expected: Array, background: Array, varian
 def fit_rate(
     counts: Array, expected: Array, background: Array, variance: Array, temper: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
-    """Posterior of z given the counts, and the marginal likelihood of the counts, by Laplace's method [TK86].
+    """Fit the factor exp(z) by which a source counts more or less than expected; return the posterior of z and the likelihood of
+    the counts.
 
-    With s_c = S_c exp(z), maximise
+    Laplace's method [TK86]. With s_c = S_c exp(z) in the two channels c of a camera, maximise
 
         l(z) = sum_c t_c (k_c ln(s_c + B_c) - s_c - B_c) - z^2 / (2 V)
 
@@ -61,11 +66,11 @@ def fit_rate(
     At the maximum z^: z | k ~ N(z^, v) with v = 1 / I(z^), and ln P(k) = l(z^) + ln(v / V) / 2.
 
     Args:
-        counts: (2,) k.
-        expected: (..., 2) S.
-        background: (2,) or more axes, to which the others are broadcast.
-        variance: (...) V.
-        temper: (2,) t.
+        counts: (2,) k, measured.
+        expected: (..., 2) S, expected from the source.
+        background: (2,) or more axes, B, to which the other arrays are broadcast.
+        variance: (...) V, prior variance of z.
+        temper: (2,) t, exponents of the channels' likelihoods.
         iterations: at most so many.
 
     Returns:

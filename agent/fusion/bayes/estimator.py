@@ -55,11 +55,12 @@ _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131:
 
 
 class BayesEstimator:
-    """The posterior of the source given all cones and counts. A pure function of the observations and their grid steps.
+    """The Bayesian estimator of one source: it computes the posterior of place, motion and activity from all cones and counts.
 
-    A grid step of a track: prediction to the step's beginning, measurement updates with the step's observations, reduction. Each
-    update accounts for the observation's age, so that no observation is moved in time. A search is predicted from observation to
-    observation.
+    It is a pure function of the observations and their grid steps. A search is a probability grid over the area; once the source
+    is found, a track is a sum of Gaussians. A grid step of a track: prediction to the step's beginning, updates with the step's
+    observations, reduction to fewer Gaussians. Each update accounts for the observation's age, so that no observation is moved in
+    time. A search is predicted from observation to observation.
     """
 
     name = "bayes"
@@ -95,30 +96,35 @@ class BayesEstimator:
         self._motion = _motion(config, response.over_soil is not None)
 
     def initial(self, start_ns: int | None) -> BayesState:
-        """Return the prior; it does not depend on the mission's start."""
+        """Return the state before the first observation; it does not depend on the mission's start."""
         return BayesState()
 
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
-        """Update with the step's cones and counts in the order of their times; of the same time, of their identities."""
+        """Return the state after a grid step's cones and counts, in the order of their times; at equal times, of their
+        identities.
+        """
         state = self._predicted(state, step)
         for observation in sorted(observations, key=lambda o: o.stamp_ns):
             state = self._updated(state, step, observation)
         return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """Return the work: an observation costs 0.25 ms in a track, over 1 ms on the grid of a search (benchmarks/fusion.py)."""
+        """Return the cost of a step: an observation costs 0.25 ms in a track, over 1 ms on the grid of a search
+        (benchmarks/fusion.py).
+        """
         tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._scene.buildings else 0)
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Return mean and covariance of the track, predicted to the middle of ``step``.
+        """Return the source estimate, mean and covariance of the track, predicted to the middle of ``step``; None during a
+        search.
 
-        The covariance of the place is wider where the modes of motion differ (``Mixture.hedge``). The vehicles' views
-        (``sights``) and all decisions use the covariance without this hedge.
+        The covariance of the place is wider if the modes of motion differ (``Mixture.hedge``). The apparent places for each
+        vehicle (``sights``) and all decisions use the covariance without this hedge.
 
-        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order. Over soil the
-        place has the source's height, and is wider by ``_RAISED_SIGMA`` times the height. The activity is then
-        surface-equivalent: of a source without soil above it.
+        Activity: exp(E[a]), the median, with a the log activity; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first
+        order. Over soil the place has the source's height, and is wider by ``_RAISED_SIGMA`` times the height. The activity is
+        then surface-equivalent: of a source without soil above it.
         """
         if state.track is None:
             return None
@@ -151,14 +157,14 @@ class BayesEstimator:
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
-        """Return the grid posterior of a search, predicted to the beginning of ``step``; before any observation, the prior."""
+        """Return the posterior of a search over the area, predicted to the beginning of ``step``; None while there is a track."""
         if state.track is not None:
             return None
         search = state.search or SearchState.prior(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
     def mixture(self, state: BayesState, stamp_ns: int) -> Mixture | None:
-        """Return the Gaussian sum at a later time, as in ``hypothesis`` but without the hedge. None without a track."""
+        """Return the track as a sum of Gaussians at a later time, without the hedge of ``hypothesis``; None without a track."""
         return None if state.track is None else state.track.later(self._motion, stamp_ns / _NS)
 
     def _predicted(self, state: BayesState, step: GridStep) -> BayesState:

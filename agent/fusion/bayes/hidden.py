@@ -53,32 +53,47 @@ _DRAWN[1:, 1:_LEVELS] = PRIOR[1:]
 
 
 def components(chance: Array, duration_s: float) -> Array:
-    """Return probabilities (S, C) of an exposure's components, from the probabilities (S, L) of the levels before it."""
+    """Return the probabilities (S, C) of the C ways in which an unknown obstacle may attenuate an exposure, for S sites.
+
+    A site is one candidate place of the source. The ways (components): one attenuation level throughout, or a change from clear
+    to hidden, or from hidden to clear. chance: (S, L) probabilities of the L levels before the exposure. duration_s: of the
+    exposure.
+    """
     result: Array = np.maximum(chance @ _moves(duration_s), _TINY)
     return result
 
 
 def levels(chance: Array) -> Array:
-    """Return probabilities (S, L) of the levels after an exposure, from weights (S, C) of its components, of any sum."""
+    """Return the probabilities (S, L) of the L attenuation levels after an exposure, for S sites (candidate places of the
+    source).
+
+    chance: (S, C) weights of the exposure's C components (ways of attenuation), of any sum.
+    """
     total = chance @ _ENDS
     result: Array = total / np.maximum(total.sum(axis=1, keepdims=True), _TINY)
     return result
 
 
 def given_level(likelihood: Array, duration_s: float) -> Array:
-    """Return the likelihood (S, L) of an exposure given the level before it, from its likelihood (S, C) given its component."""
+    """Return the likelihood (S, L) of an exposure given the attenuation level before it, for S sites and L levels.
+
+    likelihood: (S, C) of the exposure given its component (way of attenuation).
+    """
     result: Array = likelihood @ _moves(duration_s).T
     return result
 
 
 def at_end(given: Array) -> Array:
-    """Expand likelihoods (S, L) given the level after an exposure to the components (S, C) of that exposure."""
+    """Expand likelihoods (S, L), given the attenuation level after an exposure, to the components (S, C) of that exposure."""
     result: Array = np.maximum(given[:, _TO], _TINY)
     return result
 
 
 def passing(chance: Array) -> Array:
-    """Return E[exp(-t)], (S,), from the probabilities (S, L) of the levels."""
+    """Return the expected share (S,) of direct photons that pass, E[exp(-t)] with t the optical depth of the unknown obstacle.
+
+    chance: (S, L) probabilities of the L attenuation levels, for S sites (candidate places of the source).
+    """
     result: Array = chance @ _PASSING
     return result
 
@@ -91,10 +106,11 @@ def _moves(duration_s: float) -> Array:
 
 
 def behind(direct: Array, scattered: Array, known: Shielding | None) -> tuple[Array, Array]:
-    """Return expected counts (C, S, M, 2), and the variance (C, S, M) of the logarithm of their sum by unknown obstacles.
+    """Return the counts (C, S, M, 2) expected behind unknown obstacles, and the variance (C, S, M) of the logarithm of their sum.
 
-    Obstacles attenuate direct photons. Scattered photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct,
-    scattered: (S, M, 2) expected counts without obstacles; known: walls and buildings.
+    C components (ways of attenuation), S sites, M motion modes, 2 kinds of events. Obstacles attenuate direct photons. Scattered
+    photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct, scattered: (S, M, 2) expected counts without
+    obstacles; known: walls and buildings.
     """
     share, sigma = SHARE[:, None, None], SHARE_SIGMA[:, None, None]
     scattered = scattered * AROUND[:, None, None, None]

@@ -25,16 +25,19 @@ SCATTER, HEIGHT = -2, -1  # over soil, the last two of the state: log scatter fa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """M modes of motion: at rest, and with Ornstein-Uhlenbeck velocities [UO30].
+    """The motion model of the source: at rest, or moving with a velocity that fluctuates around 0 (Ornstein-Uhlenbeck process
+    [UO30]).
 
-    In a moving mode each axis of the velocity obeys dv = -(v / tau) dt + sqrt(2 sigma_v^2 / tau) dW: Singer's model [S70] with
-    the velocity in place of the acceleration. The velocity is stationary with N(0, sigma_v^2) and the autocorrelation
-    exp(-|t| / tau).
+    The source is in one of M modes. In a moving mode each axis of the velocity v obeys dv = -(v / tau) dt + sqrt(2 sigma_v^2 /
+    tau) dW:
+    Singer's model [S70] with the velocity in place of the acceleration. The velocity is stationary with N(0, sigma_v^2) and the
+    autocorrelation exp(-|t| / tau).
 
-    velocity_variance: (M,) sigma_v^2 of each axis, m2/s2; 0 at rest. velocity_s: (M,) tau. switching_ps: (M, M) rates of the
-    Markov chain of the modes, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second of
-    a vehicle's biases, for times short against 2 P0 / q. ground_variance: (2,) prior variances of SCATTER and HEIGHT, both
-    constant, or (0,) over nothing.
+    velocity_variance: (M,) sigma_v^2 of each axis, m2/s2; 0 at rest. velocity_s: (M,) correlation time tau. switching_ps: (M, M)
+    rates of the Markov chain of the modes, per second, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second
+    of a vehicle's position, heading and gain errors (biases), for times short against 2 P0 / q, P0 their stationary variance.
+    ground_variance: (2,) prior variances of the soil's scatter factor (log) and of the source's height (m2), both constant, or
+    (0,) if nothing is assumed below the source.
     """
 
     velocity_variance: Array
@@ -45,23 +48,25 @@ class Motion:
 
     @property
     def modes(self) -> int:
-        """M, the number of modes."""
+        """Number M of motion modes."""
         return len(self.velocity_variance)
 
     def predict(self, mean: Array, covariance: Array, bias_variance: Array, dt_ms: int) -> tuple[Array, Array]:
-        """Prediction within each mode over dt_ms: m <- F m, P <- F P F' + W, with F and W of ``_transition``.
+        """Predict the Gaussians of the source's state by a time dt_ms within each motion mode: m <- F m, P <- F P F' + W.
 
-        mean: (S, M, d). covariance: (S, M, d, d). bias_variance: (BIAS V,) P0 of the vehicles' biases.
+        mean: (S, M, d) m of S sites (candidate places), M modes and d state variables. covariance: (S, M, d, d) P. bias_variance:
+        (BIAS V,) stationary variances P0 of the biases of V vehicles. F and W: transition matrix and noise.
         """
         transition, noise = _transition(self, bias_variance.tobytes(), dt_ms)
         moved = (transition @ mean[..., None])[..., 0]
         return moved, transition @ covariance @ transition.swapaxes(-1, -2) + noise
 
     def mix(self, weight: Array, mean: Array, covariance: Array, dt_s: float) -> tuple[Array, Array, Array]:
-        """The interaction step of the IMM filter [BBS88] within each site, for the mode switches of the last dt_s.
+        """Account for switches of the motion mode in the last dt_s: the interaction step of the IMM filter [BBS88], within each
+        site.
 
-        With pi_ij(dt) = P(mode j now | mode i dt ago) = [expm(Q dt)]_ij, for each site with joint weights w_i, means m_i and
-        covariances P_i of its modes:
+        A site is one candidate place of the source. With pi_ij(dt) = P(mode j now | mode i dt ago) = [expm(Q dt)]_ij, Q the
+        switching rates, for each site with joint weights w_i, means m_i and covariances P_i of its modes:
 
             c_j = sum_i w_i pi_ij                          new weight of mode j
             mu_i|j = w_i pi_ij / c_j                       mixing probabilities
@@ -71,7 +76,7 @@ class Motion:
         m_ij and P_ij are m_i and P_i, except for the velocity of a source that stops or starts. For i -> rest the velocity is 0
         without variance, for rest -> j it is N(0, sigma_v,j^2), both uncorrelated with the rest of the state.
 
-        weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d). Returns c, m0 and P0 of the same shapes.
+        weight: (S, M) for S sites and M modes. mean: (S, M, d). covariance: (S, M, d, d). Returns c, m0 and P0 of these shapes.
         """
         moved = weight[:, :, None] * _mode_transition(self, round(1e3 * dt_s))  # (S, from, to)
         total = moved.sum(axis=1)

@@ -40,9 +40,10 @@ _MEAN_EDGE = 0.154  # mean of exp(-f / 0.2) over all headings, the source 5 to 4
 
 
 def edge_factor(facing: Array) -> Array:
-    """Return the factor of ``edge``: a camera's orientation to the source, relative to the mean over the heading.
+    """Return how much the orientation of the sensor changes the direct counts, relative to the mean over all headings.
 
-    facing: f of any shape.
+    The result is multiplied with the channel's coefficient ``edge``. facing: f of any shape, cosine of the angle between the
+    sensor's normal and the direction to the source.
     """
     result: Array = _MEAN_EDGE - np.exp(facing * (-1.0 / _EDGE_FACING))
     return result
@@ -50,7 +51,12 @@ def edge_factor(facing: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A kind of event. area_mm2: F, effective area. direct, scattered, edge: the coefficients of S. background_ps: B."""
+    """Constants of one kind of event that a camera counts, from which its expected rate beside a source follows.
+
+    area_mm2: effective area F, mean over the heading. direct, scattered, edge: coefficients of the source's rate S (formula
+    above) for direct photons, photons scattered by air, and the sensor's orientation. background_ps: background rate B, per
+    second.
+    """
 
     area_mm2: float
     direct: float
@@ -59,7 +65,7 @@ class Channel:
     edge: float
 
     def less(self, other: Channel) -> Channel:
-        """Return the channel of the events counted here but not in ``other``: its S and B are the differences."""
+        """Return the constants of the events that are counted here but not in ``other``: rates are the differences of both."""
         area_mm2 = self.area_mm2 - other.area_mm2
         direct = self.area_mm2 * self.direct - other.area_mm2 * other.direct
         scattered = self.area_mm2 * self.scattered - other.area_mm2 * other.scattered
@@ -70,12 +76,14 @@ class Channel:
 
 @dataclass(frozen=True)
 class Response:
-    """The rates of one nuclide in the detector chain of radron.agent.detector with its default configuration.
+    """The expected counts of a camera beside a source of one nuclide, with the detection chain of radron.agent.detector by
+    default settings.
 
-    photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
-    events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events
-    that became a cone. soil: of scattered photons in the channels with the source on soil; None: over nothing. strength: of
-    the background, relative to the tables.
+    photons_per_decay: n, of all lines above 100 keV; air_per_m: attenuation coefficient mu of air, mean over these lines.
+    channels:
+    partial-energy events (less than a photon's energy), and full-energy events (near one of the nuclide's lines). cones: events
+    that became a cone. soil: constants for scattered photons with the source on soil; None: nothing below the source. strength:
+    of the background, relative to the tables.
     """
 
     nuclide: str
@@ -87,24 +95,24 @@ class Response:
     strength: float = 1.0
 
     def with_background(self, per_s: float) -> Response:
-        """Return the response with a measured background, in events a second; the channels' and the cones' scale with it."""
+        """Return the response with a measured background (events per second); all background rates are scaled in proportion."""
         return replace(self, strength=self.strength * per_s / (_HITS_PER_EVENT * float(self.background_ps.sum())))
 
     @staticmethod
     def apart(counts: Array) -> Array:
-        """Return counts (2,) by channel, partial- and full-energy events, from the counts (3,) of an exposure.
+        """Return the numbers (2,) of partial-energy and full-energy events from the counts (3,) of an exposure.
 
-        The counts of an exposure: hits h, full-energy events f, coincidences c. A full-energy event is one hit or one
-        coincidence, and a coincidence is two hits. So the partial-energy events are h - f - c, and every event is in exactly one
-        channel. Only then are the channels independent Poisson variables. The variance of h alone is a quarter larger than its
-        mean. If assumed independent, h, f and c would hold twice the actual information.
+        The counts of an exposure: hits h, full-energy events f, coincidences c (two hits of one photon). A full-energy event is
+        one hit or one coincidence. So the partial-energy events are h - f - c, and every event is in exactly one channel. Only
+        then are the channels independent Poisson variables. The variance of h alone is a quarter larger than its mean. If assumed
+        independent, h, f and c would hold twice the actual information.
         """
         hits, photopeak, coincidences = counts.tolist()
         return np.array([max(hits - photopeak - coincidences, 0.0), photopeak])
 
     @cached_property
     def background_ps(self) -> Array:
-        """(2,) B of the channels, per second."""
+        """Background rates (2,) of partial-energy and full-energy events, per second."""
         return self.strength * (self._alone_ps if self.over_soil is None else self.over_soil.background_ps)
 
     @property
@@ -113,7 +121,7 @@ class Response:
 
     @cached_property
     def over_soil(self) -> SoilTable | None:
-        """Scattered photons and background with the source on soil; None over nothing."""
+        """Table of scattered photons and background with the source on soil; None if nothing is assumed below the source."""
         if self.soil is None:
             return None
         area_mm2, direct, _, _ = self._terms  # a fixed share of ``direct`` stands for vehicle and mount alone
@@ -127,25 +135,29 @@ class Response:
 
     @property
     def cone_area_mm2(self) -> float:
-        """Effective area for cones: F direct of ``cones``; R = phi(D) times this."""
+        """Effective area (mm2) for cones, by which the flux phi(D) is multiplied to give the rate R of cones."""
         return self.cones.area_mm2 * self.cones.direct
 
     @property
     def cone_background_ps(self) -> float:
-        """Background cones per second."""
+        """Rate of background cones, per second."""
         return self.strength * self.cones.background_ps
 
     def flux(self, distance_m: Array) -> Array:
-        """Return phi(D) for an activity of REFERENCE_BQ, per mm2 and second; distance_m: D > 0 of any shape."""
+        """Return the flux phi(D) of unscattered photons, per mm2 and second, from a source of activity REFERENCE_BQ.
+
+        distance_m: D > 0 of any shape, distance of the camera from the source.
+        """
         per_mm2 = REFERENCE_BQ * self.photons_per_decay / (4e6 * np.pi)
         result: Array = per_mm2 * np.exp(-self.air_per_m * distance_m) / distance_m**2
         return result
 
     def signal(self, fluence: Array, distance_m: Array, steepness: Array | float = 0.0) -> Array:
-        """Return expected counts (..., 2) of the channels in the mean over the heading, S times the exposure.
+        """Return the counts (..., 2) of partial-energy and full-energy events expected from a source, in the mean over the
+        camera's heading.
 
-        fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D. steepness: (...) sine of the
-        source's depression below the horizon.
+        fluence: (...) unscattered photons per mm2: flux phi(D), times live time, times activity in units of REFERENCE_BQ.
+        distance_m: (...) distance D. steepness: (...) sine of the source's depression below the horizon.
         """
         area_mm2, direct, scattered, _ = self._terms
         depth = self.air_per_m * distance_m
@@ -156,9 +168,11 @@ class Response:
         return result
 
     def parts(self, fluence: Array, distance_m: Array, facing: Array, by_soil: Array | None = None) -> tuple[Array, Array]:
-        """Return expected counts (..., 2) by direct photons, and by scattered photons; their sum is S times the exposure.
+        """Return the counts (..., 2) of partial-energy and full-energy events expected from direct photons, and from scattered
+        photons.
 
-        facing: (...) f. by_soil: (..., 2) result of ``SoilTable.by_soil``, over soil. The others as in ``signal``.
+        facing: (...) f, cosine of the angle between the sensor's normal and the direction to the source. by_soil: (..., 2) result
+        of ``SoilTable.by_soil``, if the source is on soil. fluence, distance_m: as in ``signal``.
         """
         area_mm2, direct, scattered, edge = self._terms
         depth, unscattered = self.air_per_m * distance_m, area_mm2 * fluence[..., None]
@@ -229,7 +243,7 @@ RESPONSES: dict[str, Response] = {
 
 
 def response_of(nuclide: str, ground: str = "none") -> Response:
-    """Return the response to the nuclide of that name, over soil or nothing: ``fusion.ground``.
+    """Return the response of a camera to a nuclide, with the source over soil or over nothing (``fusion.ground`` of the mission).
 
     Raises:
         ConfigError: the table lacks the nuclide.

@@ -38,10 +38,12 @@ _EXCLUDED = 0.05  # posterior odds, relative to prior odds, below which an activ
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """The posterior on the grid. weight: (M, A, C) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
+    """The posterior of a search for one source: probabilities on a grid of C cells, A activities and M motion modes, and of no
+    source.
 
-    background: (B, A, C) and background_alone: (B,), probabilities of the background's levels given these hypotheses; sums over B
-    are 1.
+    weight: (M, A, C) and ``none``: probabilities of the hypotheses of H1 (a source) and of H0 (no source); their sum is 1.
+    background: (B, A, C) and background_alone: (B,) probabilities of the B levels of the background's strength given H1's
+    hypotheses, and given H0; sums over B are 1.
     """
 
     time_s: float
@@ -52,8 +54,10 @@ class SearchState:
 
     @staticmethod
     def prior(grid: Grid, time_s: float) -> SearchState:
-        """Return the prior: P(H0) = 1/2; given H1 ``grid.prior`` over the cells, uniform over the levels of ln activity,
-        ``motion_prior`` over the modes.
+        """Return the state before any observation: P(H0) = 1/2, H0 no source; given H1 (a source), the prior over cells and
+        modes.
+
+        Over the cells ``grid.prior``, uniform over the levels of the logarithm of the activity, ``motion_prior`` over the modes.
         """
         shape = (len(grid.log_activity), len(grid.x))
         share = np.broadcast_to((0.5 / shape[0] * grid.prior).astype(np.float32), shape)
@@ -63,12 +67,15 @@ class SearchState:
 
     @staticmethod
     def of_track(grid: Grid, track: Mixture, none: float) -> SearchState:
-        """Return the grid posterior of a track that has become too wide for a Gaussian sum: its density over (x, y, a) at the
-        cells
+        """Return the search that continues from a track that has become too wide for a sum of Gaussians.
+
+        Its density over place (x, y) and log activity a at the cells is
 
             (1 - eps) sum_i w_ij N(cell; m_ij, P_ij + cell^2 / 12 I) N(a; ..) + eps prior,   eps = ``_FORGOTTEN``,
 
-        scaled to 1 - none. Within each Gaussian place and activity are assumed independent, and biases 0.
+        scaled to 1 - none, with weights w_ij, means m_ij and covariances P_ij of the Gaussians of site i and motion mode j.
+        Within each Gaussian place and activity are assumed independent, and the vehicles' position errors 0. none: probability of
+        no source.
         """
         first = SearchState.prior(grid, track.time_s)
         density = np.zeros(first.weight.shape)
@@ -91,13 +98,14 @@ class SearchState:
 
     @property
     def evidence(self) -> float:
-        """ln P(H1) / P(H0); with prior odds of 1 the log Bayes factor of H1 against H0."""
+        """Log odds of a source against no source, ln P(H1) / P(H0); with prior odds of 1 the log Bayes factor."""
         return float(np.log((1.0 - self.none + _TINY) / self.none))
 
     def later(self, grid: Grid, time_s: float) -> SearchState:
-        """Predict: each moving mode diffuses by ``diffusion_m2ps`` t per axis (a random walk); modes do not switch.
+        """Predict the posterior to a later time: a moving source diffuses by ``diffusion_m2ps`` t per axis (a random walk).
 
-        The time t is limited to ``_LONGEST_MOVE_S``. A step below ``_MOVE_S`` changes nothing, and is part of a later one.
+        Motion modes do not switch. The time t is limited to ``_LONGEST_MOVE_S``. A step below ``_MOVE_S`` changes nothing, and is
+        part of a later one.
         """
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
@@ -108,13 +116,17 @@ class SearchState:
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
-        """Update with an exposure. position: of the camera, mission frame; counts: (2,) k, by channel.
+        """Update the posterior with the counts of an exposure. position: of the camera, mission frame (m); counts: (2,) k, by
+        kind of event.
+
+        With a the log activity, f the background's strength, D the distance of a cell, T the live time, B_0 the background rates:
 
             P(k | f, a, cell) by ``counts.fit_rate`` with S = signal(phi(D) exp(a) T), B = f B_0 T and
-                V = activity_variance + (2 cell / max(D, cell))^2 / 12      spread of ln S within a cell
+              V = activity_variance + (2 cell / max(D, cell))^2 / 12      spread of ln S within a cell
             P(k | f, H0) by ``counts.background_log_likelihood``
             L = P(k | ..) / max P(k | ..) + ``_OUTLIERS``
-            P(f | ..) <- P(f | ..) L / l,   weight <- weight l,   l = sum_f P(f | ..) L,   likewise for H0; normalised.
+            P(f | ..) <- P(f | ..) L / l,   weight <- weight l,   l = sum_f P(f | ..) L,   likewise for H0 (no source);
+            normalised.
 
         L depends only on the distance D and the size of a cell: for each size it is tabulated over D and interpolated.
         """
@@ -151,11 +163,11 @@ class SearchState:
         )
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
-        """Update with a cone; apex: mission frame.
+        """Update the posterior with a Compton cone. apex: position of the camera, mission frame (m); orders: the cone's readings.
 
-        weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, delta at the cell's centre. The angle
-        spanned by a cell, cell^2 / (12 D^2), is added to the variance of delta. H0's likelihood is 1. The background's level does
-        not enter.
+        weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, the angular error taken at the cell's
+        centre. The angle spanned by a cell, cell^2 / (12 D^2) at the distance D, is added to the variance of this error. The
+        likelihood without a source is 1. The background's level does not enter.
         """
         distance, x, y, z = _seen_from(grid, apex)
         u, v, w = orders.axis.T
@@ -175,19 +187,21 @@ class SearchState:
         return replace(self, weight=weight / np.float32(total), none=none / total)
 
     def background_factor(self, grid: Grid) -> float:
-        """Return E[f | H1]."""
+        """Return the expected strength of the background relative to the tables, given that there is a source."""
         level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2), dtype=np.float64)
         return float(level @ grid.background / level.sum())
 
     def place(self, grid: Grid) -> tuple[float, float, float]:
-        """Return mean x and y given H1, and the RMS distance from there, metres."""
+        """Return the mean place x and y (m) given that there is a source, and the RMS distance from there (m)."""
         cells = self.weight.sum(axis=(0, 1), dtype=np.float64)
         cells = cells / cells.sum()
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
 
     def beyond(self, grid: Grid) -> Point2 | None:
-        """Return the mean place (m) of a source beyond the fence, if that is more probable than all else."""
+        """Return the mean place (m) of a source beyond the fence, if that is more probable than all other possibilities; else
+        None.
+        """
         cells = self.weight[..., grid.beyond].sum(axis=(0, 1), dtype=np.float64)
         if not cells.sum() > 0.5:
             return None
@@ -195,7 +209,7 @@ class SearchState:
         return x, y
 
     def outlook(self, grid: Grid) -> Outlook:
-        """Return the posterior over places, for the search's guidance and for the report of a search without a source."""
+        """Return the posterior over places, for the guidance of the search and for the report of a search without a source."""
         cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, C)
         place = cells.sum(axis=0)
         activity = np.exp((cells * grid.log_activity[:, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ

@@ -17,15 +17,16 @@ from radron.agent.geometry import Array
 
 
 class BayesState(Struct, frozen=True, eq=False):
-    """The posterior: a search (grid), or a track (Gaussian sum) once the source is found.
+    """The state of the Bayesian estimator after a step: a search (probability grid), or a track (sum of Gaussians) once a source
+    is found.
 
-    evidence: log Bayes factor H1 : H0 of the observations since the last search from the prior (a reacquisition starts at the
-    odds 1 - doubt : doubt). recent_evidence: of the last seconds. background: E[f | H1] at the end of the search, the relative
-    strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles observed in the search; a track has
-    its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
-    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``;
-    rejections, contrary: of exposures and by cones, see ``contradicted``. turns: of cameras, see ``turned``. moments: mean and
-    covariance of the track after the step, for the hypotheses until the next one.
+    evidence: log Bayes factor of a source against no source by the observations since the last search from the prior (a
+    reacquisition starts at the odds 1 - doubt : doubt). recent_evidence: of the last seconds. background: expected strength of
+    the background relative to the tables, at the end of the search; a track keeps it. bias_variance: (BIAS V,) prior variances of
+    the errors (biases) of the V vehicles observed in the search; a track has its own. frames: by vehicle, epoch and estimated
+    frame of its last observation in the track. waiting: by vehicle, its last exposure if that waits for the next one
+    (``Mixture.waits``). sure: see ``doubted``; rejections, contrary: of exposures and by cones, see ``contradicted``. turns: of
+    cameras, see ``turned``. moments: mean and covariance of the track after the step, for the estimates until the next step.
     """
 
     search: SearchState | None = None
@@ -45,5 +46,5 @@ class BayesState(Struct, frozen=True, eq=False):
     moments: tuple[Array, Array] | None = None
 
     def leaves_out(self, vehicle: int, stamp_ns: int) -> bool:
-        """Return whether a vehicle's measurements are left out, as the others contradict it."""
+        """Return whether a vehicle's measurements are left out, because the other vehicles' measurements contradict them."""
         return any(is_contradicted(found, self.sure, vehicle, stamp_ns) for found in (self.rejections, self.contrary))
