@@ -1,1 +1,1 @@
-"""What reality would give: sources, detectors, vehicles, localisation errors, bad radio."""
+"""The simulated world in which the agents are tested: sources, detectors, vehicles, localisation errors and a lossy radio."""

@@ -37,7 +37,7 @@ app.command()(ground)
 
 
 def main() -> None:
-    """Run the command; errors that the user can fix end in one line and exit code 2."""
+    """Run the ``radron-sim`` command; an error that the user can fix ends in one line of text and the exit code 2."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     run_command("radron-sim", app)

@@ -1,4 +1,4 @@
-"""Types of vectors and attitudes in the simulation, which has maths of its own."""
+"""Types of vectors and attitudes in the simulation, which shares no mathematics with the agents."""
 
 from __future__ import annotations
 

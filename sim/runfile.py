@@ -1,4 +1,4 @@
-"""Files that stay intact if the process is killed: whole files by rename, and a JSON Lines file with one line per run."""
+"""Result files that stay intact if the process is killed: whole files by renaming, and a file with one JSON line per run."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def write_text(path: Path, text: str) -> None:
 
 
 def json_line(line: Line) -> str:
-    """Return one flat object on one line; numbers in full precision, which are read back with the same bits."""
+    """Return a flat object as one line of JSON; numbers have full precision, so that they are read back exactly."""
     return msgspec.json.encode(line).decode() + "\n"
 
 
 def make_folder(path: Path) -> None:
-    """Create an output folder.
+    """Create a folder for the results of simulated flights.
 
     Raises:
-        ConfigError: it cannot be created or written to.
+        ConfigError: the folder cannot be created or written to.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -53,9 +53,10 @@ def _told(path: Path) -> Iterator[None]:
 
 
 class RunFile:
-    """A JSON Lines file of runs: appended to line by line, each safely on disk before the next.
+    """A JSON Lines file with the results of a campaign, one line for each simulated flight.
 
-    Opening it reads the lines left by an earlier process; an incomplete last line, after which it was killed, is cut off.
+    Each line is safely on disk before the next is written. Opening the file reads the lines left by an earlier process; an
+    incomplete last line, left when this process was killed, is cut off.
     """
 
     def __init__(self, path: Path) -> None:
@@ -76,7 +77,11 @@ class RunFile:
             os.truncate(path, len(content) - len(torn))
 
     def append(self, line: Line) -> None:
-        """Add a line; on return it has reached the disk. Raises OutputError if it cannot; the next opening cuts it off."""
+        """Add a line; on return it has reached the disk.
+
+        Raises:
+            OutputError: the line cannot be written completely; the next opening cuts it off.
+        """
         with _told(self.path), self.path.open("ab") as stream:
             stream.write(json_line(line).encode())
             stream.flush()
@@ -84,13 +89,13 @@ class RunFile:
         self.lines.append(dict(line))
 
     def rewrite(self, lines: Iterable[Line]) -> None:
-        """Replace the content."""
+        """Replace all lines of the file."""
         kept = [dict(line) for line in lines]
         write_text(self.path, "".join(map(json_line, kept)))
         self.lines = kept
 
     def sort(self, key: Callable[[Line], Any]) -> None:
-        """Sort the lines."""
+        """Sort the lines of the file by a ``key``."""
         self.rewrite(sorted(self.lines, key=key))
 
     def _parse(self, text: bytes, number: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Scenario files: a mission, and the truth. The agents see the mission only."""
+"""Scenario files: a mission, and the truth for its simulation. The agents see the mission only."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class EndTruth(_Section, frozen=True, kw_only=True):
-    """End of a run, and criterion of a lost source.
+    """When a simulated flight ends, and when its source counts as lost.
 
-    A run ends when all have landed, after ``search_s`` without a hypothesis, or after ``track_s`` of tracking; a mission with a
-    tracking time of its own (``mission.track.duration_s``) is flown until all have landed. In any case it ends ``after_s`` after
-    the beginning of the search, if that is given, and ``COMING_HOME_S`` after the longest search and tracking together, even if a
-    drone never lands.
+    A flight ends when all drones have landed, ``search_s`` after its search has begun without an estimate, or after ``track_s``
+    of tracking; a mission with a tracking time of its own (``mission.track.duration_s``) is flown until all have landed. In any
+    case it ends ``after_s`` after the beginning of the search, if that is given, and ``COMING_HOME_S`` after the longest search
+    and tracking together, even if a drone never lands.
 
-    ``lost``: ``error``: the error is above 20 m for 10 s (the run goes on); ``no-cone``: the paper's rule, 20 s without a cone
-    (ends the run).
+    ``lost``: ``error``: the error of the estimate is above 20 m for 10 s (the flight goes on); ``no-cone``: the paper's rule, 20
+    s without a Compton cone (ends the flight).
     """
 
     search_s: Duration = 900.0
@@ -61,13 +61,13 @@ class EndTruth(_Section, frozen=True, kw_only=True):
     lost: Literal["error", "no-cone"] = "error"
 
     def longest_s(self, mission: MissionConfig) -> float:
-        """Longest duration of a run (s), from the beginning of the search."""
+        """Return the longest duration of a simulated flight in seconds, from the beginning of the search."""
         longest_s = self.search_s + max(self.track_s, mission.track.duration_s or 0.0) + COMING_HOME_S
         return longest_s if self.after_s is None else min(longest_s, self.after_s)
 
 
 class Scenario(_Section, frozen=True, kw_only=True):
-    """A mission and the truth for its simulation.
+    """A scenario: a mission, and the true sources, sensors, vehicles and faults for its simulation.
 
     The sources of ``source``, ``sources`` and ``random_sources`` exist together; each may be left out.
     """
@@ -94,12 +94,15 @@ class Scenario(_Section, frozen=True, kw_only=True):
 
     @property
     def measured(self) -> bool:
-        """Return whether the drones' cameras are simulated: also without a source, but not with a given hypothesis."""
+        """Whether the drones' cameras are simulated.
+
+        They are simulated also without a source, but not if the source's position is given to the agents.
+        """
         given = self.mission.fusion.estimator == "given"
         return not given or self.source is not None or bool(self.sources) or self.random_sources is not None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError for contradictory values."""
+        """Raise ConfigError if values contradict each other. ``where``: name of the file, for the error."""
         self.mission.check(where)
         check_estimator(self.mission.fusion.estimator, f"{where}: mission.fusion.estimator")
         nuclide = self.mission.one_nuclide
@@ -134,13 +137,14 @@ class Scenario(_Section, frozen=True, kw_only=True):
 
 
 def shipped() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Return the names of the scenarios that come with the package."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml") if not path.stem.endswith("-base"))
 
 
 def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
-    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid and
-    buildings.
+    """Load a scenario that comes with the package by its name, or from a file by its path.
+
+    ``with_grid``: also read the elevation grid and the buildings of the mission.
 
     Raises:
         ConfigError: unknown name, unreadable file, an invalid key or value.
@@ -159,7 +163,7 @@ def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
 
 
 def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
-    """The scenario with some values changed.
+    """Return a scenario with some of its values changed.
 
     Keys: ``radius_m`` and ``speed_mps`` (of the encirclement; the speed also of the survey), ``activity_bq`` and
     ``source_speed_mps``, ``drones`` (their number), or any dotted path such as ``mission.fusion.paper.process_noise_m2ps``.
@@ -182,7 +186,11 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
 
 
 def chosen(scenario: Scenario, estimator: str | None, law: str | None) -> Scenario:
-    """Return the scenario with another estimator and another flocking law, if given; errors as in ``override``."""
+    """Return a scenario with another estimator and another flocking law (spacing of the drones on their circle), where given.
+
+    Raises:
+        ConfigError: an unknown name.
+    """
     values = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
     return override(scenario, {key: name for key, name in values.items() if name is not None})
 
@@ -228,7 +236,9 @@ def _base(path: Path, base: str) -> Path:
 
 
 def parse_scenario(document: dict[str, Any], where: str) -> Scenario:
-    """A scenario from its document, as a scenario file without a base holds it; ``where`` is named in errors.
+    """Convert the content of a scenario file (with its base file merged in) to a scenario.
+
+    ``where``: name of the file, for errors.
 
     Raises:
         ConfigError: an invalid key or value.

@@ -1,4 +1,4 @@
-"""The cases of a campaign: the named scenarios, each at every point of the sweep."""
+"""The cases of a campaign (series of simulated flights): scenarios, each at every combination of varied parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ Sweep = Mapping[str, tuple[Value, ...]]  # parameter -> its values, in the order
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A scenario at one point of the sweep; ``point``: parameters and their values, in the order of the sweep."""
+    """One case of a campaign (series of simulated flights): a scenario at one combination of varied parameters.
+
+    ``point``: the parameters and their values, in the order of the sweep.
+    """
 
     name: str
     scenario: Scenario
@@ -26,17 +29,17 @@ class Case:
 
     @property
     def key(self) -> tuple[str, tuple[Value, ...]]:
-        """Return the identity of the case within its campaign: the name, and the values of the sweep."""
+        """Identity of the case within its campaign: the scenario's name and the values of the varied parameters."""
         return self.name, tuple(value for _, value in self.point)
 
     @property
     def label(self) -> str:
-        """Name and point, such as ``paper-static-swarm radius_m=8``."""
+        """Text for the case with its name and parameters, such as ``paper-static-swarm radius_m=8``."""
         return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in self.point)])
 
 
 def parse_sweep(texts: Sequence[str]) -> dict[str, tuple[Value, ...]]:
-    """Read ``--sweep radius_m=8,10,12`` options.
+    """Read the options ``--sweep radius_m=8,10,12`` of a campaign: from each varied parameter to its values.
 
     Raises:
         ConfigError: no ``=``, no values, or a parameter or value given twice.
@@ -54,7 +57,7 @@ def parse_sweep(texts: Sequence[str]) -> dict[str, tuple[Value, ...]]:
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, Value]:
-    """Read ``--set speed_mps=4`` options.
+    """Read the options ``--set speed_mps=4`` of a campaign: from each changed parameter to its value.
 
     Raises:
         ConfigError: no ``=``, or no value.
@@ -63,7 +66,9 @@ def parse_settings(texts: Sequence[str]) -> dict[str, Value]:
 
 
 def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | None = None) -> tuple[Case, ...]:
-    """Load the scenarios (by name or path), and vary and check them over the whole grid of the sweep.
+    """Load scenarios by name or path, and return each at every combination of the varied parameters (``sweep``), checked.
+
+    ``settings``: parameters that are changed in all cases.
 
     Raises:
         ConfigError: an unknown scenario, key or value; two scenarios of one name.
@@ -84,9 +89,9 @@ def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | No
 
 
 def without_effect(flown: Sequence[Case], settings: Iterable[str], estimator: str | None, law: str | None) -> list[str]:
-    """Return a line for each parameter that is set or swept, but has no effect in one of the cases.
+    """Return a warning line for each changed parameter that has no effect in one of the cases.
 
-    ``settings``: the parameters that are set; ``estimator``, ``law``: of all flights, None for the scenario's own.
+    ``settings``: parameters changed in all cases. ``estimator``, ``law``: of all flights; None for the scenario's own.
     """
     told = []
     for case in flown:

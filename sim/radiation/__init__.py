@@ -1,4 +1,5 @@
-"""Sources and detectors: nuclides, photon transport in CdTe, the Timepix3's response; from a source in view to pixel hits.
+"""Simulated sources and detectors: nuclides, photon transport in CdTe, and the Timepix3's response.
 
-``camera.Camera`` is used in flights: fast, from a bank of simulated events. ``beam.BeamCamera`` transports every photon.
+The input is a source in view of a camera, the output are pixel hits. ``camera.Camera`` is used in flights: it is fast, as it
+draws from stored simulated events. ``beam.BeamCamera`` transports every photon.
 """

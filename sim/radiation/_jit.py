@@ -11,7 +11,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def jit(function: F) -> F:
-    """Compile for nopython mode and keep the machine code between processes.
+    """Compile a numerical function to machine code (numba's ``njit``), and keep the code between processes.
 
     numba notices changes of the file that contains a function, but not of compiled functions that it calls from other files:
     after editing one of these, delete the ``*.nb?`` files.

@@ -1,4 +1,7 @@
-"""The simulated camera in a fixed beam, with full transport of every photon: slower than Camera, and without a bank."""
+"""The simulated camera in a fixed beam of photons, each of which is fully transported.
+
+It is slower than ``Camera``, but needs no stored events.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,11 @@ _AREA_INTERACTIONS = 30_000  # the effective area to 0.6 % or better
 
 
 class BeamCamera:
-    """A camera with one source at a fixed direction; arguments and errors as for Camera.
+    """A simulated camera with one source at a fixed direction, for recordings and tests. Every photon is fully transported.
 
-    Of the differences between cameras only the energy gain is modelled: no sensitivity, drift, shadow or clock.
+    ``truth``: the camera's true parameters. ``nuclide``: the source's nuclide. ``view``: the source as the camera sees it.
+    ``rng``: the camera's own random numbers. ``clock_ns``: UTC time of tick 0. Of the differences between cameras only the energy
+    gain is simulated: no sensitivity, drift, shadow or clock. Raises ConfigError for an unknown nuclide.
     """
 
     def __init__(self, truth: CameraTruth, nuclide: str, view: SourceView, rng: np.random.Generator, clock_ns: int) -> None:
@@ -47,16 +52,16 @@ class BeamCamera:
 
     @property
     def photons_per_s(self) -> float:
-        """Photons that interact in the sensor, background included."""
+        """Mean number of photons per second that interact in the sensor, background included."""
         return self.direct_per_s + self.scattered_per_s + self._truth.background_hits_per_s
 
     @property
     def calibration(self) -> PixelCalibration:
-        """The camera's own, with ``write(folder)`` for the agent's files."""
+        """The camera's energy calibration, with ``write(folder)`` for the agent's files."""
         return self._electronics.calibration
 
     def expose(self, start_ns: int, end_ns: int) -> Readout:
-        """All hits of [start_ns, end_ns), UTC; Poisson in number."""
+        """Return all pixel hits from ``start_ns`` until before ``end_ns`` (UTC); the number of photons is Poisson distributed."""
         span_s = (end_ns - start_ns) * 1e-9
         rates = (self.direct_per_s, self.scattered_per_s, self._truth.background_hits_per_s)
         parts = [

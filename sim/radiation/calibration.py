@@ -1,4 +1,4 @@
-"""The camera's true conversion of energy to time over threshold, and the calibration files for the agent."""
+"""Energy calibration of the simulated camera: true conversion of energy to time over threshold, and the files for the agent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ LARGEST_TOT = 1022  # the counter's 10 bits saturate
 
 @dataclass(frozen=True, slots=True)
 class PixelCalibration:
-    """Coefficients by matrix index, (65536,) each; ``true_a`` is the pixels' true slope, ``a`` that of the files."""
+    """Energy calibration of every pixel of a simulated camera: coefficients of ToT = a E + b - c / (E - t).
+
+    Each array has 65,536 values, by matrix index. ``a`` is the slope in the calibration files, which the agent reads; ``true_a``
+    is the pixel's true slope.
+    """
 
     a: FloatArray
     b: FloatArray
@@ -30,9 +34,10 @@ class PixelCalibration:
 
     @classmethod
     def draw(cls, truth: CameraTruth, rng: np.random.Generator) -> PixelCalibration:
-        """A camera with the truth's spread, error and gain; draws from rng only where one of the first two is not zero.
+        """Draw the calibration of a camera at random, with the spread, error and gain given in ``truth``.
 
-        The gain is drawn from a stream that is split off from rng.
+        ``rng`` is only used for the spread and the error, if they are not zero. The gain is drawn from a random stream that is
+        split off from ``rng``.
         """
         count = SENSOR_PIXELS**2
 
@@ -44,7 +49,10 @@ class PixelCalibration:
         return cls(a, b, c, t, a * vary(1.0, truth.calibration_error) * gain)
 
     def write(self, folder: Path) -> None:
-        """Write a.txt, b.txt, c.txt and t.txt, 256 lines of 256 numbers, the lowest row first."""
+        """Write the agent's calibration files a.txt, b.txt, c.txt and t.txt.
+
+        Each has 256 lines of 256 numbers, the lowest row of pixels first.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         for name in ("a", "b", "c", "t"):
             np.savetxt(folder / f"{name}.txt", getattr(self, name).reshape(SENSOR_PIXELS, SENSOR_PIXELS), fmt="%.6g")

@@ -1,4 +1,4 @@
-"""The simulated camera: from sources in view to a readout, fast, from the event bank."""
+"""The simulated camera of a drone: from sources in view to pixel hits. It is fast, as it draws from stored events."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ _NEAREST_M = 0.05
 
 
 class SourceView(Struct, frozen=True):
-    """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame.
+    """A source as a camera sees it, from the camera's true position and attitude.
 
-    concrete_m: length of concrete between them. nuclide: one of the camera's nuclides; empty: its first. camera_m, source_m:
-    heights above the ground at the source, which count where photons of the ground are simulated.
+    direction: unit vector from camera to source, camera frame. concrete_m: length of concrete between them. nuclide: one of the
+    camera's nuclides; empty: its first. camera_m, source_m: heights above the ground at the source, which count where photons of
+    the ground are simulated.
     """
 
     direction: tuple[float, float, float]
@@ -43,17 +44,17 @@ class SourceView(Struct, frozen=True):
 
 
 class Camera:
-    """A MiniPIX TPX3 exposed to sources, with background, scatter, air and electronics.
+    """A simulated MiniPIX TPX3 (pixel detector) exposed to sources, with background, scattered photons, air and electronics.
 
-    Concrete and the vehicle's body attenuate the direct photons, and those that the ground scatters from about the source's
-    direction: all other scattered photons come from all directions.
+    Concrete and the vehicle's body attenuate the direct photons, and the photons that the ground scatters from about the source's
+    direction. All other scattered photons come from all directions.
 
     Args:
         truth: the camera's true parameters.
-        nuclides: those of the sources, each once.
+        nuclides: nuclides of the sources, each once.
         rng: the camera's own random numbers.
         clock_ns: UTC time of tick 0, the start of the simulation.
-        ground: what is below; None: nothing, as in the paper's data.
+        ground: material below the drone; None: no ground, as in the paper's data.
 
     Raises:
         ConfigError: an unknown nuclide.
@@ -83,13 +84,14 @@ class Camera:
 
     @property
     def calibration(self) -> PixelCalibration:
-        """The camera's own, with ``write(folder)`` for the agent's files."""
+        """The camera's energy calibration, with ``write(folder)`` for the agent's files."""
         return self._electronics.calibration
 
     def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float = 0.0) -> Readout:
-        """All hits of [start_ns, end_ns), UTC, with the sources at ``views`` throughout; their number is Poisson distributed.
+        """Return all pixel hits from ``start_ns`` until before ``end_ns`` (UTC); the number of photons is Poisson distributed.
 
-        A clock offset shifts all stamps of the readout by the same time. height_m: of the camera above the ground below it.
+        ``views``: the sources, which do not move relative to the camera meanwhile. ``height_m``: height of the camera above the
+        ground below it. A clock offset of the camera shifts all stamps of the readout equally.
         """
         rng, truth, own = self._rng, self._truth, self._own
         bins: list[int] = []

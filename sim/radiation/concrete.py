@@ -14,10 +14,10 @@ _TABLES_END_KEV = 799.0
 
 @cache
 def concrete_attenuation_per_m(energy_kev: float) -> float:
-    """Linear attenuation coefficient of concrete of 2.3 g/cm3.
+    """Return the linear attenuation coefficient of concrete (2.3 g/cm3) for gamma rays, per metre.
 
-    xraylib's tables end at 800 keV. Above, nearly all interactions are Compton scattering, whose energy dependence all materials
-    share, so it is scaled like air's.
+    xraylib's tables end at 800 keV. Above, nearly all interactions are Compton scattering, whose dependence on energy is common
+    to all materials, so that the coefficient is scaled like air's.
     """
     if energy_kev > _TABLES_END_KEV:
         falls = air_attenuation_per_m(energy_kev) / air_attenuation_per_m(_TABLES_END_KEV)

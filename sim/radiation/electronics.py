@@ -1,4 +1,4 @@
-"""The camera's electronics: pixels of events become hits in the readout's order of delivery."""
+"""Electronics of the simulated camera: they turn the pixels of events into hits, in the readout's order of delivery."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SWAP, FLIP_COLUMN, FLIP_ROW = 4, 1, 2
 
 
 class Electronics:
-    """One camera's pixels: true calibration, dead time and the readout's bandwidth."""
+    """Simulates the pixels of one camera after the deposit of energy: true calibration, dead time and the readout's bandwidth."""
 
     def __init__(self, truth: CameraTruth, rng: np.random.Generator, clock_ns: int) -> None:
         self._clock_ns = clock_ns
@@ -30,11 +30,11 @@ class Electronics:
         self.calibration = PixelCalibration.draw(truth, rng)
 
     def ticks(self, start_ns: int, end_ns: int) -> tuple[int, int]:
-        """First tick at or after the start, and first at or after the end, both UTC."""
+        """Return the first clock tick at or after the start, and the first at or after the end (both nanoseconds UTC)."""
         return -((self._clock_ns - start_ns) * 16 // 25), -((self._clock_ns - end_ns) * 16 // 25)
 
     def empty(self, start_ns: int, end_ns: int) -> Readout:
-        """A readout without hits."""
+        """Return a readout of this interval without hits."""
         return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns) * 1e-9, PixelHits.none())
 
     def read_out(
@@ -47,9 +47,18 @@ class Electronics:
         symmetry: IntArray,
         tick: IntArray,
     ) -> Readout:
-        """Hits of events: (N,) their indices into ``first`` (as of Events), the symmetry applied to each, and its tick.
+        """Convert events to the hits that the readout delivers. N events are read out.
 
         Hits beyond the bandwidth are lost, like with a full buffer; the live time ends with the last hit that was read out.
+
+        Args:
+            start_ns: begin of the interval, nanoseconds UTC.
+            end_ns: end of the interval.
+            pixels: pixels of all known events, one after the other.
+            first: index of each known event's first pixel.
+            event: (N,) index into ``first`` of each event that is read out.
+            symmetry: (N,) symmetry of the sensor (flips and swap of rows and columns) applied to each event.
+            tick: (N,) clock tick of each event.
         """
         cal = self.calibration
         ticks, index, tot = _deliver(

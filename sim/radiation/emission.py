@@ -1,4 +1,4 @@
-"""The events that a camera may see of one nuclide, or of scattered photons: from a bank, by the rates of where they come from."""
+"""Choice of the events that a camera sees: at random from stored events, by the rates of the photons' origins."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ ANY = -1  # symmetry: from all directions
 
 
 class Picked(NamedTuple):
-    """Events to be read out. pixels, first: as of Events. event: (N,) indices into ``first``; symmetry, tick: (N,) of each."""
+    """N simulated events that were chosen to be read out.
+
+    pixels, first: pixels of all stored events, and index of each one's first pixel. event: (N,) indices into ``first``. symmetry:
+    (N,) symmetry of the sensor applied to each event. tick: (N,) clock tick of each event.
+    """
 
     pixels: NDArray[np.void]
     first: IntArray
@@ -33,11 +37,11 @@ class Picked(NamedTuple):
 
 
 class Origins(NamedTuple):
-    """Where events of one exposure may come from: the views, each nuclide's scattered photons, the background, and the ground.
+    """The O possible origins of photons in one exposure: sources, scattered photons of each nuclide, background and ground.
 
-    cumulative: (O,) cumulated rates. bins: (O,) of the bank. nuclide: (O,) index of each one's emission. symmetries: (O,) of the
-    sensor, ``ANY``: each event has its own. excess: (views, lines), optical depth of what lies between, beyond that of the most
-    penetrating line.
+    cumulative: (O,) cumulated rates. bins: (O,) direction bins of the stored events. nuclide: (O,) index of the set of events.
+    symmetries: (O,) symmetry of the sensor applied to an event; ``ANY``: a random one for each event. excess: (sources, lines)
+    optical depth of air and concrete for each gamma line, minus the optical depth of the most penetrating line.
     """
 
     cumulative: NDArray[np.float64]
@@ -48,7 +52,10 @@ class Origins(NamedTuple):
 
 
 class Pool:
-    """The events of a bank. area_mm2: effective area of each bin."""
+    """A bank of stored simulated events, from which a camera's events are drawn.
+
+    area_mm2: effective area of each direction bin.
+    """
 
     def __init__(self, bank: EventBank) -> None:
         self._bank = bank
@@ -57,7 +64,11 @@ class Pool:
         self._kind = np.ascontiguousarray(np.cumsum(bank.area_mm2, axis=1) / np.maximum(area[:, None], 1e-30))
 
     def pick(self, u: NDArray[np.float64], origin: IntArray, origins: Origins, first_tick: int, ticks: int) -> Picked:
-        """Events from (N, 5) uniform numbers and the origin of each, an index into ``origins``."""
+        """Choose N stored events at random.
+
+        u: (N, 5) uniform random numbers. origin: (N,) index of each event's origin in ``origins``. first_tick, ticks: begin and
+        length of the exposure in clock ticks.
+        """
         bank = self._bank
         event, symmetry, tick = _pick(
             u,
@@ -76,9 +87,10 @@ class Pool:
 
 
 class Emission(Pool):
-    """One nuclide before one camera.
+    """The photons of one nuclide as one camera can see them: stored events, and attenuation in air and concrete.
 
-    area_mm2: effective area of each bin of its bank. least_attenuation: of its most penetrating line, in air, per metre.
+    area_mm2: effective area of each direction bin. least_attenuation: attenuation coefficient in air of the most penetrating
+    gamma line, per metre.
     """
 
     def __init__(self, nuclide: str, truth: CameraTruth) -> None:
@@ -92,13 +104,17 @@ class Emission(Pool):
         self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
 
     def depths(self, distance_m: float, concrete_m: float) -> list[float]:
-        """Optical depth of each line through so much air and concrete."""
+        """Return the optical depth of each gamma line through ``distance_m`` of air and ``concrete_m`` of concrete."""
         lines = zip(self._attenuation, self._concrete, strict=True)
         return [air * distance_m + concrete * concrete_m for air, concrete in lines]
 
 
 def pick(emissions: Sequence[Pool], u: NDArray[np.float64], origins: Origins, first_tick: int, ticks: int) -> Picked:
-    """Events of all emissions from (N, 5) uniform numbers, of which the first choose the origins."""
+    """Choose N events of several sets of stored events at random, in proportion to the rates of their origins.
+
+    u: (N, 5) uniform random numbers, of which the first choose the origins. first_tick, ticks: begin and length of the exposure
+    in clock ticks.
+    """
     last = len(origins.bins) - 1
     origin = np.minimum(np.searchsorted(origins.cumulative, u[:, 0] * origins.cumulative[-1], side="right"), last)
     if len(emissions) == 1:

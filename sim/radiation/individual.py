@@ -1,4 +1,4 @@
-"""Differences of one simulated camera from the assumed one: sensitivity, anisotropy, background drift, shadow, clock."""
+"""Deviations of one simulated camera from the assumed one: sensitivity, anisotropy, background drift, shadow, clock."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from radron.sim.radiation.truth import CameraTruth
 
 
 class Individual:
-    """The differences of one camera, drawn from a separate stream: enabling them leaves all other random numbers of a flight
-    unchanged.
+    """Deviations of one simulated camera from the camera that the agents assume, drawn at random.
 
-    sensitivity: factor on all counts. clock_offset_ns: its clock's time minus the vehicle's.
+    They are drawn from a separate random stream: enabling them leaves all other random numbers of a flight unchanged.
+    sensitivity: factor on all counts. clock_offset_ns: time of the camera's clock minus the vehicle's.
     """
 
     def __init__(self, truth: CameraTruth, rng: np.random.Generator) -> None:
@@ -28,7 +28,10 @@ class Individual:
         self._least_cosine = math.cos(math.radians(truth.shadow_half_angle_deg))
 
     def background(self, span_s: float) -> float:
-        """Factor of the background's rate, after this time has passed: first-order Gauss-Markov in its logarithm."""
+        """Return the factor of the background's rate after a further time ``span_s`` has passed.
+
+        The logarithm of the factor is a first-order Gauss-Markov process.
+        """
         truth = self._truth
         if truth.background_drift == 0.0:
             return 1.0
@@ -38,7 +41,10 @@ class Individual:
         return math.exp(self._log_background)
 
     def transmission(self, direction: tuple[float, float, float]) -> float:
-        """Factor on the photons straight from a direction (unit vector, camera frame): vehicle's body and anisotropy."""
+        """Return the share of direct photons from a direction (unit vector, camera frame) that this camera counts.
+
+        It covers the shadow of the vehicle's body and the camera's anisotropy; 1 is the response of the assumed camera.
+        """
         factor = self._body_transmission(direction)
         if self._truth.anisotropy == 0.0:
             return factor

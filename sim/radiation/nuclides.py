@@ -17,7 +17,7 @@ from radron.agent.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class Nuclide:
-    """A gamma emitter. ``lines``: (energy in keV, photons per decay), strongest first."""
+    """A gamma-emitting nuclide. ``lines``: (energy in keV, photons per decay) of its gamma lines, strongest first."""
 
     name: str
     lines: tuple[tuple[float, float], ...]
@@ -96,7 +96,7 @@ NUCLIDES: dict[str, Nuclide] = {
 
 
 def nuclide(name: str) -> Nuclide:
-    """The nuclide of that name, such as ``Cs-137``.
+    """Return the simulated nuclide with a name such as ``Cs-137``.
 
     Raises:
         ConfigError: unknown name; the text lists the known ones.

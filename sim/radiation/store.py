@@ -1,4 +1,7 @@
-"""The user's cache of what takes long to simulate: event banks, tables of fluxes over ground; each as a folder of arrays."""
+"""The user's cache of slowly simulated data: banks of events, and tables of photon fluxes over ground.
+
+Each is a folder of arrays.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,9 @@ MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3
 
 
 def load_bank(name: str, truth: CameraTruth) -> EventBank:
-    """The bank of a nuclide for that camera: from memory, from disk (memory-mapped), or built and stored, with a progress bar.
+    """Return the bank of simulated events of a nuclide in a camera.
+
+    The bank is taken from memory or disk (memory-mapped), or built and stored, with a progress bar.
 
     Raises:
         ConfigError: an unknown nuclide.
@@ -51,17 +56,20 @@ def _load(source: Nuclide, camera: Response) -> EventBank:
 
 
 def as_arrays(bank: EventBank) -> Arrays:
-    """By name of the field."""
+    """Return the arrays of a bank of events by field name, for storage."""
     return {item.name: getattr(bank, item.name) for item in fields(bank)}
 
 
 def as_bank(arrays: Arrays) -> EventBank:
-    """From its fields."""
+    """Make a bank of events from its stored arrays."""
     return EventBank(**{item.name: np.asarray(arrays[item.name]) for item in fields(EventBank)})
 
 
 def kept(name: str, build: Callable[[], Arrays]) -> Arrays:
-    """The arrays of that name: from disk (memory-mapped), or built and stored; one process builds, others wait for it."""
+    """Return the cached arrays of this name: from disk (memory-mapped), or built and stored.
+
+    If several processes ask at once, one builds the arrays, and the others wait.
+    """
     folder = cache_folder() / name
     if folder.is_dir():
         return _open(folder)
@@ -102,7 +110,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def bank_key(source: Nuclide, camera: Response) -> str:
-    """16 hex digits that identify the bank's inputs."""
+    """Return 16 hexadecimal digits that identify the inputs of a bank of events: nuclide, camera and the code that builds it."""
     content = hashlib.blake2b(repr((source, camera)).encode(), digest_size=8)
     for module in MADE_BY:
         content.update(Path(__file__).with_name(f"{module}.py").read_bytes())

@@ -16,9 +16,10 @@ LOST_START, LOST_END = 0x74, 0x75  # matrix indices of the rows that mark missin
 
 
 class T3paWriter:
-    """Write readouts to an open text file, in order. ToA is written extended: it does not wrap.
+    """Writes camera readouts to a text file in Advacam's format ``.t3pa``, in order.
 
-    A readout that lost hits is followed by two overflow rows: the start of the gap, and its end with the missing time as its ToA.
+    The time of arrival (ToA) is written extended: it does not wrap. A readout that lost hits is followed by two overflow rows:
+    the start of the gap, and its end with the missing time as its ToA.
     """
 
     def __init__(self, file: TextIO) -> None:
@@ -29,11 +30,11 @@ class T3paWriter:
 
     @property
     def rows(self) -> int:
-        """Rows written so far."""
+        """Number of rows written so far."""
         return self._row
 
     def write(self, readout: Readout) -> None:
-        """Append a readout's hits."""
+        """Append the pixel hits of a readout to the file."""
         hits = readout.hits
         count = len(hits)
         toa = -(-hits.tick // 16)

@@ -1,1 +1,1 @@
-"""Scores of a flight against the truth: errors, frames, safety, and the bound."""
+"""Scores of a simulated flight against the truth: errors of the estimates, local frames, safety, and the theoretical bound."""

@@ -1,4 +1,4 @@
-"""The agents of lockstep as they are scored."""
+"""Access to the agents of a simulated flight in lockstep (one process, one time step for all), for the scores."""
 
 from __future__ import annotations
 
@@ -12,48 +12,48 @@ from radron.sim.scoring.score import Belief
 
 
 class Aboard:
-    """An agent with its present pilot; a dead agent has no estimate."""
+    """A simulated agent as the scores see it. Its process may have died; a dead agent has no estimate."""
 
     def __init__(self, process: Process) -> None:
         self._process = process
 
     @property
     def alive(self) -> bool:
-        """Return whether there is a process."""
+        """Whether the agent's process runs."""
         return self._process.alive
 
     @property
     def stage(self) -> Stage:
-        """Return its stage; after its death, its vehicle's."""
+        """Stage of the agent's mission; after its death, what its vehicle does."""
         return self._process.stage
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Return its source estimate."""
+        """The agent's source estimate; None without one."""
         return self._process.pilot.hypothesis if self.alive else None
 
     @property
     def outlook(self) -> Excluding | None:
-        """Return its search state without a hypothesis."""
+        """State of the agent's search while it has found no source; None otherwise."""
         return self._process.pilot.outlook if self.alive else None
 
     @property
     def finding(self) -> str:
-        """Return the result of a search without a find; else empty."""
+        """Result of a search that has found nothing; empty otherwise."""
         return self._process.pilot.finding if self.alive else ""
 
     @property
     def graph(self) -> Graph:
-        """Return the frames known to it."""
+        """Transforms between the local frames that the agent knows."""
         return self._process.pilot.frames.graph
 
     def suspects(self) -> Mapping[str, str]:
-        """Return the reasons for distrust in a frame, by drone."""
+        """Drones whose localisation the agent distrusts, with the reasons."""
         return self._process.pilot.frames.suspects()
 
     @property
     def listeners(self) -> dict[str, Believer]:
-        """Return the estimators that read its log without influence on the flight."""
+        """Estimators that read the agent's log without influence on the flight, by name."""
         return {name: _Listener(self._process, name) for name in self._process.pilot.listeners}
 
 

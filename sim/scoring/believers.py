@@ -1,4 +1,4 @@
-"""Interfaces of the scored objects: agents, and listening estimators."""
+"""Interfaces of the objects that are scored: agents, and estimators without influence on the flight."""
 
 from __future__ import annotations
 
@@ -13,73 +13,73 @@ from radron.sim.scoring.score import Belief
 
 
 class ByNuclide(Protocol):
-    """Exclusion limits of a search for several sources."""
+    """Exclusion limits of a search for several sources: where further sources may still be, and how strong they may be."""
 
     @property
     def left(self) -> NDArray[np.bool_]:
-        """(C,) cells where more sources may be."""
+        """(C,) marks the cells of the area where further sources may be."""
 
     @property
     def glare(self) -> NDArray[np.bool_]:
-        """(C,) cells where found sources outshine others."""
+        """(C,) marks the cells of the area where found sources outshine further sources."""
 
     @property
     def known_bq(self) -> Mapping[str, float]:
-        """By nuclide, the activity above which further sources are excluded; without nuclides that have no limit."""
+        """By nuclide, the activity (Bq) above which further sources are excluded; nuclides without a limit are left out."""
 
 
 class Excluding(Protocol):
-    """Search result without a hypothesis, or beside an estimate of several sources."""
+    """State of a search that has found no source yet, or that continues beside found sources."""
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """(C, 2) centres of its cells, metres."""
+        """(C, 2) centres of the cells of the searched area, metres."""
 
     @property
     def excluded_bq(self) -> float | None:
-        """Exclusion limit: a source of this activity would have been found; None: no limit yet."""
+        """Exclusion limit: a source of this activity (Bq) would have been found; None: no limit yet."""
 
     @property
     def exclusion(self) -> ByNuclide | None:
-        """Exclusion of a search for several sources; else None."""
+        """Exclusion limits of a search for several sources; None for other searches."""
 
 
 class Believer(Protocol):
-    """An estimator's belief at this moment."""
+    """An estimator with its present result, as the scores see it."""
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its source estimate; None without one."""
+        """The present source estimate; None without one."""
 
     @property
     def outlook(self) -> Excluding | None:
-        """Its search state without a hypothesis, or beside an estimate of several sources; None else, or if unknown."""
+        """State of the search while no source is found, or beside an estimate of several sources; None otherwise."""
 
 
 class Agent(Believer, Protocol):
-    """An agent as seen from outside: its pilot in lockstep, its messages in a live flight."""
+    """An agent as seen from outside: in lockstep by its state, in a live flight by its messages."""
 
     @property
     def alive(self) -> bool:
-        """Whether it runs, as far as is known."""
+        """Whether the agent runs, as far as is known."""
 
     @property
     def stage(self) -> Stage:
-        """Its stage."""
+        """Stage of the agent's mission."""
 
     @property
     def finding(self) -> str:
-        """The result of a search without a find; else empty."""
+        """Result of a search that has found nothing; empty otherwise."""
 
 
 def excluded_nuclides_bq(believer: Believer) -> dict[str, float] | None:
-    """Return the exclusion limits of a search for several sources, Bq by nuclide; None of another search."""
+    """Return the exclusion limits of a search for several sources, in Bq by nuclide; None for another search."""
     outlook = believer.outlook
     return dict(outlook.exclusion.known_bq) if outlook is not None and outlook.exclusion is not None else None
 
 
 def open_places(believer: Believer) -> dict[str, NDArray[np.float64]]:
-    """Return ``left_m`` and ``glare_m`` of the trace."""
+    """Return the places where further sources may be (``left_m``) or are outshone (``glare_m``), as in the trace of a flight."""
     outlook = believer.outlook
     if outlook is None or outlook.exclusion is None:
         return {}

@@ -50,10 +50,10 @@ _SOURCE = 5  # dimensions of the state before the vehicles' errors
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Bounds of the covariance after each of K steps, m2.
+    """Lower bounds of the covariance of the source position error after each of K time steps, for N vehicles, in m2.
 
-    time_s: (K,). true: (K, 2, 2) of the source's true place x. own: (K, N, 2, 2) of its apparent place x + e_n for each vehicle,
-    e_n the error of the vehicle's localisation.
+    time_s: (K,). true: (K, 2, 2) for the error against the source's true place. own: (K, N, 2, 2) for the error against the place
+    at which a vehicle with its localisation error would see the source (true place plus localisation error).
     """
 
     time_s: Array
@@ -61,11 +61,17 @@ class Bound:
     own: Array
 
     def over(self, time_s: Array) -> Array:
-        """Return the median length of an error N(0, true), interpolated to other times (T,); NaN before the first step."""
+        """Return the bound of the median position error (m), interpolated to other times (T,); NaN before the first step.
+
+        It is the median length of a Gaussian error with the covariance ``true``.
+        """
         return self._interpolated(time_s, self.true)
 
     def own_over(self, time_s: Array) -> Array:
-        """Return the same for the first vehicle's apparent place."""
+        """Return the bound of the median error (m) of the source's place as the first vehicle would see it.
+
+        The bound is interpolated to the times (T,); NaN before the first step.
+        """
         return self._interpolated(time_s, self.own[:, 0])
 
     def _interpolated(self, time_s: Array, covariance: Array) -> Array:
@@ -74,11 +80,14 @@ class Bound:
         return np.interp(time_s, self.time_s, median_error(covariance), left=np.nan)
 
     def median_m(self, during: NDArray[np.bool_]) -> float | None:
-        """Return the median over the selected steps (K,) of the median length of an error N(0, true)."""
+        """Return the bound of the median position error (m), as a median over the selected time steps (K,); None without steps."""
         return float(np.median(median_error(self.true[during]))) if during.any() else None
 
     def own_median_m(self, during: NDArray[np.bool_]) -> float | None:
-        """Return the same for the apparent places, over all vehicles."""
+        """Return the bound of the median error (m) of the source's place as the vehicles would see it.
+
+        The result is a median over the selected time steps (K,) and all vehicles; None without steps.
+        """
         return float(np.median(median_error(self.own[during]))) if during.any() else None
 
 
@@ -92,11 +101,13 @@ def bound_of(
     position_m: Array,
     source_m: Array,
 ) -> Bound:
-    """Compute the bound along a flight.
+    """Compute the lower bound of the source position error for a flight, from its true trajectories.
+
+    T samples, N vehicles.
 
     Args:
         source, camera, localization: the truth.
-        minimum_pixels: least number of pixels of the events that become cones.
+        minimum_pixels: smallest number of pixels of the events that become cones.
         sides_m: sides of the area of possible sources; the prior variance of each axis is side^2 / 12.
         time_s: (T,) evenly spaced.
         position_m: (T, N, 3) of the vehicles.
@@ -228,7 +239,7 @@ def _information(camera: Camera, activity_bq: float, position_m: Array, source_m
 
 
 def median_error(covariance: Array) -> Array:
-    """(...): median length of an error N(0, C), C (..., 2, 2): by its eigenvalues."""
+    """Return the median length of a Gaussian error with zero mean and covariance C, for an array of covariances (..., 2, 2)."""
     variances = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
     large = variances[..., 1]
     ratio = np.divide(variances[..., 0], large, out=np.zeros_like(large), where=large > 0.0)

@@ -41,7 +41,11 @@ _ANGLES = 720
 
 
 def cone_information(line_kev: float, astray: Sequence[float], cones: int = 300) -> Array:
-    """Return i(eps), rad^-2, (S,), on average over ``cones`` coincidences. astray: (S,) eps, shares of isotropic cones."""
+    """Return the mean Fisher information (rad^-2) of a Compton cone about the angle between its axis and the source.
+
+    astray: (S,) shares of cones that do not point to the source; the result is (S,), one value for each. cones: number of
+    simulated coincidences (pairs of clusters from one photon) in the mean.
+    """
     electron_kev, separation_mm, depth = _coincidences(line_kev, cones)
     energies = np.stack((electron_kev, line_kev - electron_kev), axis=1)  # (C, 2): the electron's in each reading
     theta, sigma, weight = _readings(line_kev, energies, separation_mm[:, None], depth[:, None])

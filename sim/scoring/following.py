@@ -1,4 +1,4 @@
-"""Deviation of the vehicles from their plans, from the plans and poses that the drones publish."""
+"""Distances of the vehicles from their planned trajectories, from the plans and poses that the drones publish."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ PHASES: Mapping[Stage, str] = {Stage.SURVEY: "search", Stage.TRACK: "circle", St
 
 
 class Following:
-    """Horizontal distances of all drones' poses from their plans, in each drone's own frame."""
+    """Measures the horizontal distances of the drones' published positions from their published plans.
+
+    Each distance is measured in the drone's own local frame.
+    """
 
     def __init__(self) -> None:
         self._plans: dict[str, Plan] = {}
         self._squares: dict[str, list[float]] = {"search": [], "circle": []}
 
     def plan(self, plan: Plan) -> None:
-        """Note a plan."""
+        """Record a published plan."""
         self._plans[plan.drone] = plan
 
     def pose(self, pose: Pose, stage: Stage) -> None:
-        """Note a pose; ``stage``: of its drone."""
+        """Record a published pose, and its distance from the drone's plan. ``stage``: mission stage of the drone."""
         plan, phase = self._plans.get(pose.drone), PHASES.get(stage)
         if plan is None or phase is None or plan.epoch != pose.epoch or abs(pose.stamp_ns - plan.stamp_ns) > _OLDEST_NS:
             return
@@ -37,12 +40,15 @@ class Following:
         self._squares[phase].append(dx * dx + dy * dy)
 
     def rms_m(self, phase: str) -> float | None:
-        """Return the RMS over all drones in ``search`` or ``circle``, m; None without samples."""
+        """Return the RMS distance from the plans over all drones, in metres; None without samples.
+
+        ``phase``: ``search`` or ``circle``.
+        """
         squares = self._squares[phase]
         return sqrt(sum(squares) / len(squares)) if squares else None
 
     @property
     def most_m(self) -> float | None:
-        """Return the largest deviation, m."""
+        """Largest distance of a drone from its plan, in metres; None without samples."""
         squares = [square for phase in self._squares.values() for square in phase]
         return sqrt(max(squares)) if squares else None

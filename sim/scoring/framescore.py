@@ -1,4 +1,4 @@
-"""Score of the agents' frame estimates: errors against the true frames, and recovery after a jump."""
+"""Scores of the drones' local frames as an agent estimates them: errors against the true frames, and recovery after a jump."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ RECOVERY_S = 60.0  # longest measured recovery
 
 
 class Placed(Protocol):
-    """Mission frame from a local frame: yaw about up, then translation."""
+    """Transform from a drone's local frame to the mission frame: rotation by yaw about the vertical axis, then translation."""
 
     @property
     def yaw_rad(self) -> float:
-        """Heading of the local frame."""
+        """Heading of the local frame in the mission frame, radians."""
 
     @property
     def translation(self) -> Vector3:
-        """Origin of the local frame, metres."""
+        """Origin of the local frame in the mission frame, metres."""
 
 
 class Graph(Protocol):
-    """The frames known to an agent."""
+    """The drones' local frames as far as an agent knows them."""
 
     def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None, /) -> Placed | None:
-        """Transform of a drone's frame of this epoch now; None while unknown."""
+        """Return the transform from a drone's local frame of this epoch to the mission frame; None while unknown."""
 
 
 class Frames(Protocol):
-    """An agent's knowledge of the frames."""
+    """An agent's knowledge of the drones' local frames."""
 
     @property
     def graph(self) -> Graph:
-        """The frames known to the agent."""
+        """The local frames known to the agent."""
 
     def suspects(self) -> Mapping[str, str]:
-        """By drone: the reason for distrust in its frame, or for its lack."""
+        """Drones whose local frame the agent distrusts or lacks, with the reasons."""
 
 
 class FrameScore:
-    """One agent's frames against the truth, compared horizontally at the drones' positions."""
+    """Scores one agent's estimates of the drones' local frames, by the position errors that they cause, horizontally."""
 
     def __init__(self, mission: MissionConfig, frames: Frames, truth: MovingFrames, event_s: float | None) -> None:
         """``event_s``: time of a frame event; the recovery is measured from it."""
@@ -66,15 +66,15 @@ class FrameScore:
         self.known_s: float | None = None
 
     def hear(self, drone: int, epoch: int) -> None:
-        """Note the epoch of a drone's pose: an agent also counts jumps without an announcement by its vehicle."""
+        """Record the epoch of a drone's pose, as an agent also counts jumps that its vehicle has not announced."""
         self._told[drone] = epoch
 
     def sample(self, time_s: float, tracking: bool, position: Array, position_error: Array) -> Array:
-        """Add one sample.
+        """Add the frames' errors at one time. N drones.
 
         Args:
             time_s: since the start of the simulation.
-            tracking: whether the agent tracks.
+            tracking: whether the agent tracks a source.
             position: (N, 3), true.
             position_error: (N, 3), the small errors of the localisations within their frames.
 
@@ -100,7 +100,7 @@ class FrameScore:
         return errors
 
     def follow(self, time_s: float, error_m: float | None) -> None:
-        """Add an error of the hypothesis, sample by sample; None: there is no hypothesis."""
+        """Add the error of the source estimate at one time; None: there is no estimate."""
         if self._event_s is None:
             return
         if time_s < self._event_s:
@@ -111,25 +111,24 @@ class FrameScore:
 
     @property
     def error_median_m(self) -> float | None:
-        """Return the median position error of all drones with estimated frames, while tracking, m."""
+        """Median position error of all drones with estimated frames, while tracking, metres."""
         return float(np.median(self._errors_m)) if self._errors_m else None
 
     @property
     def best_position_error_m(self) -> float | None:
-        """Return the median position error, while tracking, of the drone with the best localisation, m."""
+        """Median position error, while tracking, of the drone with the best localisation, metres."""
         return float(np.median(self._own_m, axis=0).min()) if self._own_m else None
 
     @property
     def suspects(self) -> str:
-        """Return the drones suspected by the agent for more than half of the tracking, separated by commas."""
+        """Drones that the agent has suspected for more than half of the tracking, separated by commas."""
         return ",".join(name for name in self._names if 2 * self._suspected[name] > self._samples)
 
     @property
     def recovery_s(self) -> float | None:
-        """Return the time from the event until the error was last above the limit, s; ``RECOVERY_S`` if it is above at the
-        end.
+        """Time from a jump of a local frame until the error of the source estimate was last above a limit, seconds.
 
-        The limit is 3 m, or twice the median before the event if that is more.
+        The limit is 3 m, or twice the median before the jump if that is more. ``RECOVERY_S`` if the error is above it at the end.
         """
         if self._event_s is None or not self._before_m or not self._after:
             return None

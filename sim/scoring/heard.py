@@ -1,4 +1,4 @@
-"""The scored messages of a run: cones, hits, deviations from plans, estimates."""
+"""Collection of the drones' messages that the scores of a flight need: cones, hits, plans and poses, estimates."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the key
 
 
 class Heard:
-    """Collects messages of all drones.
+    """Collects the messages of all drones that the scores of a flight need.
 
-    cones: in the mission frame. last_cone_s: time of the last one. estimates: of the drone that represents the swarm; each of
-    their sources with its nuclide.
+    cones: in the mission frame. last_cone_s: time of the last cone. estimates: of the drone that represents the swarm, each
+    source with its nuclide.
     """
 
     def __init__(self, frames: LocalFrames, nuclide: str | None) -> None:
@@ -34,7 +34,7 @@ class Heard:
         self.estimates: list[EstimateTrace] = []
 
     def take(self, time_s: float, drone: int, message: AnyMessage, stage: Stage, judged: bool) -> None:
-        """Note a message of a drone in this stage. ``judged``: this drone represents the swarm."""
+        """Record a message of a drone in this mission stage. ``judged``: this drone represents the swarm."""
         if isinstance(message, Exposure):
             self.hits += message.counts.hits
         elif isinstance(message, Plan):

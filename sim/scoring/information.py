@@ -43,11 +43,13 @@ _ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with the cones of the background
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """The response of a camera, for photons of all lines together, averaged over all directions.
+    """Response of a camera to one nuclide, averaged over all directions, for the theoretical bound.
 
-    full_mm2, other_mm2: F_f, F_o. cones_mm2: the part of F_f whose events make usable cones. full_ps, other_ps: B_full,
-    B_other. scatter_near, scatter_air: of b. air_per_m: mu. astray, information: Fisher information (rad^-2) of one cone
-    about the angle between its axis and the source, tabulated over the share of cones that do not point to the source.
+    The names in capitals are those of the module's equations. full_mm2, other_mm2: F_f, F_o, effective areas for full-energy and
+    for other events. cones_mm2: the part of F_f whose events make usable cones. full_ps, other_ps: B_full, B_other, background
+    rates. scatter_near, scatter_air: of b, the build-up by scattered photons. air_per_m: mu, attenuation of air. astray,
+    information: Fisher information (rad^-2) of one cone about the angle between its axis and the source, tabulated over the share
+    of cones that do not point to the source.
     """
 
     full_mm2: float
@@ -62,7 +64,10 @@ class Camera:
     information: Array
 
     def counts(self, activity_bq: float, distance_m: Array) -> tuple[Array, Array, Array]:
-        """Fisher information per second of the counts about (D in m, ln activity): I_DD, I_Da, I_aa, shaped as ``distance_m``."""
+        """Return the Fisher information per second that the photon counts give about the distance and the activity of a source.
+
+        The parameters are D in metres and a = ln activity. Returns I_DD, I_Da, I_aa, each with the shape of ``distance_m``.
+        """
         direct = _fluence(activity_bq, distance_m) * np.exp(-self.air_per_m * distance_m)
         fall = -2.0 / distance_m - self.air_per_m
         depth = self.air_per_m * distance_m
@@ -76,11 +81,13 @@ class Camera:
         return full * fall**2 + rest * other_fall**2, full * fall + rest * other_fall, full + rest
 
     def cones(self, activity_bq: float, distance_m: Array) -> Array:
-        """Fisher information per second of the cones about the direction to the source, rad^-2 for each of its two angles:
+        """Return the Fisher information per second that the cones give about the direction to a source.
+
+        In rad^-2, for each of the two angles of the direction:
 
             R i(eps) / 2,  R = S + B,  eps = (``ASTRAY`` S + B) / R,
 
-        i = ``information`` of one cone, S and B the rates of the source's and of background cones.
+        i = ``information`` of one cone, S and B the rates of cones from the source and from the background.
         """
         signal = self.cones_mm2 * _fluence(activity_bq, distance_m) * np.exp(-self.air_per_m * distance_m)
         rate = signal + CONE_BACKGROUND_PS
@@ -91,7 +98,10 @@ class Camera:
 
 
 def camera_of(truth: CameraTruth, nuclide: str, minimum_pixels: int) -> Camera:
-    """Return the response of a camera to a nuclide, with cones of at least ``minimum_pixels`` pixels. Cached."""
+    """Return the response of a camera to a nuclide for the theoretical bound, with cones of at least ``minimum_pixels`` pixels.
+
+    Results are cached.
+    """
     return _camera(truth, nuclide, minimum_pixels)
 
 

@@ -1,4 +1,4 @@
-"""The world at one time of a flight, as its observers see it: truth, agents and autopilots."""
+"""State of the simulated world at one time of a flight, for observers and scores: truth, agents and autopilots."""
 
 from __future__ import annotations
 
@@ -17,59 +17,60 @@ OFF_GROUND_M = 0.5  # height above the ground of an airborne drone
 
 
 class Hypothesis(Protocol):
-    """A source estimate: position (3,) m, mission frame, and its covariance (3, 3)."""
+    """An agent's source estimate: position in the mission frame and its covariance."""
 
     @property
     def position(self) -> Array:
-        """(3,)."""
+        """(3,) position in metres."""
 
     @property
     def covariance(self) -> Array:
-        """(3, 3)."""
+        """(3, 3) covariance in m2."""
 
 
 class Member(Protocol):
-    """An agent: on board, or as observed in the mesh."""
+    """An agent as an observer sees it: in a simulation its own state, in a live flight its messages."""
 
     @property
     def stage(self) -> Stage:
-        """Stage of its mission."""
+        """Stage of the agent's mission."""
 
     @property
     def digest(self) -> str:
-        """Digest of the log behind its hypothesis."""
+        """Hash of the log from which the agent's source estimate was computed."""
 
     @property
     def hypothesis(self) -> Hypothesis | None:
-        """Its source estimate."""
+        """The agent's source estimate; None without one."""
 
 
 class Flown(Protocol):
-    """An autopilot, as an observer sees it."""
+    """A vehicle's autopilot, as an observer sees it."""
 
     @property
     def mode(self) -> FlightMode:
-        """Its mode."""
+        """Flight mode of the autopilot."""
 
     @property
     def armed(self) -> bool:
-        """Whether its rotors run."""
+        """Whether the rotors run."""
 
     @property
     def setpoint_age_s(self) -> float | None:
-        """Age of the setpoint that the vehicle follows, s; None without a setpoint."""
+        """Age of the setpoint that the vehicle follows, seconds; None if it follows none."""
 
 
 class Shared:
-    """Objects shared by the agents of a flight in one process, which are no part of any agent's memory."""
+    """Base of objects that all agents of a simulated flight share in one process; they do not count as an agent's memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Observations of any flight, in lockstep or live. One drone per row and item, in the order of the mission.
+    """State of the world at one time of any flight, in lockstep or live.
 
-    time_s: since the start of the simulation; live: since the start command. position_m: (N, 3) true x, y in the mission
-    frame, and height above ground. source: true x, y of the first source; None without any. pilots: None for a dead agent.
+    Arrays and lists have one row or item for each of the N drones, in the order of the mission. time_s: since the start of the
+    simulation; live: since the start command. position_m: (N, 3) true x, y in the mission frame, and height above ground. source:
+    true x, y of the first source; None without any. pilots: None for a dead agent.
     """
 
     time_s: float
@@ -85,11 +86,11 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Moment(Scene):
-    """The world after one tick of a flight in lockstep.
+    """State of the world after one tick (time step) of a simulated flight in lockstep.
 
-    velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: of this tick; None without a step.
-    sent: number of each agent's messages in this tick. inboxes: messages on their way to each agent. batteries: true levels,
-    0 .. 1. told_s: time of each vehicle's last telemetry at its agent.
+    velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: to the autopilots in this tick; None
+    without a step of the agent. sent: number of each agent's messages in this tick. inboxes: messages on their way to each agent.
+    batteries: true levels, 0 to 1. told_s: time of each vehicle's last telemetry at its agent.
     """
 
     pilots: Sequence[Pilot | None]

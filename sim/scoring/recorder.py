@@ -35,7 +35,7 @@ NOT_SCORED = SourceScore()
 
 
 class Recorder:
-    """The observer of a run."""
+    """Observes a simulated flight: compares the agents' estimates with the truth, decides on the end, and makes the results."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class Recorder:
         self._sources: Sequence[Source] = ()
 
     def describe(self) -> str:
-        """Return one line for the progress display."""
+        """Return one line of text on the state of the flight, for the progress display."""
         first = self._agents[self._first]
         where = ""
         if first.hypothesis is not None:
@@ -102,9 +102,9 @@ class Recorder:
         sources: Sequence[Source],
         position_error: Array | None = None,
     ) -> bool:
-        """Add a sample of the world after a tick; return True at the end of the run.
+        """Record the state of the world after a tick (time step); return True if the flight is to end.
 
-        position, velocity: (N, 3), true. position_error: (N, 3), measured minus true; None if unknown.
+        position, velocity: (N, 3), true, of N drones. position_error: (N, 3), measured minus true; None if unknown.
         """
         self._time_s = time_s
         self._ticks += 1
@@ -197,7 +197,7 @@ class Recorder:
         return self._score.x0_s is None and time_s - self._search_began_s > end.search_s
 
     def result(self, seed: int, wall_s: float) -> RunResult:
-        """Return the result of the swarm's own estimator."""
+        """Return the scores of the flight for the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
         by_nuclide = excluded_nuclides_bq(first)
@@ -205,7 +205,7 @@ class Recorder:
         return replace(result, finding=first.finding)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
-        """Return the results of the listening estimators."""
+        """Return the scores of the estimators without influence on the flight, by name."""
         return {
             name: self._result(score, self._enough(_excluded_bq(fusion)), _excluded_bq(fusion), seed, wall_s)
             for name, (score, fusion) in self._listeners.items()
@@ -301,7 +301,11 @@ class Recorder:
         return bound.median_m(during), bound.own_median_m(during)
 
     def trace(self) -> Trace:
-        """Return the time series; raises ValueError if no drone ever flew."""
+        """Return the time series of the flight.
+
+        Raises:
+            ValueError: no drone ever flew.
+        """
         if not self._rows:
             raise ValueError("no drone flew: there is nothing to show")
         rows, source = self._rows, self._judged()

@@ -17,7 +17,10 @@ OFF_GROUND_M = 0.5
 
 
 class Safety:
-    """Records the drones' positions and evaluates them at the end; the criteria are defined in ``RunResult``."""
+    """Records the drones' true positions in a flight, and evaluates their distances and fence breaches at the end.
+
+    The criteria are defined in ``RunResult``.
+    """
 
     def __init__(self, area: AreaConfig) -> None:
         self._area = area
@@ -25,12 +28,15 @@ class Safety:
         self._guided: list[list[bool]] = []
 
     def sample(self, position: Array, stages: Sequence[Stage]) -> None:
-        """Add one tick: true x, y in the mission frame and heights above ground (N, 3), metres, and the drones' stages."""
+        """Record the true positions and mission stages of N drones at one tick (time step).
+
+        ``position``: (N, 3), x and y in the mission frame and height above ground, metres.
+        """
         self._places.append(position.copy())
         self._guided.append([stage in SEARCHING for stage in stages])
 
     def least_separation_m(self) -> float | None:
-        """Return the least horizontal distance between any two drones off the ground, m; None without two such drones."""
+        """Return the smallest horizontal distance between two drones off the ground, in metres; None without two such drones."""
         places = np.array(self._places)
         airborne = places[..., 2] > OFF_GROUND_M
         least = np.inf
@@ -42,9 +48,7 @@ class Safety:
         return least if np.isfinite(least) else None
 
     def fence_breaches(self) -> int:
-        """Return the number of times that a drone left the fence, rose above the ceiling, or, with setpoints, sank below the
-        floor.
-        """
+        """Return how often a drone left the fence, rose above the ceiling, or sank below the floor while following setpoints."""
         places, guided = np.array(self._places), np.array(self._guided)
         fence = Polygon(self._area.polygon_m).buffer(self._area.fence_margin_m)
         shapely.prepare(fence)

@@ -1,4 +1,4 @@
-"""The samples of a flight's trace."""
+"""Samples of which the time series of a flight consists."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from radron.sim.scoring.score import Belief, rms_m
 
 
 class Row:
-    """One sample of the trace."""
+    """State of all drones and of the source estimates at one time, as a sample of the time series of a flight."""
 
     __slots__ = (
         "activity_bq", "activity_sigma_bq", "covariance", "evidence", "first", "hypothesis", "own_error_m", "position", "sigma_m",
@@ -37,8 +37,10 @@ class Row:
         time_s: float, position: Array, velocity: Array, source: tuple[float, float, float] | None, stages: list[Stage],
         beliefs: Sequence[Belief | None], first: int = 0,
     ) -> Row:  # fmt: skip
-        """Return the sample at one time: arrays (N, 3) in the mission frame, stages and estimates of the N drones; ``first``:
-        the drone whose estimate counts.
+        """Make the sample of the flight's time series for one time.
+
+        Arrays are (N, 3) in the mission frame; stages and estimates (``beliefs``) have one item for each of N drones. ``first``:
+        the drone whose estimate is compared with the truth.
         """
         row = Row(time_s, position, velocity, stages)
         row.first = first
@@ -61,7 +63,10 @@ class Row:
 
 
 def spacing_error_deg(position: Array, centre: Array) -> Array:
-    """Return each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap of N, (N,), degrees."""
+    """Return how far the gaps between N drones on a circle differ from equal gaps, (N,) in degrees.
+
+    A drone's gap reaches to the next drone counter-clockwise around ``centre``; equal gaps are 360 / N degrees.
+    """
     angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
     count = len(angle)
     order = np.argsort(angle, kind="stable")

@@ -14,7 +14,7 @@ LOST_ERROR_S = 10.0
 
 
 class Seen(Protocol):
-    """Position of the source by a drone's own localisation."""
+    """Position of a source relative to one drone's own localisation."""
 
     @property
     def position(self) -> Array:
@@ -22,42 +22,45 @@ class Seen(Protocol):
 
 
 class Belief(Protocol):
-    """The scored part of a hypothesis: mission frame, metres."""
+    """The parts of a source estimate that are scored; mission frame, metres."""
 
     @property
     def position(self) -> Array:
-        """(3,)."""
+        """(3,) position of the source."""
 
     @property
     def covariance(self) -> Array:
-        """(3, 3)."""
+        """(3, 3) covariance of the position."""
 
     @property
     def activity_bq(self) -> float | None:
-        """Activity; None from an estimator without one."""
+        """Activity of the source in becquerels; None if the estimator does not estimate it."""
 
     @property
     def activity_sigma_bq(self) -> float | None:
-        """1 sigma of the activity."""
+        """1-sigma error of the activity in becquerels."""
 
     @property
     def evidence(self) -> float | None:
-        """Natural logarithm of the likelihood ratio of a source to none; None from an estimator without one."""
+        """Natural logarithm of the likelihood ratio of a source to no source; None if the estimator does not give it."""
 
     def sight_of(self, drone: str) -> Seen:
-        """Position of the source by a drone's own localisation; the hypothesis itself if the bias of that is unknown."""
+        """Return the source's position as a drone would see it with the error of its own localisation.
+
+        If this error is unknown, the position is that of the estimate itself.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One tracking sample of the first drone: its error, and the squared error in units of its covariance (NEES)."""
+    """Error of the first drone's source estimate at one time, and its squared error in units of its covariance (NEES)."""
 
     error_m: float
     nees: float | None
 
     @property
     def region(self) -> float | None:
-        """Return the probability of the smallest region of the posterior, a Gaussian over the plane, that contains the truth.
+        """Probability of the smallest region of the posterior, taken as a Gaussian over the plane, that contains the true source.
 
         For a calibrated estimator it is uniform between 0 and 1: the truth is in the 90 % region if this is at most 0.9.
         """
@@ -65,11 +68,11 @@ class Claim:
 
 
 class Score:
-    """Errors of one estimator against the truth.
+    """Collects the errors of one estimator against the truth in a flight.
 
-    errors_m: horizontal, of all drones and tracking samples. relative_m: the same in each vehicle's own frame, between its
-    position of the source and that of an error-free camera, namely the truth shifted by the vehicle's position error. sampled:
-    one claim per run, at the first sample after ``sample_after_s`` of tracking; of a run that ends before, the last one.
+    errors_m: horizontal, of all drones and tracking samples. relative_m: errors in each vehicle's own frame, between its position
+    of the source and the position by an error-free camera (the truth shifted by the vehicle's position error). sampled: one claim
+    per flight, at the first sample after ``sample_after_s`` of tracking; of a flight that ends before, the last one.
     """
 
     def __init__(self, estimator: str, drones: Sequence[str], sample_after_s: float) -> None:
@@ -88,7 +91,7 @@ class Score:
         self._bad_since_s: float | None = None
 
     def record_x0(self, time_s: float, belief: Belief | None, source: tuple[float, float] | None) -> None:
-        """Record time and error of the initial estimate; without a source there is no error."""
+        """Record time and error of the first source estimate (x0); without a true source there is no error."""
         if self.x0_s is not None or belief is None:
             return
         self.x0_s = time_s
@@ -100,14 +103,14 @@ class Score:
         self, tracked_s: float, beliefs: Sequence[Belief | None], source: tuple[float, float], position_error: Array | None,
         first: int = 0,
     ) -> None:  # fmt: skip
-        """Add one tracking sample.
+        """Add the errors of all drones' estimates at one time of the tracking.
 
         Args:
             tracked_s: time of tracking until now.
-            beliefs: of each drone; a missing hypothesis has no error.
+            beliefs: estimate of each drone; a missing estimate has no error.
             source: true position.
             position_error: (N, 3) of each vehicle's localisation, measured minus true; None if unknown.
-            first: the drone whose claim is recorded.
+            first: index of the drone whose claim is recorded.
         """
         for place, belief in enumerate(beliefs):
             if belief is None:
@@ -124,7 +127,7 @@ class Score:
                 self._chosen = tracked_s >= self._sample_after_s - 1e-9
 
     def check_lost(self, time_s: float) -> None:
-        """Note a loss of the source: the latest error has been above the limit for long."""
+        """Record that the source is lost if the newest error has been above a limit for a long time."""
         if not self.errors_m or self.errors_m[-1] <= LOST_ERROR_M:
             self._bad_since_s = None
         elif self._bad_since_s is None:
@@ -134,23 +137,29 @@ class Score:
 
 
 def rms_m(belief: Belief) -> float:
-    """Return the horizontal RMS of the posterior, metres."""
+    """Return the horizontal root mean square uncertainty of a source estimate, metres."""
     return math.sqrt(max(0.0, float(belief.covariance[0, 0] + belief.covariance[1, 1])))
 
 
 def error_m(belief: Belief, source: tuple[float, float]) -> float:
-    """Return the horizontal error of the estimated source position, metres."""
+    """Return the horizontal error of an estimated source position, metres."""
     return math.hypot(*_offset(belief, source))
 
 
 def own_error_m(belief: Belief, drone: str, source: tuple[float, float], position_error: Array) -> float:
-    """Return the horizontal error of the source by a drone's own localisation, m; position_error: (3,) measured minus true."""
+    """Return the horizontal error (m) of the source position in the view of one drone, whose localisation error is taken out.
+
+    position_error: (3,) localisation error of the drone, measured minus true.
+    """
     x, y = (belief.sight_of(drone).position - position_error)[:2].tolist()
     return math.hypot(x - source[0], y - source[1])
 
 
 def nees_of(belief: Belief, dx: float, dy: float) -> float | None:
-    """Return the squared horizontal error (dx, dy) in units of the covariance (NEES); None for a singular covariance."""
+    """Return the squared horizontal error (dx, dy) in units of the estimate's covariance (NEES).
+
+    Return None if the covariance is singular.
+    """
     cov = belief.covariance
     a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
     determinant = a * c - b * b

@@ -1,4 +1,4 @@
-"""Score of all sources of an estimate against all true ones, matched one to one."""
+"""Score of all sources of an estimate against all true sources, matched one to one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REGION_90 = float(chi2.ppf(0.9, 2))
 
 
 class SourceScore(Struct, frozen=True, kw_only=True):
-    """The fields of a ``RunResult`` about all sources; None without a comparison, or without sources to compare."""
+    """Scores of an estimate of several sources, as fields of a ``RunResult``; None without a comparison, or without sources."""
 
     sources_true: int | None = None
     sources_found: int | None = None
@@ -36,10 +36,11 @@ class SourceScore(Struct, frozen=True, kw_only=True):
 
 
 def score_sources(truths: Sequence[Source], found: Sequence[Found]) -> SourceScore:
-    """Compare an estimate with the truth.
+    """Compare all sources of an estimate with all true sources, and return the scores.
 
-    True and estimated sources are matched one to one (Hungarian algorithm): as many as lie within ``MATCH_M`` of each other
-    horizontally, the right nuclides before the near ones, and then so that the sum of the distances is least.
+    True and estimated sources are matched one to one (Hungarian algorithm). The matching has as many pairs as possible that lie
+    within ``MATCH_M`` of each other horizontally; among these, as many right nuclides as possible; and then the smallest sum of
+    distances.
 
     Args:
         truths: the true sources.

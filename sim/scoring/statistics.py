@@ -27,7 +27,7 @@ from radron.sim.result import RunResult
 
 
 class Summary(Struct, frozen=True, kw_only=True):
-    """Statistics of a group of runs. Times in s, errors in m; None where no run gives the number."""
+    """Statistics of a group of simulated flights. Times in s, errors in m; None where no flight gives the number."""
 
     runs: int
     found: int  # declared x0
@@ -64,7 +64,7 @@ class Summary(Struct, frozen=True, kw_only=True):
 
 
 def summarise(results: Sequence[RunResult]) -> Summary:
-    """Summarise a group of runs; the module defines the numbers."""
+    """Compute the statistics of a group of simulated flights; the module's docstring defines the numbers."""
     times = [math.inf if result.time_to_x0_s is None else result.time_to_x0_s for result in results]
     tracking = [result.tracking_time_s for result in results]
     errors = _known(result.error_median_m for result in results)
@@ -110,14 +110,17 @@ def summarise(results: Sequence[RunResult]) -> Summary:
 
 
 def error_over_bound(result: RunResult) -> float | None:
-    """Return a run's median error in units of its bound."""
+    """Return the ratio of a flight's median error to its theoretical bound; None without an error or a bound."""
     if result.error_median_m is None or not result.bound_median_m:
         return None
     return result.error_median_m / result.bound_median_m
 
 
 def share_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float] | None:
-    """Confidence interval of a probability from ``hits`` in ``of`` trials (Clopper and Pearson, exact); None without a trial."""
+    """Return the confidence interval of a probability from ``hits`` in ``of`` trials (Clopper and Pearson, exact).
+
+    Return None without a trial.
+    """
     if of == 0:
         return None
     tail = (1.0 - level) / 2.0
@@ -127,7 +130,7 @@ def share_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, floa
 
 
 def median(values: Sequence[float]) -> float | None:
-    """Return the median; infinite values count as the longest. None without values, or for an infinite median."""
+    """Return the median; infinite values count as the largest. None without values, or if the median is infinite."""
     ordered = sorted(values)
     if not ordered:
         return None
@@ -156,8 +159,10 @@ def median_interval(values: Sequence[float], level: float = 0.95) -> tuple[float
 
 
 def ecdf(values: Iterable[float | None]) -> tuple[Array, Array]:
-    """Empirical distribution: sorted values (M,) and the share (M,) of *all* runs at or below each; None counts as never
-    reached.
+    """Return the empirical distribution of a number over many flights, for a plot.
+
+    The result is the sorted values (M,) and, for each, the share (M,) of *all* flights at or below it. A value of None counts as
+    never reached.
     """
     everything = list(values)
     known = np.sort(np.array(_known(everything), dtype=np.float64))
@@ -165,16 +170,16 @@ def ecdf(values: Iterable[float | None]) -> tuple[Array, Array]:
 
 
 def hypothesis_steps(time_s: Array, hypothesis_m: Array, at_least_m: float) -> Array:
-    """Return the times at which a hypothesis jumped horizontally by ``at_least_m`` or more between two samples.
+    """Return the times (J,) at which a source estimate jumped horizontally by ``at_least_m`` or more between two samples.
 
-    time_s: (T,); hypothesis_m: (T, 3), NaN without a hypothesis. Returns (J,) seconds.
+    time_s: (T,); hypothesis_m: (T, 3), NaN without an estimate.
     """
     jump = np.linalg.norm(np.diff(hypothesis_m[:, :2], axis=0), axis=1)
     return np.asarray(time_s[1:][jump >= at_least_m], dtype=np.float64)
 
 
 def settling_times(time_s: Array, error: Array, steps_s: Array, within: float) -> Array:
-    """Return the time from each step until all members have settled: no |error| is above ``within`` until the next step.
+    """Return how long after each step a group of N errors takes to settle: no |error| is above ``within`` until the next step.
 
     time_s: (T,) s; error: (T, N), NaN for an absent member; rows without any member count as not settled. steps_s: (J,) s.
     Returns (J,) s, infinite if the end of the interval is not settled, NaN if no sample follows the step.

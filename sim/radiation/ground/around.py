@@ -1,4 +1,4 @@
-"""Photons of the ground in one simulated camera: those of sources that it scatters, with the air's, and those of its own."""
+"""Photons in a simulated camera that come from the ground: scattered there or in the air, or of the ground's own activity."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ _NEAREST_M = 0.05
 
 
 class Around(NamedTuple):
-    """Where photons come from: bins of the bank, symmetries of the sensor, and rates of events (1/s)."""
+    """Origins of the photons that reach a camera from the ground.
+
+    Each origin has a direction bin in the bank of events, a symmetry of the sensor, and a rate of events (1/s).
+    """
 
     bins: list[int]
     symmetries: list[int]
@@ -32,7 +35,7 @@ class Around(NamedTuple):
 
 
 class AroundCamera(Pool):
-    """The ground with what it sends to one camera."""
+    """Computes the rates of photons that reach one camera from the ground, scattered there or emitted by the ground."""
 
     def __init__(self, ground: GroundTruth, truth: CameraTruth) -> None:
         super().__init__(ground_bank(response(truth)))
@@ -43,7 +46,16 @@ class AroundCamera(Pool):
     def rates(
         self, views: Sequence[SourceView], own: Individual, drift: float, height_m: float, time_s: float, first_nuclide: str
     ) -> Around:
-        """Of all views, and of the ground itself. drift: factor on the ground's own photons. time_s: since the start."""
+        """Return the rates of photons that the ground scatters from all sources, and of the ground's own photons.
+
+        Args:
+            views: the sources.
+            own: deviations of this camera from the assumed one.
+            drift: factor on the ground's own photons.
+            height_m: height of the camera above the ground.
+            time_s: time since the start of the simulation.
+            first_nuclide: nuclide of sources that name none.
+        """
         around = own.sensitivity * drift * 1e-6 * self._natural_flux(height_m, time_s)
         places, symmetries, rates = [], [], []
         for view in views:

@@ -1,4 +1,4 @@
-"""Figures of the fluxes over ground in a camera's terms: hits by scattered photons, natural background, air kerma."""
+"""Photon fluxes over ground, converted to figures of a camera: hits by scattered photons, natural background, air kerma."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ FloatArray = NDArray[np.float64]
 
 @cache
 def isotropic_mm2() -> FloatArray:
-    """(GROUPS,) effective area for any hit, mean over all directions."""
+    """Return the camera's effective area for photons that come evenly from all directions, (GROUPS,) by energy group, mm2."""
     area = ground_bank(response(CameraTruth())).area_mm2.sum(axis=1).reshape(DIRECTIONS + 1, GROUPS)
     return np.asarray(area[DIRECTIONS])
 
 
 @cache
 def direct_mm2(name: str) -> float:
-    """Effective area times photons per decay for direct photons of a nuclide, mean over all directions."""
+    """Return the effective area times photons per decay (mm2) for direct photons of a nuclide, as a mean over all directions."""
     area = load_bank(name, CameraTruth()).area_mm2.sum(axis=1)
     centres = bin_centres()
     sine = np.hypot(centres[:, 0], centres[:, 1])
@@ -40,9 +40,11 @@ def direct_mm2(name: str) -> float:
 
 
 def scattered_share(name: str, ground: str, place_m: float, height_m: float, horizontal_m: float) -> float:
-    """Hits by scattered photons over those by direct ones from a source with a clear view, as a mean over all directions.
+    """Return the ratio of hits by scattered photons to hits by direct photons, for a source on, in or above the ground.
 
-    place_m: of the source above the ground; below 0: in it (its soil then counts as no attenuation).
+    The view is clear, and the ratio is a mean over all directions of the camera. place_m: height of the source above the ground;
+    below 0: depth in the ground (attenuation by this soil is then left out). height_m: height of the camera. horizontal_m: its
+    distance.
     """
     distance_m = math.hypot(height_m - max(place_m, 0.0), horizontal_m)
     scattered = point_field(name, ground, place_m).times_square(height_m, horizontal_m)[:, :GROUPS].sum(axis=0)
@@ -51,11 +53,14 @@ def scattered_share(name: str, ground: str, place_m: float, height_m: float, hor
 
 
 def hits_per_s(ground: str, height_m: float) -> float:
-    """Hits by the ground's own photons."""
+    """Return the camera's rate of hits (1/s) by photons of the ground's own radioactivity, at a height above the ground."""
     return float(natural_flux(ground, height_m) @ isotropic_mm2()) * 1e-6
 
 
 def kerma_per_activity(ground: str) -> FloatArray:
-    """(3,) air kerma rate (Gy/s per Bq/kg) 1 m above ground of K-40, of the U-238 series and of the Th-232 series."""
+    """Return the air kerma rate 1 m above ground per activity of the ground, in Gy/s per Bq/kg.
+
+    The result is (3,): K-40, U-238 series and Th-232 series.
+    """
     level = int(np.flatnonzero(LEVELS_M == 1.0)[0])
     return np.asarray(natural_series(ground)[:, level, :, GROUPS].sum(axis=1))

@@ -1,1 +1,1 @@
-"""What must hold in every flight, whatever breaks: judged from the truth at each tick."""
+"""Conditions that must hold in every simulated flight, whatever breaks; they are judged from the truth at each time step."""

@@ -1,4 +1,7 @@
-"""The drones able to finish a mission after the heal: by their faults and their flight at that time, never by the outcome."""
+"""Which drones must be able to finish a mission after the faults have ended.
+
+It is decided by their faults and by their flight at that time, never by the outcome.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,10 @@ _STATE_LOST = ("full", "state-torn", "state-flipped")
 
 
 class Able:
-    """The able drones, known from the heal on; none before.
+    """Determines which drones must finish the mission; known from the time when the network heals (faults end), none before.
 
-    ``without_state``: unable drones with autopilots on hold without the agents, and with possibly lost states. A restarted
-    agent leaves such a vehicle there until an operator's command, which nobody plays.
+    ``without_state``: drones that need not finish, as their autopilots may be on hold without agents, and their stored states may
+    be lost. A restarted agent leaves such a vehicle there until an operator's command, and no operator is simulated.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -31,7 +34,7 @@ class Able:
         self.drones: tuple[int, ...] | None = None
 
     def see(self, moment: Scene) -> tuple[int, ...]:
-        """Return the able drones so far."""
+        """Return the indices of the drones that must finish the mission, as far as is known at this time."""
         if self.drones is None:
             if moment.time_s < self._setting.heal_s:
                 return ()

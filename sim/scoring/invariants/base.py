@@ -1,4 +1,4 @@
-"""The interface of all invariants, and their advance knowledge of a flight."""
+"""Base class of all conditions that a simulated flight must fulfil, and what they know of the flight in advance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
 
 
 class Violation(Struct, frozen=True, kw_only=True):
-    """A violated invariant: begin (s), drones, and numbers."""
+    """Report of a violated condition: its name, the begin (s), the drones, and a text with numbers."""
 
     invariant: str
     time_s: float
@@ -34,14 +34,14 @@ class Violation(Struct, frozen=True, kw_only=True):
 
 
 class Breach(NamedTuple):
-    """Drones (indices) that violate an invariant at a moment, with the numbers."""
+    """Drones (indices) that violate a condition at one time, with a text that gives the numbers."""
 
     drones: tuple[int, ...]
     text: str
 
 
 class Setting:
-    """Advance knowledge of a flight: its scenario, and the times and targets of its faults."""
+    """What the judges of a simulated flight know in advance: its scenario, and the times and targets of its faults."""
 
     def __init__(self, scenario: Scenario, heal_s: float = inf, end_s: float = inf) -> None:
         """``heal_s``: the network heals, and faults active after it are permanent; ``end_s``: latest landing of the able
@@ -63,34 +63,42 @@ class Setting:
         ]
 
     def strikes(self, fault: Fault) -> list[str]:
-        """Return the drones that a fault strikes: a vehicle with SLAM has no satellites to lose and no heading reset."""
+        """Return the ids of the drones that a fault affects.
+
+        A vehicle that localises by SLAM has no satellites to lose and no heading reset.
+        """
         by_slam = {drone.id for drone in self.mission.drones if drone.localization == "slam"}
         spared = by_slam if isinstance(fault, SatellitesLost | HeadingReset) else frozenset[str]()
         return [name for name in fault.strikes(self.names) if name not in spared]
 
     def struck(self, families: Collection[Family], drone: int, time_s: float, after_s: float = 0.0) -> bool:
-        """Return whether a fault of these families strikes a drone, or did so less than ``after_s`` ago."""
+        """Return whether a fault of one of these families affects a drone now, or did so less than ``after_s`` ago."""
         return any(
             drone in drones and family in families and at_s <= time_s <= end_s + after_s
             for family, drones, at_s, end_s in self._spans
         )
 
     def unheard_s(self, *drones: int) -> float:
-        """Return the time from which one of these drones has no links, as it is revoked; infinite if none is revoked."""
+        """Return the time from which one of these drones has no links because it is revoked; infinite if none is revoked."""
         return min((self.revoked_s.get(drone, inf) for drone in drones), default=inf) + _LINKED_S
 
     def began_s(self, families: Collection[Family]) -> float:
-        """Return the begin of the first fault of these families, on any drone; infinite without one."""
+        """Return when the first fault of these families begins, on any drone; infinite without one."""
         return min((at_s for family, _, at_s, _ in self._spans if family in families), default=inf)
 
     def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
-        """Return the begin of the first fault of these families with wrong observations in every log; infinite without one."""
+        """Return when the first fault of these families begins that puts wrong observations into every log; infinite without one.
+
+        Faults that the affected vehicle announces are left out.
+        """
         striking = (fault for fault in self.scenario.fault if fault.family in families and self.strikes(fault))
         return min((fault.at_s for fault in striking if not _is_announced(fault)), default=inf)
 
     def struck_unannounced(self, drone: int, time_s: float, families: Collection[Family] = OWN_FAULTS) -> bool:
-        """Return whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. An
-        announced jump counts for ``ANNOUNCED_S`` only, after the jump and after the jump back.
+        """Return whether a fault affects a drone's own position or thrust, or did so until ``RECOVERY_S`` ago.
+
+        An announced jump counts for ``ANNOUNCED_S`` only, after the jump and after the jump back. ``families``: the kinds of
+        faults.
         """
         name = self.names[drone]
         return any(
@@ -99,7 +107,10 @@ class Setting:
         )
 
     def taken_over(self, drone: int, time_s: float) -> bool:
-        """Return whether a safety pilot has overridden a vehicle by then; after release it holds until an operator's command."""
+        """Return whether a safety pilot has overridden a vehicle by this time.
+
+        After its release the vehicle holds until an operator's command.
+        """
         takeovers = (fault for fault in self.scenario.fault if isinstance(fault, Takeover) and fault.at_s <= time_s)
         return any(self.names[drone] in self.strikes(fault) for fault in takeovers)
 
@@ -108,18 +119,20 @@ class Setting:
         return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
 
     def may_land_elsewhere(self, drone: int, time_s: float) -> bool:
-        """Return whether a drone need not land at home: after a fault of its own position, thrust or battery it may have
-        landed where it was. With estimated frames, also after a wrong clock of its own, and after any lie or unannounced
-        fault of an own position in the swarm.
+        """Return whether a drone is allowed to land away from home.
+
+        After a fault of its own position, thrust or battery it may have landed where it was. With estimated frames, this also
+        holds after a wrong clock of its own, and after any lie or unannounced fault of a drone's own position in the swarm.
         """
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def was_set_down(self, drone: int, time_s: float) -> bool:
-        """Return whether the autopilot of a drone may have landed it where it was, for want of setpoints. Conditions:
-        ``safety.agent_lost`` is "land", or "return" for a vehicle without satellites, which has no home; and its agent or its
-        link to the autopilot was faulted.
+        """Return whether the autopilot of a drone may have landed it where it was, because setpoints were missing.
+
+        Conditions: ``safety.agent_lost`` is "land", or "return" for a vehicle without satellites, which has no home; and its
+        agent or its link to the autopilot was faulted.
         """
         without_agent, by_slam = self.mission.safety.agent_lost, self.mission.drones[drone].localization == "slam"
         if without_agent != "land" and not (by_slam and without_agent == "return"):
@@ -129,12 +142,15 @@ class Setting:
         return any(self.names[drone] in self.strikes(fault) for fault in stopping)
 
     def named(self, *drones: int) -> tuple[str, ...]:
-        """Return the ids of drones."""
+        """Return the ids of drones, given by indices."""
         return tuple(self.names[drone] for drone in drones)
 
 
 class Invariant(ABC, Generic[S_contra]):
-    """One condition that must hold. A violation is reported when it begins, and again only after its end."""
+    """A condition that must hold in every simulated flight, judged at each time step.
+
+    A violation is reported when it begins, and again only after its end.
+    """
 
     name: ClassVar[str]
 
@@ -144,14 +160,14 @@ class Invariant(ABC, Generic[S_contra]):
 
     @abstractmethod
     def breaches(self, moment: S_contra) -> Iterator[Breach]:
-        """Yield the violations at this moment. Called once after each tick."""
+        """Yield the violations at this time. Called once after each tick (time step)."""
 
     def at_end(self, moment: S_contra) -> Iterator[Breach]:
-        """Yield the violations by the end of the flight, or judged only then; ``moment``: the last one."""
+        """Yield the violations that exist at the end of the flight, or that are judged only then. ``moment``: the last state."""
         yield from ()
 
     def look(self, moment: S_contra) -> list[Violation]:
-        """Return the violations that begin at this moment."""
+        """Return the violations that begin at this time, as reports."""
         found = list(self.breaches(moment))
         if not found and not self._broken:
             return []
@@ -160,7 +176,7 @@ class Invariant(ABC, Generic[S_contra]):
         return [self._told(breach, moment.time_s) for breach in new]
 
     def finish(self, moment: S_contra) -> list[Violation]:
-        """Return the violations that show at the end."""
+        """Return the violations at the end of the flight, as reports."""
         return [self._told(breach, moment.time_s) for breach in self.at_end(moment)]
 
     def _told(self, breach: Breach, time_s: float) -> Violation:

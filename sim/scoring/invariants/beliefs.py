@@ -38,10 +38,11 @@ class _Behind(NamedTuple):
 
 
 class TruthPossible(Invariant[Scene]):
-    """No hypothesis excludes the true source at 6 sigma for 5 s: the operator relies on position and uncertainty.
+    """Requires that no source estimate excludes the true source at 6 sigma for 5 s.
 
-    Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log.
-    A revoked drone does not count: without links it may not know of the revocation, and nobody receives its estimate.
+    The operator relies on position and uncertainty. Exempt is the time from the first fault of a camera, of a drone's own
+    position or of a liar on: these put wrong measurements into every log. A revoked drone does not count: without links it may
+    not know of the revocation, and nobody receives its estimate.
     """
 
     name = "six-sigma"
@@ -52,7 +53,7 @@ class TruthPossible(Invariant[Scene]):
         self._since_s: list[float | None] = [None] * len(setting.names)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the drones that have excluded the truth for too long."""
+        """Yield the drones whose estimates have excluded the true source for too long."""
         if moment.source is None or moment.time_s >= self._until_s:
             return
         for drone, pilot in enumerate(_told(self.setting, moment)):
@@ -67,16 +68,18 @@ class TruthPossible(Invariant[Scene]):
 
 
 class SourceCalibrated(Invariant[Scene]):
-    """Over a flight, the error of a hypothesis matches its covariance. The mean squared Mahalanobis distance of the truth, 2
-    by expectation, is 12 at most, 20 for a source at rest. Exempt as in ``six-sigma``.
+    """Requires that, over a flight, the error of a source estimate matches its covariance.
+
+    The mean squared Mahalanobis distance of the truth, 2 by expectation, is 12 at most, 20 for a source at rest. Exempt as in
+    ``six-sigma``.
 
     The error of a source at rest hardly changes in a flight. It is one draw of a chi-squared distribution with two degrees of
-    freedom, regardless of the number of samples. An exact estimator exceeds 12 with exp(-6), in one flight of 400, and 20 in
-    one of 22,000. The error of a moving source is drawn anew every few seconds.
+    freedom, regardless of the number of samples. An exact estimator exceeds 12 with exp(-6), in one flight of 400, and 20 in one
+    of 22,000. The error of a moving source is drawn anew every few seconds.
 
-    The excess allowed by ``six-sigma`` is left out: the worst 5 s of excluded truth. A slowly moving source may be estimated
-    at rest, rightly 99 times of 100. The hundredth time is a few seconds at 13 sigma, which alone exceed the permitted mean
-    of half a minute, although the mean over many flights is 2.
+    The excess allowed by ``six-sigma`` is left out: the worst 5 s of excluded truth. A slowly moving source may be estimated at
+    rest, rightly 99 times of 100. The hundredth time is a few seconds at 13 sigma, which alone exceed the permitted mean of half
+    a minute, although the mean over many flights is 2.
     """
 
     name = "six-sigma-mean"
@@ -90,7 +93,7 @@ class SourceCalibrated(Invariant[Scene]):
         self._ticks = 0
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield nothing in flight; sample twice a second."""
+        """Record the normalised errors twice a second; yield nothing in flight."""
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             for drone, pilot in enumerate(_told(self.setting, moment)):
@@ -99,7 +102,7 @@ class SourceCalibrated(Invariant[Scene]):
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the drones with overconfident source estimates."""
+        """Yield the drones whose source estimates were overconfident."""
         for drone, squares in enumerate(self.squares):
             most = _most(squares)
             counted = [square for square in squares if square <= most]
@@ -108,18 +111,17 @@ class SourceCalibrated(Invariant[Scene]):
 
 
 class FollowsSource(Invariant[Scene]):
-    """No hypothesis is behind, or ahead of, a source on a steady circle by more than 0.3 s over a flight, and 3 sigma.
+    """Requires that no source estimate lags behind, or leads, a source on a steady circle by more than 0.3 s plus 3 sigma.
 
-    The lag is fitted by least squares to the errors, weighted by the stated covariances, which also give its sigma. For a
-    slow or weak source, or in a short flight, hardly any lag is too long. A wandering source turns at any time, and any
-    tracker can only be behind then.
+    The lag is fitted by least squares to the errors of a whole flight, weighted by the stated covariances, which also give its
+    sigma. For a slow or weak source, or in a short flight, hardly any lag is too long. A wandering source turns at any time, and
+    any tracker can only be behind then.
 
-    Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a faulted process, whose hypothesis may
-    be old. Samples are left out as in ``six-sigma-mean``: a slow source estimated at rest for a moment gives a lag of
-    seconds.
+    Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a faulted process, whose estimate may be old.
+    Samples are left out as in ``six-sigma-mean``: a slow source estimated at rest for a moment gives a lag of seconds.
 
-    A longer spell without excluding the truth is unavoidable, and its errors are one event, fewer than the sigma assumes. A
-    lag of the estimator itself remains without any such spell, and only such a lag is a violation.
+    A longer spell without excluding the truth is unavoidable, and its errors are one event, fewer than the sigma assumes. A lag
+    of the estimator itself remains without any such spell, and only such a lag is a violation.
     """
 
     name = "lag"
@@ -134,7 +136,7 @@ class FollowsSource(Invariant[Scene]):
         self._before: tuple[float, tuple[float, float]] | None = None  # time, and place of the source
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield nothing in flight; sample twice a second."""
+        """Record the errors twice a second; yield nothing in flight."""
         self._ticks += 1
         if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             if self._before is not None:
@@ -159,7 +161,7 @@ class FollowsSource(Invariant[Scene]):
                 self.looks[drone].append(_Behind(_sigmas(pilot, source) ** 2, behind, (a * u + b * v) * step_s))
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the drones that were behind, or ahead."""
+        """Yield the drones whose source estimates lagged behind, or led, the source."""
         for drone, looks in enumerate(self.looks):
             most = _most([look.square for look in looks])
             counted = [look for look in looks if look.square <= most]
@@ -170,15 +172,15 @@ class FollowsSource(Invariant[Scene]):
 
 
 class SameLogSameHypothesis(Invariant[Moment]):
-    """Agents with equal log digests, at one time of the grid, have one hypothesis, to the bit.
+    """Requires that agents with equal logs, at equal times, have bitwise equal source estimates.
 
-    The swarm's agreement rests on it. An agent with a backlog is left out.
+    The swarm's agreement rests on this. An agent that has not yet processed its whole log is left out.
     """
 
     name = "agreement"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the pairs with equal logs and different hypotheses."""
+        """Yield the pairs of drones with equal logs and different estimates."""
         first: dict[tuple[str, int], tuple[int, Pilot]] = {}
         for drone, pilot in enumerate(moment.pilots):
             if pilot is None or pilot.hypothesis is None or pilot.pending:
@@ -189,8 +191,9 @@ class SameLogSameHypothesis(Invariant[Moment]):
 
 
 class Summarised(Invariant[Moment]):
-    """The summary of an agent's log matches its content: peers do not send an entry whose lack is not reported. Checked every
-    5 s.
+    """Requires that the summary of an agent's log matches the log's content; checked every 5 s.
+
+    Peers do not send an entry unless the summary shows that it is missing.
     """
 
     name = "summary"
@@ -201,7 +204,7 @@ class Summarised(Invariant[Moment]):
         self._found: list[Breach] = []
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones that claim more, or less."""
+        """Yield the drones whose summaries claim more, or less, than their logs contain."""
         self._ticks += 1
         if self._ticks % _SUMMARY_TICKS == 0:
             pilots = enumerate(moment.pilots)
@@ -210,12 +213,12 @@ class Summarised(Invariant[Moment]):
 
 
 class Refused(Invariant[Moment]):
-    """At the end no log holds forged entries: each had a reason to be refused."""
+    """Requires that at the end of the flight no log contains forged entries."""
 
     name = "refused"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield nothing in flight: all logs would have to be read at each tick."""
+        """Yield nothing in flight: all logs would have to be read at each time step."""
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:

@@ -1,4 +1,4 @@
-"""The swarm's own precautions: battery reserves, members with wrong positions, memory."""
+"""Conditions on the swarm's precautions: battery reserves, suspicion of members with wrong positions, and memory."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # faults with two published p
 
 
 class Reserve(Invariant[Moment]):
-    """No vehicle is in the air with less than 3 % left in its battery. Exempt are:
+    """Requires that no vehicle is in the air with less than 3 % left in its battery. Exempt are:
 
     - a vehicle with a false battery report;
     - a hover without an agent by the mission's choice (``safety.agent_lost``), until its autopilot acts;
     - a vehicle under manual override, until its agent flies it by setpoints again: after release it hovers until an operator's
-      command, which nobody plays.
+      command, and no operator is simulated.
     """
 
     name = "reserve"
@@ -54,7 +54,7 @@ class Reserve(Invariant[Moment]):
         self._hovers = setting.mission.safety.agent_lost == "hold"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the vehicles with empty batteries in the air."""
+        """Yield the vehicles that are in the air with empty batteries."""
         for drone, level in enumerate(moment.batteries):
             if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone) and not self._is_exempt(moment, drone):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
@@ -66,16 +66,17 @@ class Reserve(Invariant[Moment]):
 
 
 class Named(Invariant[Moment]):
-    """With sightings, a drone whose own position is more than 5 m wrong is suspected by another drone within 10 s.
+    """Requires that a drone whose own position is more than 5 m wrong is suspected by another drone within 10 s.
 
-    The error comes from an unannounced jump or drag. The 10 s count with at least two witnesses: other drones within 30 m,
-    linked to it, with correct own positions, and without any earlier equivocation or lie about poses or sightings. With all
-    satellites spoofed no drone can tell which position is wrong. A sighting informs only drones that know both tracks, by
-    clocks that agree: the 10 s do not count while its agent is down or its clock is wrong, nor after its revocation.
+    This holds in swarms with sightings (drones that measure direction or range of each other). The error comes from an
+    unannounced jump or drag of the position. The 10 s count with at least two witnesses: other drones within 30 m, linked to it,
+    with correct own positions, and without any earlier equivocation or lie about poses or sightings. With all satellites spoofed
+    no drone can tell which position is wrong. A sighting informs only drones that know both tracks, by clocks that agree: the 10
+    s do not count while its agent is down or its clock is wrong, nor after its revocation.
 
-    Nor do they count for a drone with SLAM while the others' sightings correct its frame, which drifts anyway: its position
-    in the mission frame is right, and none of its measurements contradicts that. A drone with satellites must be suspected
-    then, too: its fixes contradict the sightings.
+    Nor do they count for a drone with SLAM while the sightings by other drones correct its frame, which drifts anyway: its
+    position in the mission frame is right, and none of its measurements contradicts that. A drone with satellites must be
+    suspected then, too: its fixes contradict the sightings.
 
     An unknown frame, as of a restarted agent, is no suspicion; the 10 s begin again for a new agent. Suspicions of a revoked
     drone do not count.
@@ -103,7 +104,7 @@ class Named(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones without any suspicion; checked twice a second."""
+        """Yield the drones that are wrong about their position without being suspected; checked twice a second."""
         self._ticks += 1
         if self._spans and self._ticks % _LOOK_TICKS == 0:
             self._found = list(self._unnamed(moment))
@@ -163,16 +164,16 @@ class Named(Invariant[Moment]):
 
 
 class Accused(Invariant[Moment]):
-    """No drone is reported as two sources while it is one: forgeries in its name do not count as its own messages.
+    """Requires that no honest drone is reported as two senders under one name: forgeries in its name are not taken for its own.
 
-    Exempt are drones with a copied key, a lie, or a fault of their own position, until ``RECOVERY_S`` after it; and all
-    drones with corrupted bytes: one changed byte may move a pose.
+    Exempt are drones with a copied key, a lie, or a fault of their own position, until ``RECOVERY_S`` after it; and all drones
+    with corrupted bytes: one changed byte may move a pose.
     """
 
     name = "accused"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the reporting drone and the reported one."""
+        """Yield the reporting drone together with the wrongly reported drone."""
         if any(isinstance(fault, Corrupt) and fault.at_s <= moment.time_s for fault in self.setting.scenario.fault):
             return
         for drone, pilot in enumerate(moment.pilots):
@@ -184,7 +185,7 @@ class Accused(Invariant[Moment]):
 
 
 class Impersonated(Invariant[Moment]):
-    """A drone whose id is used by a thief is named within 2 s by each agent that flies by both versions.
+    """Requires that a drone whose id is used by a thief is reported within 2 s by each agent that uses both versions.
 
     The 2 s count while the drone's own agent lives, and not for an agent started after the thief began.
     """
@@ -201,7 +202,7 @@ class Impersonated(Invariant[Moment]):
         self._unnamed_s: defaultdict[tuple[int, int], float] = defaultdict(float)
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the agents that have not named it."""
+        """Yield the agents that have not reported the drone with the stolen id."""
         for drone, begin_s, end_s in self._spans:
             if not begin_s <= moment.time_s < end_s or moment.pilots[drone] is None:
                 continue
@@ -231,9 +232,10 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
 
 
 class Told(Invariant[Moment]):
-    """A drone reports within 25 s that its camera delivers nothing, sees nothing, not even background, or repeats itself: no
-    search relies on it. A camera without any delivery since the agent's start is for its driver to report, and lockstep has
-    no drivers.
+    """Requires that a drone reports within 25 s that its camera is useless, as no search may rely on it.
+
+    The camera delivers nothing, sees nothing (not even background), or repeats itself. A camera without any delivery since the
+    agent's start is for its driver to report, and simulated flights in lockstep have no drivers.
     """
 
     name = "told"
@@ -245,7 +247,10 @@ class Told(Invariant[Moment]):
         self._born: dict[int, tuple[Pilot, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones without a report for too long, since the begin of the fault and the start of their agents."""
+        """Yield the drones that have not reported their useless camera for too long.
+
+        The time counts from the begin of the fault and from the start of the agent.
+        """
         for drone, fault in self._spans:
             pilot = moment.pilots[drone]
             if pilot is None:
@@ -260,16 +265,16 @@ class Told(Invariant[Moment]):
 
 
 class Memory(Invariant[Moment]):
-    """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: only the log may grow."""
+    """Requires that an agent holds at most 8 MB plus 2 kB for each log entry at the end of the flight: only the log may grow."""
 
     name = "memory"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield nothing in flight: it takes half a second to measure."""
+        """Yield nothing in flight, as a measurement takes half a second."""
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the first live agent, if it holds too much."""
+        """Yield the first live agent, if it holds too much memory."""
         for drone, pilot in enumerate(moment.pilots):
             if pilot is not None:
                 entries, held = len(pilot.fusion.log), bytes_of(pilot)
@@ -284,7 +289,10 @@ def _is_of_useless_camera(problem: str) -> bool:
 
 
 def bytes_of(root: object) -> int:
-    """Return the size of an object with all that it holds, bytes; without classes, functions, modules and shared objects."""
+    """Return the memory of an object with all objects that it refers to, in bytes.
+
+    Classes, functions, modules and objects that agents share are left out.
+    """
     seen: set[int] = set()
     found, size = {id(root): root}, 0
     while found:  # all objects that are a step farther away

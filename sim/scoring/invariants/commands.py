@@ -1,4 +1,4 @@
-"""Commands to the autopilots, and messages of the agents: fresh, finite, and of bounded number."""
+"""Conditions on the commands to the autopilots and on the agents' messages: fresh, finite, and limited in number."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ MOST_WAITING = 20_000  # messages on their way to one agent: of a flood for a se
 
 
 class FreshSetpoint(Invariant[Moment]):
-    """No vehicle obeys a setpoint older than 1.3 s: its agent is late, without link or dead, and nobody steers."""
+    """Requires that no vehicle obeys a setpoint older than 1.3 s.
+
+    With an older setpoint its agent is late, without a link, or dead, and nobody steers the vehicle.
+    """
 
     name = "setpoint-age"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the vehicles that follow an old setpoint."""
+        """Yield the vehicles that follow a setpoint that is too old."""
         for drone, autopilot in enumerate(moment.autopilots):
             age_s = autopilot.setpoint_age_s
             if age_s is not None and age_s > OLDEST_SETPOINT_S:
@@ -29,10 +32,10 @@ class FreshSetpoint(Invariant[Moment]):
 
 
 class Finite(Invariant[Moment]):
-    """Every number is finite: in commands, hypotheses and true states. A non-finite number spreads to all results computed
-    from it.
+    """Requires that every number in commands, source estimates and true states is finite.
 
-    The codec checks the numbers of messages, and the agent counts refused messages.
+    A non-finite number spreads to all results computed from it. The numbers in messages are checked by the codec, and the agent
+    counts refused messages.
     """
 
     name = "finite"
@@ -63,12 +66,15 @@ class Finite(Invariant[Moment]):
 
 
 class Queues(Invariant[Moment]):
-    """No queue grows without bound: neither an agent's publications in one step, nor the messages on their way to an agent."""
+    """Requires that no queue grows without bound.
+
+    Judged are the number of an agent's publications in one step, and of messages on their way to an agent.
+    """
 
     name = "queues"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones that send, or are to receive, too much."""
+        """Yield the drones that send, or have waiting for them, too many messages."""
         for drone, (sent, waiting) in enumerate(zip(moment.sent, moment.inboxes, strict=True)):
             if sent > MOST_SENT:
                 yield Breach((drone,), f"{sent} messages sent in one step, {MOST_SENT} at most wanted")

@@ -1,4 +1,4 @@
-"""Agreement of the able drones' logs and hypotheses after the heal, during measurement and at the end."""
+"""Agreement of the drones' logs and source estimates after faults of the network have ended."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ _LATER_NS = 1_000_000_000
 
 
 class Converged(Invariant[Moment]):
-    """After the heal, until the first able drone returns, the able drones agree:
+    """Requires that the drones agree after the network has healed, until the first of them returns.
+
+    Only drones that are able to finish the mission are judged:
 
     - an entry in one log is in all logs 20 s later, or in none (if it does not count any more);
-    - entries held by a log for 20 s are in the frames and the hypothesis of its drone;
-    - at least every 20 s their hypotheses are of times at most 1 s apart;
-    - at the end, with all entries exchanged, they have one digest and one hypothesis, to the bit.
+    - entries held by a log for 20 s are in the frames and the source estimate of its drone;
+    - at least every 20 s their estimates are of times at most 1 s apart;
+    - at the end, with all entries exchanged, they have one digest and one estimate, to the bit.
 
     During measurement their logs are hardly ever equal at one moment: six drones add over a hundred entries a second, each of
-    which takes a tick or two to arrive, and longer at a slow agent. Each entry is therefore judged by itself, by its bytes,
-    every 5 s. Nor is there always a moment at which one log is completely processed: with a steady flow of late entries, some
-    always wait. Hypotheses of equal logs are compared at each tick (``agreement``).
+    which takes a tick or two to arrive, and longer at a slow agent. Each entry is therefore judged by itself, by its bytes, every
+    5 s. Nor is there always a moment at which one log is completely processed: with a steady flow of late entries, some always
+    wait. Estimates of equal logs are compared at each tick (``agreement``).
     """
 
     name = "convergence"
@@ -45,7 +47,7 @@ class Converged(Invariant[Moment]):
         self.ever = False  # since the heal the entries held then have been agreed on, or there are not two drones to disagree
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the able drones that have not agreed for too long."""
+        """Yield the drones that have not agreed for too long."""
         able = self._able.see(moment)
         if moment.time_s < self.setting.heal_s or self._over(moment, able):
             return
@@ -81,8 +83,9 @@ class Converged(Invariant[Moment]):
         return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in SEARCHING for k in able)
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the able drones with different logs or hypotheses after a full exchange. Their agents are of no use
-        afterwards.
+        """Exchange all log entries, and yield the drones whose logs or source estimates still differ.
+
+        The agents cannot be used afterwards.
         """
         able = tuple(drone for drone in self._able.see(moment) if moment.pilots[drone] is not None)
         pilots = [pilot for drone in able if (pilot := moment.pilots[drone]) is not None]
@@ -102,7 +105,7 @@ class Converged(Invariant[Moment]):
 
 
 def exchange(pilots: Sequence[Pilot], now_ns: int) -> None:
-    """Pass the entries missing in one log and held by another, until there are none. now_ns: the true time."""
+    """Pass log entries between agents until no log lacks an entry that another log contains. now_ns: the true time."""
     for _ in range(_ROUNDS):
         passed = 0
         for asking, answering in permutations(pilots, 2):
@@ -114,7 +117,10 @@ def exchange(pilots: Sequence[Pilot], now_ns: int) -> None:
 
 
 def work_off(pilots: Sequence[Pilot], now_ns: int) -> None:
-    """Bring all hypotheses up to one time, a second later than any. now_ns: the true time."""
+    """Let all agents compute their source estimates for one common time, a second later than any present estimate.
+
+    now_ns: the true time.
+    """
     stamps_ns = [now_ns, *(pilot.hypothesis.stamp_ns for pilot in pilots if pilot.hypothesis is not None)]
     for pilot in pilots:
         for _ in range(_CALLS):

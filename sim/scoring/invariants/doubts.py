@@ -1,4 +1,4 @@
-"""The drones' use of position uncertainty: no more certain than their data, and accounted for in plans."""
+"""Conditions on the drones' position uncertainty: not smaller than their data allow, and accounted for in their plans."""
 
 from __future__ import annotations
 
@@ -28,11 +28,13 @@ _LOW_M = 1.5  # a drone in takeoff or landing does not choose its way
 
 
 class Mistimed(Invariant[Moment]):
-    """At most half of a drone's measurements under a reported wrong clock are fused, at the end, at a wrong place. A place is
-    wrong if it excludes the drone's true place at the stamped time, by 6 sigma and 0.5 m.
+    """Requires that measurements with a wrong clock are not placed wrongly in the estimate.
 
-    Exempt are measurements after the first liar, the first unannounced fault of an own position, or the first simultaneous
-    jump of half of the clocks or more. The others' clocks are the only time reference.
+    At most half of a drone's measurements under a reported wrong clock are fused, at the end, at a wrong place. A place is wrong
+    if it excludes the drone's true place at the stamped time, by 6 sigma and 0.5 m.
+
+    Exempt are measurements after the first liar, the first unannounced fault of a drone's own position, or the first simultaneous
+    jump of half of the clocks or more: the clocks of the other drones are the only time reference.
     """
 
     name = "mistimed"
@@ -45,14 +47,14 @@ class Mistimed(Invariant[Moment]):
         self._places: list[Array] = []  # (N, 3) at these times
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield nothing in flight; note places while the truth is judged by them."""
+        """Record the true places of the drones; yield nothing in flight."""
         if self._wrong and moment.time_s < self._until_s:
             self._times_s.append(moment.time_s)
             self._places.append(moment.position_m.copy())
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones whose measurements are fused elsewhere, by the first log available."""
+        """Yield the drones whose measurements are fused at wrong places, according to the first log available."""
         pilot = next((pilot for pilot in moment.pilots if pilot is not None), None)
         if not self._times_s or pilot is None:
             return
@@ -81,11 +83,12 @@ def _outvoted_s(setting: Setting) -> float:
 
 
 class PlaceBound(Invariant[Moment]):
-    """With estimated frames, no drone states its place for 5 s more surely than its sources allow. The sources are satellite
-    receivers and the launch layout: its own, or, with sightings, those of the whole swarm.
+    """Requires that no drone states its position for 5 s with a smaller uncertainty than its sources allow (estimated frames).
 
-    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes. For a flight of length T
-    and a correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
+    The sources are satellite receivers and the launch layout: its own, or, with sightings, those of the whole swarm.
+
+    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes. For a flight of length T and a
+    correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
     """
 
     name = "place-bound"
@@ -102,7 +105,7 @@ class PlaceBound(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the overconfident drones; checked twice a second."""
+        """Yield the drones that are overconfident about their position; checked twice a second."""
         self._ticks += 1
         if self._judged and self._ticks % _LOOK_TICKS == 0:
             self._found = list(self._too_sure(moment))
@@ -120,16 +123,13 @@ class PlaceBound(Invariant[Moment]):
 
 
 class WideBerth(Invariant[Moment]):
-    """No drone plans for 3 s to come too near to another at the plan's end: nearer than the separation and 2 sigma of the
-    other's position.
+    """Requires that no drone plans for 3 s to end up too near to another: within the separation plus 2 sigma of its position.
 
-    The judgement uses the drone's own knowledge: the truth shows an ignored uncertainty only by chance, and too late.
-
-    Exempt are:
+    The judgement uses the drone's own knowledge: the truth shows an ignored uncertainty only by chance, and too late. Exempt are:
 
     - pairs with a drone on the ground or nearly so;
     - other drones that do not know of it, which may appear anywhere;
-    - a drone surrounded by others, or by lines and circles that it keeps behind: each way out leads too near to the next.
+    - a drone surrounded by other drones, or by lines and circles that it keeps behind: each way out leads too near to the next.
     """
 
     name = "berth"
@@ -142,7 +142,7 @@ class WideBerth(Invariant[Moment]):
         self._over_m: dict[tuple[int, int], float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the pairs: the planning drone, and the other that it comes too near to."""
+        """Yield the pairs of a planning drone and the drone that it comes too near to."""
         for drone, pilot in enumerate(moment.pilots):
             reckoning = pilot.reckoning if pilot is not None else None
             if reckoning is not None and reckoning.stamp_ns == self._planned_ns[drone]:

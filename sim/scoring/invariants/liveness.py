@@ -1,4 +1,4 @@
-"""The end of a flight after the heal: all drones return."""
+"""Condition on the end of a flight after faults: all drones return."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ _HOVER_PS = HOVER_A / 3.6 / 5000.0  # share of a battery (BAT1_CAPACITY) drawn i
 
 
 class Landed(Invariant[Scene]):
-    """The able drones end the mission landed, and at home. Every other drone has landed or returns; or its safety pilot flies
-    it; or it holds by the mission's choice (``safety.agent_lost``), without its agent or with a possibly lost state.
+    """Requires that the drones able to finish the mission end it landed, and at home.
 
-    Exempt from home are drones that may land elsewhere, or were set down by their autopilot (``Setting``). Also exempt are
-    drones with a battery report so low that agent or autopilot may have landed them where they were.
+    Every other drone has landed or returns; or its safety pilot flies it; or it holds by the mission's choice
+    (``safety.agent_lost``), without its agent or with a possibly lost state. Exempt from home are drones that may land elsewhere,
+    or were set down by their autopilot (``Setting``). Also exempt are drones with a battery report so low that agent or autopilot
+    may have landed them where they were.
     """
 
     name = "landing"
@@ -43,14 +44,14 @@ class Landed(Invariant[Scene]):
         self.lands_within_s = _WAY_S + highest_m / RETURN_CLIMB_MPS + highest_m / LANDING_SPEED_MPS + DISARM_AFTER_S
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield nothing in flight."""
+        """Record the launch places; yield nothing in flight."""
         self.able.see(moment)
         if self._launch is None:
             self._launch = moment.position_m.copy()
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
-        """Yield a breach for each drone that has not landed, or has landed away from its launch place."""
+        """Yield each drone that has not landed, or has landed away from its launch place."""
         able = self.able.see(moment)
         for drone in range(len(self.setting.names)):
             if not self.is_home(moment, drone, drone in able):
@@ -70,8 +71,10 @@ class Landed(Invariant[Scene]):
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
-        """Return whether the flight is over: every drone has ended it correctly, and is down or stays up for good. After
-        ``lands_within_s``, the time to land from the highest return, no landing is awaited: the return is judged on its way.
+        """Return whether the flight can be ended: every drone has ended it correctly, and is down or stays up for good.
+
+        After ``lands_within_s``, the time to land from the highest return, landings are no longer awaited: a drone on its return
+        then counts as correct.
         """
         able, drones = self.able.see(moment), range(len(self.setting.names))
         if self.able.drones is None or not all(self.is_home(moment, drone, drone in able) for drone in drones):
@@ -84,7 +87,7 @@ class Landed(Invariant[Scene]):
         return not within or all(_is_down(moment, drone) for drone in lands)
 
     def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
-        """Return whether a drone has ended its flight correctly."""
+        """Return whether a drone has ended its flight correctly. ``able``: the drone must finish the mission."""
         autopilot, pilot = moment.autopilots[drone], moment.pilots[drone]
         if _is_down(moment, drone):
             return True

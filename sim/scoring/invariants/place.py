@@ -1,4 +1,4 @@
-"""The drones' estimates of their own positions: the basis of separation, fence, and all measurements."""
+"""Conditions on the drones' estimates of their own positions, the basis of separation, fence and all measurements."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ class _Placed(Invariant[Moment]):
 
 
 class OwnPlace(_Placed):
-    """No drone excludes its own true place at 6 sigma, and by a metre, for 5 s; nor its own heading, and by 0.15 rad."""
+    """Requires that no drone excludes its own true position or heading for 5 s.
+
+    A position is excluded if it is 6 sigma and a metre away, a heading if it is 6 sigma and 0.15 rad away.
+    """
 
     name = "own-place"
 
@@ -53,7 +56,7 @@ class OwnPlace(_Placed):
         self._since_s: dict[int, float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones that have been wrong for too long."""
+        """Yield the drones that have been wrong about their own position or heading for too long."""
         wrong = {drone: text for drone in self.placeable(moment) if (text := excluded(moment, drone))}
         self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in wrong}
         for drone, since_s in self._since_s.items():
@@ -62,11 +65,11 @@ class OwnPlace(_Placed):
 
 
 class Calibrated(_Placed):
-    """Over a flight, the mean squares of a drone's errors of position and heading are no more than 9 times the stated
-    variances.
+    """Requires that, over a flight, a drone's errors of position and heading agree with the stated variances.
 
-    A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6
-    sigma. Counted with fresh telemetry only: on a bad link a vehicle is metres ahead of the newest telemetry at its agent.
+    The mean squared errors must be at most 9 times the variances. A frame that follows one receiver's error closely, with a sigma
+    of a fraction of it, excludes the truth too seldom at 6 sigma. Counted with fresh telemetry only: on a bad link a vehicle is
+    metres ahead of the newest telemetry at its agent.
     """
 
     name = "calibrated"
@@ -79,7 +82,7 @@ class Calibrated(_Placed):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield nothing in flight; sample twice a second."""
+        """Record the normalised errors twice a second; yield nothing in flight."""
         self._ticks += 1
         if self.estimated and self._ticks % _LOOK_TICKS == 0:
             for drone in self.placeable(moment):
@@ -95,7 +98,7 @@ class Calibrated(_Placed):
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones with overconfident position or heading."""
+        """Yield the drones that were overconfident about their position or heading."""
         for drone, count in enumerate(self.counts):
             for what, total in (("position", self.sums[drone]), ("heading", self.turned[drone])):
                 if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
@@ -103,8 +106,9 @@ class Calibrated(_Placed):
 
 
 class KnowsItsPlace(_Placed):
-    """A drone in the air, with two others near for 40 s, knows its place, and does not wait for ever. Revoked drones have no
-    links to the others.
+    """Requires that a drone in the air, with two other drones near for 40 s, knows its position in the mission frame.
+
+    Such a drone must not wait for ever. Revoked drones have no links to other drones.
     """
 
     name = "placed"
@@ -115,7 +119,7 @@ class KnowsItsPlace(_Placed):
         self._last_s = 0.0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones with an unknown place."""
+        """Yield the drones that have not known their position for too long."""
         step_s, self._last_s = moment.time_s - self._last_s, moment.time_s
         for drone in self.placeable(moment) if self.estimated else ():
             pilot = moment.pilots[drone]
@@ -144,8 +148,10 @@ class KnowsItsPlace(_Placed):
 
 
 class KnowsHome(Invariant[Moment]):
-    """A drone in the air with a saved state for a restart has a home in it, within 10 m of its launch place. Exempt are
-    drones with an unknown own position; from the place, drones that may land elsewhere (``Setting``).
+    """Requires that the state a drone has saved for a restart contains a home within 10 m of its launch place.
+
+    Judged are drones in the air. Exempt are drones with an unknown own position; drones that may land elsewhere (``Setting``) may
+    have a home at another place.
     """
 
     name = "home"
@@ -156,7 +162,7 @@ class KnowsHome(Invariant[Moment]):
         self._since_s: dict[int, float] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones with no home, or a wrong one, for too long."""
+        """Yield the drones whose saved home has been missing or wrong for too long."""
         if self._launch is None:
             self._launch = moment.position_m.copy()
         wrong = {drone: text for drone in range(len(moment.pilots)) if (text := self._wrong(moment, drone, self._launch[drone]))}
@@ -180,7 +186,7 @@ class KnowsHome(Invariant[Moment]):
 
 
 def excluded(moment: Moment, drone: int) -> str:
-    """Report how a drone excludes its true place or heading; empty if it does not."""
+    """Return a text that tells how far a drone's own estimate excludes its true position or heading; empty if it does not."""
     pilot = moment.pilots[drone]
     placed = pilot.whereabouts if pilot is not None else None
     if placed is None:

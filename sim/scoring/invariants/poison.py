@@ -1,4 +1,4 @@
-"""Members that poison the log: the others name them."""
+"""Condition on members that put false measurements into the log: other drones report them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _LOOK_TICKS = 10
 
 
 class PoisonNamed(Invariant[Moment]):
-    """A drone that publishes exposures beside its own, which overlap them or are too long, is named by another drone within
-    15 s.
+    """Requires that a drone that publishes false exposures beside its own is reported by another drone within 15 s.
 
-    Such exposures are published in flight only. Exposures in place of its own may look like a dead camera's.
+    Exposures are counts of photons in an interval; the false exposures overlap the drone's own or are too long, and are published
+    in flight only. False exposures in place of the drone's own are not judged, since they may look like a dead camera's.
     """
 
     name = "poison-named"
@@ -33,7 +33,7 @@ class PoisonNamed(Invariant[Moment]):
         self._ticks = 0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the poisoners without an accuser; checked twice a second."""
+        """Yield the drones that publish false exposures without being reported; checked twice a second."""
         self._ticks += 1
         looks = self._ticks % _LOOK_TICKS == 0
         for place, (drone, begin_s, end_s) in enumerate(self._spans):

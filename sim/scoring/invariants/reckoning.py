@@ -1,4 +1,4 @@
-"""The drones' predictions in flight: places of the others, their own room, and telemetry of their own vehicles."""
+"""Conditions on the drones' predictions in flight: positions of other drones, own room to fly, and fresh telemetry."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ _HOME_M = 3.0  # so near to its home a revoked drone descends
 
 
 class Reckoned(Invariant[Moment]):
-    """No drone that flies by setpoints believes another one farther away than it is, with or without a link.
+    """Requires that a drone that flies by setpoints does not take another drone to be farther away than it is.
 
-    The limit is 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. A vehicle less than 4 m before
-    a line or circle that the drone keeps from is within the limit. The source estimate of a lost peer is unknown: if that
-    peer circles its own estimate, it has to be beyond that circle, or less than 4 m before it.
+    This holds with or without a link to the other drone. The limit is 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away
+    and at its height. A vehicle less than 4 m before a line or circle that the drone keeps from is within the limit. The source
+    estimate of a lost peer is unknown: if that peer circles its own estimate, it has to be beyond that circle, or less than 4 m
+    before it.
 
     Exempt are:
 
     - drones with a fault of their own position or thrust, and liars;
-    - late or restarted agents: they may never have had links to the others;
-    - drones with an unknown own position: others' reports have no meaning before the first sighting;
+    - late or restarted agents: they may never have had links to other drones;
+    - drones with an unknown own position: reports of other drones have no meaning before the first sighting;
     - pairs with a revoked drone, if the other's agent was lost, or was revoked too, after their last contact: nobody can know
       that its vehicle leaves a circle, and climbs to the other's height;
-    - a revoked drone that descends at its home: the others keep clear of it.
+    - a revoked drone that descends at its home: other drones keep clear of it.
 
-    After the last contact of a pair with a revoked drone, a fault of the other's own position is unknown too: the drone may
-    then expect the other at its own position estimate instead.
+    After the last contact of a pair with a revoked drone, a fault of the other's own position is unknown too: the drone may then
+    expect the other at its own position estimate instead.
     """
 
     name = "reckoned"
@@ -65,7 +66,7 @@ class Reckoned(Invariant[Moment]):
         self._believed: dict[tuple[int, int], tuple[object, list[float]]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the pairs: the drone, and the other that it does not account for."""
+        """Yield the pairs of a drone and the other drone that it does not account for."""
         for drone, pilot in enumerate(moment.pilots):
             if self._first[drone] is None:
                 self._first[drone] = pilot
@@ -150,7 +151,10 @@ class Reckoned(Invariant[Moment]):
 
 
 class Confined(Invariant[Moment]):
-    """The room in which a drone permits itself to fly lies inside the mission's fence, by a metre, in its estimated frame."""
+    """Requires that the region in which a drone permits itself to fly lies inside the mission's fence.
+
+    The tolerance is a metre; the region is taken in the drone's estimated frame.
+    """
 
     name = "confined"
 
@@ -163,7 +167,7 @@ class Confined(Invariant[Moment]):
         self._over: dict[int, tuple[object, object, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones with too wide a room."""
+        """Yield the drones that permit themselves to fly too far beyond the fence."""
         outside = {
             drone: over_m
             for drone, pilot in enumerate(moment.pilots)
@@ -194,12 +198,12 @@ class Confined(Invariant[Moment]):
 
 
 class FreshTelemetry(Invariant[Moment]):
-    """No agent gives a setpoint by telemetry older than 1.5 s: the vehicle may be anywhere."""
+    """Requires that no agent steers its vehicle by telemetry older than 1.5 s, as the vehicle may be anywhere."""
 
     name = "telemetry-age"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Yield the drones flown with old telemetry."""
+        """Yield the drones that are steered by telemetry that is too old."""
         for drone, (command, told_s) in enumerate(zip(moment.commands, moment.told_s, strict=True)):
             if command is not None and command.setpoint is not None and moment.time_s - told_s > UNTOLD_S:
                 yield Breach((drone,), f"flown by telemetry of {moment.time_s - told_s:.1f} s ago")

@@ -1,4 +1,4 @@
-"""The vehicles' true places: separated, inside the fence, between floor and ceiling."""
+"""Conditions on the vehicles' true positions: separated, inside the fence, between floor and ceiling."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ONTO_M = 1.5  # contact distance to a vehicle on the ground: less than in the ai
 
 
 class Separation(Invariant[Scene]):
-    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust. A copied
-    key is no excuse, nor is a manual override at that time: only messages are false.
+    """Requires that two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust.
 
-    The distance is that in space: vehicles whose autopilots return by themselves fly in altitude layers. Exempt are pairs
-    with a fault of one vehicle's own position or thrust: it does not know, or cannot control, its place.
+    A copied key is no excuse, nor is a manual override at that time: only messages are false. The distance is that in space:
+    vehicles whose autopilots return by themselves fly in altitude layers. Exempt are pairs with a fault of one vehicle's own
+    position or thrust: it does not know, or cannot control, its place.
     """
 
     name = "separation"
@@ -39,7 +39,7 @@ class Separation(Invariant[Scene]):
         self._excused_s = min(excusing, default=inf)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the pairs that are too near to each other."""
+        """Yield the pairs of vehicles that are too near to each other."""
         apart_m = APART_M if moment.time_s < self._excused_s else APART_UNDER_FAULTS_M
         for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
             self.least_m = min(self.least_m, distance_m)
@@ -59,14 +59,15 @@ class Separation(Invariant[Scene]):
 
 
 class Collision(Separation):
-    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors. No vehicle
-    lands on another one on the ground, nor takes off beside it: within 1.5 m of it, in space.
+    """Requires that two vehicles in the air are never within 2 m of each other, where rotors of small vehicles may touch.
+
+    No vehicle may come within 1.5 m of another on the ground, as in landing on it or taking off beside it.
     """
 
     name = "collision"
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the pairs that have collided."""
+        """Yield the pairs of vehicles that have collided."""
         for pair, distance_m in self._near(moment, COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
         for pair, distance_m in self._near(moment, ONTO_M, in_air=1):
@@ -74,7 +75,7 @@ class Collision(Separation):
 
 
 class Fence(Invariant[Scene]):
-    """No vehicle in the air leaves the area by more than the fence's margin; exempt as in separation."""
+    """Requires that no vehicle in the air leaves the area by more than the fence's margin; exempt as in :class:`Separation`."""
 
     name = "fence"
 
@@ -85,7 +86,7 @@ class Fence(Invariant[Scene]):
         shapely.prepare(self._fence)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """Yield the vehicles outside."""
+        """Yield the vehicles outside the fence."""
         inside = shapely.contains_xy(self._fence, moment.position_m[:, :2])
         if inside.all():
             return
@@ -96,7 +97,10 @@ class Fence(Invariant[Scene]):
 
 
 class Heights(Invariant[Scene]):
-    """Vehicles stay below the ceiling, and above the floor while they follow setpoints; exempt as in separation."""
+    """Requires that vehicles stay below the ceiling, and above the floor while they follow setpoints.
+
+    Exempt as in :class:`Separation`.
+    """
 
     name = "height"
 
