@@ -42,15 +42,18 @@ __all__ = ["Flown", "Posterior", "compare", "figures", "fly", "load", "save", "s
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """The posterior of the source's horizontal position at one instant. Mission frame (east, north).
+    """The probability distribution of the source's horizontal position at one instant, as an estimator computed it.
+
+    Coordinates are in the mission frame (east, north). The distribution consists of C components (grid cells or Gaussians).
 
     Attributes:
         time_s: time of the posterior since the start of the simulation (as ``Trace.time_s``).
-        kind: ``grid``: cells, while ``bayes`` searches; ``sum``: a Gaussian sum, while it tracks; ``gaussian``: a mean and a
-            covariance, from other estimators.
-        position_m: (C, 2) of the components.
-        weight: (C,) probabilities, adding up to 1 - ``none``.
-        covariance_m2: (C, 2, 2) of each component; of a grid's cell, a square of side a, a^2 / 12 per axis.
+        kind: ``grid``: cells, while the estimator ``bayes`` searches; ``sum``: a Gaussian sum, while it tracks; ``gaussian``: a
+            mean and a covariance, from other estimators.
+        position_m: (C, 2) centres of the components.
+        weight: (C,) probabilities of the components, adding up to 1 - ``none``.
+        covariance_m2: (C, 2, 2) covariance of each component; for a grid cell, the covariance of a square of side a, a^2 / 12 per
+            axis.
         none: probability that there is no source.
     """
 
@@ -63,20 +66,23 @@ class Posterior:
 
     @property
     def mean_m(self) -> Array:
-        """(2,) mean of the source's position, given that there is one."""
+        """Mean position of the source (east, north), given that there is a source."""
         mean: Array = self._share @ self.position_m
         return mean
 
     @property
     def covariance(self) -> Array:
-        """(2, 2) m2 of the source's position, given that there is one: within and between the components."""
+        """(2, 2) covariance of the source's position in m2, given that there is a source.
+
+        It includes the spread within each component and between the components.
+        """
         offset = self.position_m - self.mean_m
         spread: Array = np.einsum("c,cij->ij", self._share, self.covariance_m2 + offset[:, :, None] * offset[:, None, :])
         return spread
 
     @property
     def rms_m(self) -> float:
-        """Horizontal RMS about the mean, the root of the covariance's trace, metres."""
+        """Root mean square distance of the source from the mean position, in metres: the root of the covariance's trace."""
         return math.sqrt(max(0.0, float(np.trace(self.covariance))))
 
     @property
@@ -87,14 +93,14 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A finished flight.
+    """A finished simulated flight, with its scores, time series and posterior distributions.
 
     Attributes:
         scenario: the scenario flown.
-        result: numbers of the whole flight, for the estimator flown by.
-        listened: the same for the estimators that only listened, by name.
+        result: scores of the whole flight, for the estimator that determined where to fly.
+        listened: scores of the estimators that only listened (read the same log without any influence on the flight), by name.
         trace: time series at 5 Hz.
-        posteriors: of the first drone, by estimator, in order of time, from the first one available.
+        posteriors: by estimator, the posteriors of the first drone in order of time, from the first one available.
     """
 
     scenario: Scenario
@@ -105,15 +111,15 @@ class Flown:
 
 
 def scenarios() -> list[str]:
-    """Names of the shipped scenarios."""
+    """Return the names of the scenarios that come with the package."""
     return shipped()
 
 
 def load(scenario: str | Path, overrides: Mapping[str, str | float] | None = None) -> Scenario:
-    """Load a scenario.
+    """Load a scenario: a mission, and the true sources, sensors and vehicles for its simulation.
 
     Args:
-        scenario: name of a shipped one, or the path of a ``.toml`` file.
+        scenario: name of a shipped scenario, or the path of a ``.toml`` file.
         overrides: values to change, by dotted path as ``--set`` takes them: ``{"mission.encirclement.radius_m": 10}``, or one of
             the short names ``radius_m``, ``speed_mps``, ``activity_bq``, ``source_speed_mps``, ``drones`` (number of drones).
 
@@ -133,14 +139,15 @@ def fly(
     every_s: float = 1.0,
     progress: Callable[[float, str], None] | None = None,
 ) -> Flown:
-    """Fly a scenario in this process, many times faster than real time; the same seed gives the same flight.
+    """Simulate one flight of a scenario in this process, many times faster than real time; the same seed gives the same flight.
 
     Args:
-        scenario: as loaded, or what ``load`` takes.
+        scenario: a loaded scenario, or a name or path for ``load``.
         seed: seed of all randomness of the flight, 0 or more.
         estimator: estimator to fly by instead of the mission's own; may be one of an installed package.
-        law: flocking law, ``paper`` or ``smooth``, instead of the mission's own.
-        listen: estimators that read the same log on the first drone without any say in the flight.
+        law: flocking law (rule for the spacing of the drones on their circle), ``paper`` or ``smooth``, instead of the mission's
+            own.
+        listen: estimators that read the same log on the first drone without any influence on the flight.
         every_s: interval between two recorded posteriors, seconds.
         progress: called about every simulated second with the time (s) and the swarm's stage.
 
@@ -156,11 +163,11 @@ def fly(
 
 
 def compare(flight: Flown) -> dict[str, dict[str, float | None]]:
-    """Compare the estimators of one flight: by name, the one flown by first.
+    """Compare the estimators of one flight; return the scores by the estimator's name.
 
-    All read the same cones and counts from the same places, but only the first decided where to fly. Fields, None if there
-    was no estimate: ``time_to_x0_s``, ``error_median_m``, ``error_p90_m``, ``nees_mean`` (2 if stated uncertainty matches the
-    error).
+    All estimators have read the same cones and counts from the same places, but only the first one determined where to fly.
+    Scores, None if there was no estimate: ``time_to_x0_s`` (time to the first estimate), ``error_median_m``, ``error_p90_m``,
+    ``nees_mean`` (normalised squared error; 2 if the stated uncertainty matches the error).
     """
     fields = ("time_to_x0_s", "error_median_m", "error_p90_m", "nees_mean")
     results = {flight.result.estimator: flight.result, **flight.listened}
@@ -168,15 +175,17 @@ def compare(flight: Flown) -> dict[str, dict[str, float | None]]:
 
 
 def summary(flight: Flown) -> str:
-    """One sentence: the source estimate, its 1-sigma radius, and its distance from the truth."""
+    """Return one sentence about the flight: the source estimate, its 1-sigma radius, and its distance from the true source."""
     from radron.sim.campaign.report import sentence  # noqa: PLC0415  (Matplotlib waits until it is needed)
 
     return sentence(flight.result, flight.trace)
 
 
 def figures(flight: Flown) -> dict[str, Figure]:
-    """The standard figures as Matplotlib figures: ``map``, ``spacing``; where there is a source, ``error`` and ``posterior``; of
-    several ``sources``.
+    """Return the standard figures of a flight as Matplotlib figures, by name.
+
+    They are ``map`` and ``spacing`` (gaps between the drones on their circle); with a source also ``error`` and ``posterior``;
+    with several sources also ``sources``.
     """
     from radron.sim.campaign.report import flight_figures  # noqa: PLC0415
 
@@ -184,7 +193,9 @@ def figures(flight: Flown) -> dict[str, Figure]:
 
 
 def save(flight: Flown, folder: str | Path) -> list[Path]:
-    """Write ``result.json`` and the standard figures into a folder, as ``radron-sim run --out`` does; returns the files.
+    """Write ``result.json`` and the standard figures of a flight into a folder, and return the files.
+
+    ``radron-sim run --out`` writes these files, too.
 
     Raises:
         ConfigError: the folder cannot be made or written to.

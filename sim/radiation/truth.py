@@ -1,4 +1,4 @@
-"""True parameters of a simulated camera."""
+"""True parameters of simulated cameras, of the ground below them and of rain."""
 
 from __future__ import annotations
 
@@ -80,10 +80,11 @@ GroundKind = Literal["soil", "sand", "asphalt", "concrete", "water"]
 
 
 class RainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A shower that washes radon's daughters out of the air, onto the ground, at once.
+    """A rain shower that washes radioactive daughters of radon out of the air onto the ground, all at once.
 
-    at_s: since the start of the simulation. factor: air kerma rate 1 m above soil right after it over that before. half_life_s:
-    of what has been added; Pb-214 (27 min) and Bi-214 (20 min) together decay with about half an hour.
+    at_s: time since the start of the simulation. factor: air kerma rate 1 m above soil directly after the shower, divided by the
+    rate before. half_life_s: half-life of the added rate; Pb-214 (27 min) and Bi-214 (20 min) together decay with about half an
+    hour.
     """
 
     at_s: NonNegative = 0.0
@@ -91,16 +92,19 @@ class RainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     half_life_s: Positive = 1800.0
 
     def added(self, time_s: float) -> float:
-        """Air kerma rate of the daughters over that of dry soil, at a time (s) since the start of the simulation."""
+        """Return the air kerma rate of radon's daughters on the ground, divided by the rate of dry soil.
+
+        ``time_s``: seconds since the start of the simulation.
+        """
         since_s = time_s - self.at_s
         return 0.0 if since_s < 0.0 else (self.factor - 1.0) * 0.5 ** (since_s / self.half_life_s)
 
 
 class GroundTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The ground below sources and cameras, as it scatters and sends out photons (``radron.sim.radiation.ground``).
+    """The ground below sources and cameras, which scatters photons and sends out its own (``radron.sim.radiation.ground``).
 
-    kinds: one of these, drawn from the seed. depth_m: of all sources that are not above the ground. natural: activity of K-40,
-    uranium and thorium series, relative to the kind's own. rain: None: no rain.
+    kinds: one of these is drawn from the seed. depth_m: depth of all sources that are not above the ground. natural: activity of
+    K-40, uranium and thorium series, relative to the usual activity of this kind of ground. rain: None: no rain.
     """
 
     kinds: Annotated[tuple[GroundKind, ...], Meta(min_length=1, max_length=5)] = ("soil",)
@@ -110,9 +114,9 @@ class GroundTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     @property
     def kind(self) -> GroundKind:
-        """The drawn one."""
+        """The kind of ground of this flight."""
         return self.kinds[0]
 
     def drawn(self, rng: np.random.Generator) -> GroundTruth:
-        """With one of the kinds alone."""
+        """Return this ground with one of its kinds, chosen at random."""
         return replace(self, kinds=(self.kinds[int(rng.integers(len(self.kinds)))],))

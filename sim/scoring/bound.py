@@ -80,7 +80,7 @@ class Bound:
         return np.interp(time_s, self.time_s, median_error(covariance), left=np.nan)
 
     def median_m(self, during: NDArray[np.bool_]) -> float | None:
-        """Return the bound of the median position error (m), as a median over the selected time steps (K,); None without steps."""
+        """Return the bound of the median position error (m): a median over the selected time steps (K,); None without steps."""
         return float(np.median(median_error(self.true[during]))) if during.any() else None
 
     def own_median_m(self, during: NDArray[np.bool_]) -> float | None:

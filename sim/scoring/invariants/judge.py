@@ -1,4 +1,4 @@
-"""All invariants over one flight."""
+"""All conditions that a simulated flight must fulfil, judged together."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ ANY = "any"  # invariant
 
 
 class Judge:
-    """The observer of a flight (``radron.sim.lockstep.flight.fly(watch=...)``). ``violations``: in order of time."""
+    """Judges all conditions during a simulated flight (``radron.sim.lockstep.flight.fly(watch=...)``).
+
+    ``violations``: reports of violated conditions in order of time.
+    """
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
         """``until``: the flight ends at the first violation of the invariant of this name, or of ``ANY``."""
@@ -60,7 +63,7 @@ class Judge:
         return moment.time_s >= self._setting.end_s or self.landed.is_over(moment)
 
     def finish(self) -> None:
-        """Judge the end of the flight."""
+        """Judge the conditions that are evaluated at the end of the flight."""
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)
