@@ -17,17 +17,18 @@ Compute = Callable[[Any, int], tuple[Any, int]]  # from the state before a step 
 
 
 class Chains:
-    """The present chain of states, and the replay that is to take its place.
+    """The states of an estimator, one after each time step with observations, and their recomputation (replay) after late
+    entries.
 
-    The present chain has priority, and the replay gets part of the rest of each slice of work. The flight must not wait for the
-    replay, nor for other agents on the same computer. On a computer that can barely keep up, a replay hardly gains on the
-    present. It then takes the place of the present chain before its end, and every step is computed only once. A chain that
-    ``lags``, as after an in-flight start of an agent, has no parallel replay. Its end is too old for a hypothesis, so the chain
-    itself goes back.
+    The present chain of states has priority, and the replay, which will take its place, gets part of the rest of each slice of
+    work. The flight must not wait for the replay, nor for other agents on the same computer. On a computer that can barely keep
+    up, a replay hardly gains on the present. It then takes the place of the present chain before its end, and every step is
+    computed only once. A chain that ``lags``, as after an in-flight start of an agent, has no parallel replay. Its end is too old
+    for an estimate, so the chain itself goes back.
     """
 
     def __init__(self, timeline: Timeline, compute: Compute, batches: Batches) -> None:
-        """``batches``: receive the number of calls of each replay."""
+        """Start without states. ``batches``: gets the number of calls that each replay took."""
         self._timeline, self._compute, self._batches = timeline, compute, batches
         self._base: Any = None
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
@@ -39,7 +40,7 @@ class Chains:
         self._lagged = 0  # calls for which the chain has lagged
 
     def begin(self, base: Any) -> None:
-        """Begin anew, with the state before the first step."""
+        """Begin again, with the state before the first step."""
         self._base, self._replay, self._catches_up = base, None, False
         self._states.clear()
 
@@ -50,22 +51,22 @@ class Chains:
 
     @property
     def lags(self) -> bool:
-        """Whether the present chain ended, at the last call, too early for a hypothesis."""
+        """Whether the present chain ended, at the last call, too early for a source estimate."""
         return self._lagged > 0
 
     @property
     def is_replaying(self) -> bool:
-        """Whether a replay is unfinished."""
+        """Whether a recomputation (replay) is unfinished."""
         return self._replay is not None or self._catches_up
 
     def rewind(self, step: int) -> None:
-        """Discard the states from the step on."""
+        """Discard the states after this step and later steps."""
         undo(self._states, step)
         if self._replay is not None:
             undo(self._replay, step)
 
     def replay(self, step: int) -> None:
-        """Recompute the states from the step on, in parallel to the present ones if these are of use."""
+        """Recompute the states after this step and later steps, in parallel to the present states if these are of use."""
         if self._replay is None and (self.lags or self._catches_up):
             self._batches.took(self._lagged)  # the pauses double: however often it begins again, it comes to the end
             undo(self._states, step)
@@ -77,7 +78,7 @@ class Chains:
         self._watched = since, min(from_step, next(reversed(self._replay), NEVER))
 
     def extend(self, due: int, oldest: int, budget: int) -> bool:
-        """Compute the missing states up to the due step, within the budget; return whether the present chain is complete.
+        """Compute the missing states up to the due step, within the budget of work; return whether the present chain is complete.
 
         ``oldest``: the chain lags if it ends before that step.
         """

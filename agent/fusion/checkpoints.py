@@ -10,16 +10,16 @@ T = TypeVar("T")
 
 
 def undo(states: dict[int, T], step: int) -> None:
-    """Discard the states from the step on. ``states``: by their steps, ascending."""
+    """Discard the states after this step and later steps. ``states``: by step, ascending."""
     while states and next(reversed(states)) >= step:
         states.popitem()
 
 
 def thin(states: dict[int, T]) -> None:
-    """Limit the states to ``MOST_CHECKPOINTS``.
+    """Limit the number of stored states to ``MOST_CHECKPOINTS``, by dropping one. ``states``: by step, ascending.
 
-    Drop the state with the least cost: the additional steps of a replay without it, relative to the necessary steps. The
-    spacing then grows with the age, and a late entry costs about twice the steps that it changes, at any age.
+    Drop the state with the least cost: the additional steps of a replay without it, relative to the necessary steps. The spacing
+    then grows with the age, and a late entry costs about twice the steps that it changes, at any age.
     """
     if len(states) <= MOST_CHECKPOINTS:
         return

@@ -17,10 +17,14 @@ Held = Callable[[Publisher, Iterable[Range]], Iterator[EntryId]]  # the held ent
 
 
 class Counting:
-    """Counted and excluded entries of one log."""
+    """Decides which entries of a log count: all but entries retracted by their drone, and overlapping exposures of one drone."""
 
     def __init__(self, held: Held, end_ns: Callable[[EntryId], int | None], *, judges_exposures: bool) -> None:
-        """``end_ns``: end of a held exposure; None for other entries. ``judges_exposures``: whether exposures may not overlap."""
+        """Start without entries.
+
+        ``held``: returns the entries in the log of a publisher with given numbers. ``end_ns``: returns the end of an exposure;
+        None for other entries. ``judges_exposures``: whether exposures may not overlap.
+        """
         self._held, self._end_ns = held, end_ns
         self._retractions = Retractions()
         self._overlaps = Overlaps() if judges_exposures else None
@@ -28,12 +32,12 @@ class Counting:
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
-        """See ``ObservationLog.recounted``."""
+        """The entries that have ceased to count, or begun to count again; see ``ObservationLog.recounted``."""
         self.settle()
         return self._recounted
 
     def settle(self) -> None:
-        """Count again the entries with retractions removed since the last call."""
+        """Count the entries again whose retractions have been removed since the last call."""
         for publisher, changed in self._retractions.settled():
             for identity in self._held(publisher, changed):
                 self._expose(identity, self._end_ns(identity))
@@ -41,18 +45,18 @@ class Counting:
                     self._recounted.append((identity, True))
 
     def leaves_out(self, kind: type[Entry], identity: EntryId) -> bool:
-        """Return whether a held entry does not count. Coverage cannot be retracted."""
+        """Return whether an entry in the log does not count. Coverage (a flown part of the survey) cannot be retracted."""
         if kind is Coverage:
             return False
         self.settle()
         return self._retractions.takes_back((identity.drone, identity.boot), identity.sequence) or self._overlapping(identity)
 
     def overlapping(self, since_ns: int) -> list[str]:
-        """Return the drones with overlapping exposures begun since then, sorted."""
+        """Return the drones with overlapping exposures that began since a time (ns), sorted."""
         return [] if self._overlaps is None else self._overlaps.drones(since_ns)
 
     def added(self, entry: Entry, identity: EntryId) -> None:
-        """Add a newly held entry, after ``settle``; it counts from the beginning, or does not."""
+        """Take a new entry of the log, after ``settle``, and decide whether it counts; a retraction excludes earlier entries."""
         publisher = entry.drone, entry.boot
         if isinstance(entry, Retraction):
             for other in self._held(publisher, self._retractions.add(entry)):
@@ -63,7 +67,7 @@ class Counting:
             self._expose(identity, entry.end_ns)
 
     def removed(self, identity: EntryId) -> None:
-        """Remove an entry that is not held any more."""
+        """Take the removal of an entry from the log."""
         self._retractions.remove((identity.drone, identity.boot), identity.sequence)
         self._unexpose(identity)
 

@@ -19,8 +19,10 @@ _NS = 1_000_000_000
 
 
 class GivenEstimator:
-    """Holds each place of the schedule until the next time of the schedule. Jumps take effect at the first grid step that begins
-    at or after that time. There is no hypothesis before the schedule's first time, nor before the mission's start.
+    """An estimator that measures nothing: its source estimate moves by a schedule in the mission file, for tests of the flight.
+
+    Each place of the schedule is held until the next time of the schedule. Jumps take effect at the first grid step that begins
+    at or after that time. There is no estimate before the schedule's first time, nor before the mission's start.
 
     Raises:
         ConfigError: the schedule's times do not ascend.
@@ -39,19 +41,19 @@ class GivenEstimator:
             raise ConfigError("fusion.given.schedule: times must ascend; sort the rows [t_s, x, y] by t_s")
 
     def initial(self, start_ns: int | None) -> int | None:
-        """Return the state: the mission's start."""
+        """Return the state, which is the mission's start (UTC, ns)."""
         return start_ns
 
     def step(self, state: int | None, step: GridStep, observations: Sequence[Observation]) -> int | None:
-        """Return the same state; observations are not used."""
+        """Return the state unchanged; observations are not used."""
         return state
 
     def work(self, state: int | None, observations: int) -> int:
-        """Return about one unit for the step, and one for each observation."""
+        """Return the cost of a step: about one unit for the step, and one for each observation."""
         return 1 + observations
 
     def hypothesis(self, state: int | None, step: GridStep) -> Hypothesis | None:
-        """Return the schedule's place at the beginning of the step, without error."""
+        """Return the schedule's place at the beginning of the step as source estimate, without error."""
         if state is None:
             return None
         row = bisect_right(self._offsets_ns, step.start_ns - state) - 1
@@ -68,5 +70,5 @@ class GivenEstimator:
         )
 
     def outlook(self, state: int | None, step: GridStep) -> Outlook | None:
-        """Return None: there is no posterior of a search."""
+        """Return None: this estimator has no posterior of a search."""
         return None

@@ -10,12 +10,11 @@ _CALLS_A_STEP = 4  # without new due steps, as after the flight: calls that a ba
 
 
 class Latecomers:
-    """Entries whose steps have been computed already, until their batch is due.
+    """Log entries that arrived after their time step was computed; they wait, so that several are processed in one recomputation.
 
     An entry late by n steps has n steps recomputed. Of such entries at most one batch is folded in every m steps. m is the
     largest power of two up to n of the latest entry. So in total at most about three times as many steps are computed as there
-    are. Batches are folded at the multiples of m: at the same due steps by all agents, whose hypotheses stay comparable
-    meanwhile.
+    are. Batches are folded at the multiples of m: at the same due steps by all agents, whose estimates stay comparable meanwhile.
     """
 
     def __init__(self) -> None:
@@ -28,7 +27,9 @@ class Latecomers:
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None, steps: int) -> None:
-        """Add an entry late by so many steps; None: the entry held of that identity is removed."""
+        """Add an entry that is late by ``steps`` time steps; None in place of the entry: the entry of that identity is
+        removed.
+        """
         self._entries[identity] = entry
         self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _LONGEST_STRIDE))
 
@@ -37,23 +38,26 @@ class Latecomers:
         self._entries.pop(identity, None)
 
     def taken(self, before: int, due: int) -> dict[EntryId, AnyEntry | None]:
-        """Return the batch, if it is due: at a call that has advanced the due step from ``before`` to ``due``."""
+        """Return the waiting entries if they are due, and forget them here; else nothing.
+
+        before, due: newest step of the time grid before this call, and now.
+        """
         self._calls += 1
         if before // self._stride == due // self._stride and self._calls <= _CALLS_A_STEP * self._stride:
             return {}
         return self.all_taken()
 
     def all_taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return all waiting entries, when their steps are recomputed anyway."""
+        """Return all waiting entries, and forget them here, when their steps are recomputed anyway."""
         entries, self._entries = self._entries, {}
         self._stride, self._calls = 1, 0
         return entries
 
 
 class Late:
-    """Entries so late that they wait for a batch of their own, and for the quota of their drone.
+    """Log entries that arrived so late that they wait for a large recomputation of their own, and for the quota of their drone.
 
-    None in the place of an entry: the entry held of that identity is removed.
+    None in the place of an entry: the entry of that identity is removed.
     """
 
     def __init__(self, batches: Batches) -> None:
@@ -65,7 +69,7 @@ class Late:
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None) -> None:
-        """Add an entry."""
+        """Add an entry, or the removal of an entry (None)."""
         self._entries[identity] = entry
 
     def discard(self, identity: EntryId) -> None:
@@ -74,12 +78,12 @@ class Late:
 
     @property
     def put_off(self) -> frozenset[str]:
-        """The drones that have used up their quotas, with entries waiting for them."""
+        """The drones that have used up their quotas of late entries, and whose entries wait for that reason."""
         drones = {identity.drone for identity in self._entries}
         return frozenset(drones - self._batches.admitted(drones))
 
     def taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return the entries of the drones with quota left."""
+        """Return the entries of the drones with quota left, and forget them here."""
         admitted = self._batches.admitted({identity.drone for identity in self._entries})
         taken = {identity: entry for identity, entry in self._entries.items() if identity.drone in admitted}
         self._entries = {identity: entry for identity, entry in self._entries.items() if identity.drone not in admitted}

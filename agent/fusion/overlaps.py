@@ -20,17 +20,20 @@ _end_ns = itemgetter(1)
 
 
 class Overlaps:
-    """The exposures of all drones in a log, without the retracted ones."""
+    """Finds overlapping exposures of a drone, which has one camera, so that none of them can be right.
+
+    It holds the exposures of all drones in a log, without the retracted ones.
+    """
 
     def __init__(self) -> None:
         self._drones: defaultdict[str, _Exposed] = defaultdict(_Exposed)
 
     def add(self, identity: EntryId, end_ns: int) -> list[EntryId]:
-        """Add an exposure. Returns the other exposures that overlap since."""
+        """Add an exposure. Return the other exposures of the drone that overlap now and did not before."""
         return self._drones[identity.drone].add((identity.stamp_ns, end_ns, identity))
 
     def remove(self, identity: EntryId) -> list[EntryId]:
-        """Remove an exposure, if it is held. Returns the other exposures that overlap no longer."""
+        """Remove an exposure, if it is held. Return the other exposures of the drone that do not overlap any more."""
         exposed = self._drones.get(identity.drone)
         return exposed.remove(identity) if exposed is not None else []
 
@@ -40,7 +43,7 @@ class Overlaps:
         return exposed is not None and identity in exposed.overlapping
 
     def drones(self, since_ns: int) -> list[str]:
-        """Return the drones with overlapping exposures begun since then, sorted."""
+        """Return the drones with overlapping exposures that began since a time (ns), sorted."""
         return sorted(drone for drone, exposed in self._drones.items() if exposed.newest_ns >= since_ns)
 
 

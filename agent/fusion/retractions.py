@@ -13,7 +13,9 @@ from radron.protocol.entries import Retraction
 
 
 class Retractions:
-    """The retractions in a log, by publisher."""
+    """The retractions in a log, by publisher: with them a drone takes back measurements made with a wrong clock or
+    localisation.
+    """
 
     def __init__(self) -> None:
         self._held: defaultdict[Publisher, dict[int, Range]] = defaultdict(dict)  # by the retraction's own number
@@ -21,12 +23,12 @@ class Retractions:
         self._stale: set[Publisher] = set()  # publishers with retractions removed since
 
     def takes_back(self, publisher: Publisher, number: int) -> bool:
-        """Return whether the measurement with that number does not count; after ``settled``."""
+        """Return whether the measurement with that number has been retracted; call ``settled`` before."""
         numbers = self._numbers.get(publisher)
         return numbers is not None and number in numbers
 
     def add(self, retraction: Retraction) -> list[Range]:
-        """Add a retraction, after ``settled``; return the newly excluded numbers: each once, however often retracted."""
+        """Add a retraction, and return the ranges of numbers that are newly retracted by it; call ``settled`` before."""
         publisher = retraction.drone, retraction.boot
         self._held[publisher][retraction.sequence] = retraction.first, retraction.last
         numbers = self._numbers.setdefault(publisher, SequenceSet())
@@ -35,13 +37,13 @@ class Retractions:
         return changed
 
     def remove(self, publisher: Publisher, number: int) -> None:
-        """Remove the retraction with that number, if it is one."""
+        """Remove the retraction with that number; other entries are ignored."""
         if number in self._held.get(publisher, ()):
             del self._held[publisher][number]
             self._stale.add(publisher)
 
     def settled(self) -> list[tuple[Publisher, list[Range]]]:
-        """Return the numbers that count again, as their retractions have been removed since the last call."""
+        """Return the ranges of numbers that count again, because their retractions have been removed since the last call."""
         if not self._stale:
             return []
         changed = []

@@ -17,14 +17,18 @@ _SIMPLIFY_M = 0.5  # tolerance of the buffered outline at its round corners
 
 
 class Fence:
-    """A polygon in the planning frame with a range of heights, metres.
+    """The geofence of a drone: a polygon in the planning frame with a range of heights, metres.
 
-    The tracker needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a position; of a convex
+    The planner needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a position; of a convex
     polygon, all of it.
     """
 
     def __init__(self, outline: shapely.Polygon, floor_m: float, ceiling_m: float) -> None:
-        """``outline``: valid, without holes (holes are ignored). Raises ConfigError if it is empty or crosses itself."""
+        """Set up the fence. Raises ConfigError if the outline is empty or crosses itself, or if the floor is not below the
+        ceiling.
+
+        ``outline``: holes are ignored.
+        """
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError("fence: the outline is not a simple polygon; check area.polygon_m")
         if floor_m >= ceiling_m:
@@ -49,7 +53,7 @@ class Fence:
     def from_area(
         cls, area: AreaConfig, points: Sequence[tuple[float, float]] | Array | None = None, ground_m: float = 0.0
     ) -> Fence:
-        """The area widened by its margin.
+        """Return the fence around a mission's area: the area widened by its margin.
 
         Args:
             area: of the mission.
@@ -61,12 +65,13 @@ class Fence:
         return cls(outline, area.floor_m + ground_m, area.ceiling_m + ground_m)
 
     def clearance(self, x: float, y: float) -> float:
-        """Horizontal distance (m) of a place from the boundary: positive inside, negative outside."""
+        """Return the horizontal distance (m) of a place from the fence: positive inside, negative outside."""
         distance = float(self._boundary.distance(shapely.Point(x, y)))
         return distance if shapely.contains_xy(self.outline, x, y) else -distance
 
     def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
-        """Convex piece of the polygon around (x, y): inward normals (M, 2) and offsets (M,); inside is where n . p >= b.
+        """Return a convex piece of the polygon around (x, y) as M half-planes: inward normals n (M, 2), offsets b (M,); inside n
+        . p >= b.
 
         In a non-convex polygon the nearest point of the boundary gives the first half-plane. The boundary behind it is cut off,
         and the rest gives the next one in the same way. For a place outside, the only half-plane is at the nearest boundary. The

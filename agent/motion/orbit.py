@@ -20,10 +20,12 @@ _CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the ba
 
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
-    """Radius of one of the concentric circles for network components without a link. The circles are apart by twice the
-    separation, so that the vehicles' deviations do not bring drones together. See ``ring_lift_m``.
+    """Return the radius (m) of one of the concentric circles around the source that parts of a swarm without a link between them
+    fly.
 
-    ``ring``: from 0 on; ``fits_hypothesis``: the radius of the shared circle follows the hypothesis' RMS.
+    The circles are apart by twice the separation, so that the vehicles' deviations do not bring drones together. See
+    ``ring_lift_m``. ``ring``: number of the circle, 0 is the one shared by linked drones; ``fits_hypothesis``: the radius of that
+    circle follows the RMS error of the source estimate.
     """
     config, limits = mission.encirclement, mission.limits
     shared_m = min(config.nearest_m, config.radius_m) if fits_hypothesis else config.radius_m
@@ -32,30 +34,34 @@ def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> f
 
 
 def ring_change_s(mission: MissionConfig) -> float:
-    """Longest time (s) from the shared circle to any other circle of separate network components."""
+    """Return the longest time (s) that a drone needs from the shared circle to any other circle of drones without a link."""
     outermost_m = ring_radius_m(mission, len(mission.drones) - 1, fits_hypothesis=True)
     return (outermost_m - ring_radius_m(mission, 0, fits_hypothesis=True)) / _RADIUS_MPS + 2.0 * _TIME_S
 
 
 def ring_lift_m(mission: MissionConfig, ring: int) -> float:
-    """Return how much higher such a circle is than the shared one: every second circle by the separation. Network components
-    without a link have different hypotheses, several metres apart if one has few cameras, so that their circles may cross.
+    """Return how much higher (m) a circle of drones without a link is than the shared circle: every second circle by the
+    separation.
+
+    Drones without a link have different source estimates, several metres apart if one has few cameras, so that their circles may
+    cross.
     """
     return mission.limits.separation_m * (ring % 2)
 
 
 def highest_circle_m(mission: MissionConfig) -> float:
-    """Height (m) above the ground that no circle exceeds: every second ring is higher."""
+    """Return the height (m) above the ground that no circle around a source exceeds: every second ring is higher than
+    the first.
+    """
     return mission.encirclement.height_m + ring_lift_m(mission, 1)
 
 
 def second_height_m(mission: MissionConfig) -> float | None:
-    """Height (m) above the ground of the second half of a turn around a source; None if the source's height is known, so that one
-    height suffices.
+    """Return the height (m) above the ground of the second half of a turn around a source; None if one height suffices.
 
-    From one height alone, counts fit a source above the cameras and its mirror image below them alike. Two limits hold. Crossing
-    or returning drones pass over the highest circle. The lowest altitude layer for a return after the loss of an agent stays
-    free.
+    One height suffices if the source's height is known. From one height alone, counts fit a source above the cameras and its
+    mirror image below them alike. Two limits hold. Crossing or returning drones pass over the highest circle. The lowest altitude
+    layer for a return after the loss of an agent stays free.
     """
     if mission.source_height_m[1] <= 0.0:
         return None
@@ -64,10 +70,10 @@ def second_height_m(mission: MissionConfig) -> float | None:
 
 
 class Orbit:
-    """Radius and height of one drone's circle; they start at the configured values and change gradually."""
+    """Radius and height of one drone's circle around the source; they start at the configured values and change gradually."""
 
     def __init__(self, config: EncirclementConfig, floor_m: float) -> None:
-        """``floor_m``: least height above the ground."""
+        """Start at the configured circle. ``floor_m``: least height above the ground."""
         self._config = config
         self._lowest_m = min(floor_m + _OVER_FLOOR_M, config.height_m)
         self._nearest_m = min(config.nearest_m, config.radius_m)
@@ -84,11 +90,11 @@ class Orbit:
         lift_m: float = 0.0,
         least_m: float = 0.0,
     ) -> None:
-        """Approach the circle that is best now.
+        """Change radius and height gradually towards the circle that is best for the present source estimate.
 
         Args:
             now_ns: UTC.
-            rms_m: of the hypothesis.
+            rms_m: RMS position error of the source estimate.
             activity_bq: of the source, if known.
             lost: the circle may be wider than configured: the source is only known to be within ``rms_m``.
             ring_m: prescribed radius, whatever the accuracy.

@@ -11,7 +11,7 @@ from radron.agent.geometry import Array, Vector3
 
 
 class PeerState(Struct, frozen=True):
-    """Position (m) and velocity (m/s) of a drone. ``age_s``: age of these; users extrapolate by it."""
+    """Position (m) and velocity (m/s) of a drone. ``age_s``: age of these data; users extrapolate by it."""
 
     position: Vector3
     velocity: Vector3 = (0.0, 0.0, 0.0)
@@ -19,7 +19,8 @@ class PeerState(Struct, frozen=True):
 
 
 class Reference(Struct, frozen=True):
-    """Wanted positions of a drone at the times 0, step_s, 2 step_s, ... from now; they need not be feasible.
+    """The positions where a drone should be at the times 0, step_s, 2 step_s, ... from now, K + 1 in all; they need not be
+    feasible.
 
     positions: (K + 1, 3) m; velocities: (K + 1, 3) m/s.
     """

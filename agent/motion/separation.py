@@ -26,15 +26,17 @@ _PASS_TURN = 0.35
 
 
 class PeerPlan(Struct, frozen=True):
-    """The plan of another drone, in this drone's planning frame.
+    """The planned path of another drone, in the frame in which this drone plans, with all that is needed to stay clear of it.
 
-    positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to be far
-    away. sigma_m: 1-sigma error of the other's position relative to this drone. measured: its position by its own localisation,
-    for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because its position rests on
-    estimated frames. deviation_m: horizontal RMS deviation from its plans. blind: unaware of this drone, or without an agent that
-    steers it, so it never gives way. away: (H, 2), unit vectors: the other may be anywhere beyond lines across these through its
-    positions. radius_m: of the circle of which these lines are the tangents nearest to this drone, with its centre in their
-    direction; negative: in the opposite direction, and this drone keeps outside; infinite: straight.
+    positions: H positions (m), at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to
+    be far away. sigma_m: 1-sigma error of the other drone's position relative to this drone. measured: its position by its own
+    localisation, for evasion as a last resort; None without a fresh pose. doubt_m: distance added even to the bare separation,
+    because its position rests on estimated frames. deviation_m: horizontal RMS deviation from its plans. blind: it is unaware of
+    this drone, or has no agent that steers it, so it never gives way. away: (H, 2) unit vectors, for a drone without a link: it
+    may be anywhere beyond lines across these vectors through its positions. radius_m: of the circle of which these lines are the
+    tangents nearest to this drone, with its centre in their direction; negative: in the opposite direction, and this drone keeps
+    outside; infinite:
+    straight.
     """
 
     id: str
@@ -62,21 +64,21 @@ class PeerPlan(Struct, frozen=True):
         *,
         blind: bool = False,
     ) -> PeerPlan:
-        """Constant velocity, for a drone that has sent no plan, or does not follow it."""
+        """Return a path at constant velocity, for a drone that has sent no plan, or does not follow its plan."""
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m, blind)
 
     def ended(self, after_ns: int) -> PeerPlan:
-        """Return the plan with a final stop at this time after its stamp."""
+        """Return the plan as if the drone stopped for good at this time (ns) after the plan's stamp."""
         return replace(self, positions=[self.state(self.stamp_ns + after_ns).position])
 
     def goes_before(self, me: str) -> bool:
-        """Whether it has the right of way."""
+        """Return whether the other drone has the right of way over this drone, named ``me``."""
         return self.blind or self.id < me
 
     def at(self, now_ns: int, after_s: float = 0.0) -> tuple[float, float]:
-        """Horizontal position after_s from now; extrapolated beyond the plan."""
+        """Return the other drone's planned horizontal position, ``after_s`` from now; extrapolated beyond the plan."""
         if len(self.positions) == 1:
             x, y, _ = self.positions[0]
             return x, y
@@ -87,7 +89,9 @@ class PeerPlan(Struct, frozen=True):
         return x + share * (u - x), y + share * (v - y)
 
     def steps(self, now_ns: int, step_s: float, count: int) -> list[tuple[float, float]]:
-        """Horizontal positions at 0, step_s, ..., count step_s from now, as ``at`` gives them."""
+        """Return the other drone's planned horizontal positions at 0, step_s, ..., count step_s from now, as ``at``
+        gives them.
+        """
         age_s = (now_ns - self.stamp_ns) * 1e-9
         if self.step_s != step_s or age_s < 0.0 or len(self.positions) == 1:
             return [self.at(now_ns, k * step_s) for k in range(count + 1)]
@@ -104,7 +108,10 @@ class PeerPlan(Struct, frozen=True):
         return found + [(px + k * dx, py + k * dy) for k in range(1, count + 2 - len(found))]
 
     def state(self, now_ns: int) -> PeerState:
-        """The plan's state now; better than a pose for spacing, because free of noise and of the vehicle's lag."""
+        """Return the other drone's planned position and velocity now.
+
+        They are better than a pose for spacing, because they are free of noise and of the vehicle's lag.
+        """
         place = (now_ns - self.stamp_ns) * 1e-9 / self.step_s
         if len(self.positions) == 1:
             return PeerState(self.positions[0])
@@ -115,7 +122,10 @@ class PeerPlan(Struct, frozen=True):
 
 
 def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Array:
-    """Horizontal positions (T, 2) of a plan (H, 3) of this age at these times (s) from now; extrapolated beyond its end."""
+    """Return the horizontal positions (T, 2) of a plan at T times (s) from now; extrapolated beyond its end.
+
+    positions: (H, 3) of the plan, step_s apart. age_s: age of the plan. times: (T,).
+    """
     if len(positions) == 1:
         return np.repeat(positions[:, :2], len(times), axis=0)
     flat = positions[:, :2]
@@ -128,22 +138,29 @@ def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Arra
 
 
 def margin_m(own_m: float, peer_m: float) -> float:
-    """Margin (m) of plans beyond the separation of vehicles, from the RMS deviations of both."""
+    """Return the margin (m) between two plans, beyond the separation of vehicles, for the RMS deviations (m) of both from their
+    plans.
+    """
     return max(LEAST_MARGIN_M, _MARGIN_SIGMAS * hypot(own_m, peer_m))
 
 
 def keep_away(me: str, peer: PeerPlan, separation_m: float, own_m: float = 0.0) -> float:
-    """Distance (m) that this drone's plan keeps from the peer's; ``own_m``: RMS deviation of this drone from its plans."""
+    """Return the distance (m) that this drone's plan keeps from the other drone's plan.
+
+    me: id of this drone. own_m: RMS deviation of this drone from its plans.
+    """
     margin = margin_m(own_m, peer.deviation_m) * (1.0 if peer.goes_before(me) else _RIGHT_OF_WAY)
     return separation_m + margin + DOUBT_SIGMAS * peer.sigma_m
 
 
 def half_planes(nominal: Array, here: tuple[float, float], other: Array, distance: float, yields: bool) -> tuple[Array, Array]:
-    """Half-planes n . p >= b, tangents to the circles of radius ``distance`` around the other drone.
+    """Return the limits that keep this drone's planned positions away from another drone: a half-plane n . p >= b for each of H
+    steps.
 
-    nominal: (H, 2), this drone's planned positions; other: (H + 1, 2), the other's positions now and at the steps. Returns
-    normals (H, 2) and offsets (H,). The normal turns with the nominal relative position, but never by more than a right angle
-    from step to step. Otherwise a nominal path through the other drone would be taken for a path around it.
+    Each is the tangent to the circle of radius ``distance`` around the other drone: normals n (H, 2) and offsets b (H,). nominal:
+    (H, 2), this drone's planned positions; here: its position now; other: (H + 1, 2), the other drone's positions now and at the
+    steps; yields: whether this drone gives way. The normal turns with the nominal relative position, but never by more than a
+    right angle from step to step. Otherwise a nominal path through the other drone would be taken for a path around it.
     """
     relative = nominal - other[1:]
     normals = np.empty_like(relative)
@@ -164,10 +181,12 @@ def half_planes(nominal: Array, here: tuple[float, float], other: Array, distanc
 def escape(
     me: str, state: PeerState, peers: Sequence[PeerPlan], limits: LimitsConfig, reaction_s: float
 ) -> tuple[float, float] | None:
-    """The last resort: a horizontal velocity (m/s) to take at once, or None while measured positions and velocities need none.
+    """Return a horizontal velocity (m/s) to fly at once, as a last resort against a collision; None while no such escape is
+    needed.
 
-    An escape is needed if both drones, braking from now on along straight lines, would still come closer than the separation.
-    Then both brake, and the drone without the right of way also backs off. Blind drones are not assumed to brake.
+    An escape is needed if both drones, braking from now on along straight lines by measured positions and velocities, would still
+    come closer than the separation. Then both brake, and the drone without the right of way also backs off. Blind drones are not
+    assumed to brake.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):

@@ -36,7 +36,10 @@ Relief = Callable[[Array], Array]
 
 
 class TrackerPlan(Struct, frozen=True):
-    """The virtual vehicle's plan. positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ..."""
+    """The planned path of a drone for the next seconds, which the vehicle can fly, in H steps.
+
+    positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ... status: how the plan was found.
+    """
 
     stamp_ns: int
     step_s: float
@@ -47,7 +50,10 @@ class TrackerPlan(Struct, frozen=True):
 
 
 class Tracker:
-    """Plans at a few hertz; ``sample`` gives setpoints in between, at any rate."""
+    """Plans a path that the vehicle can fly from a wanted path that may jump, by model predictive control.
+
+    It plans at a few hertz; ``sample`` gives setpoints in between, at any rate.
+    """
 
     def __init__(
         self,
@@ -59,7 +65,11 @@ class Tracker:
         response: ResponseConfig | None = None,
         drone_id: str = "",
     ) -> None:
-        """``response``: of the vehicle, until ``follow_by`` changes it. ``drone_id`` decides the right of way."""
+        """Set up the planner.
+
+        ``step_s``, ``horizon``: length and number of the planned steps. ``response``: of the vehicle, until ``follow_by`` changes
+        it. ``drone_id`` decides the right of way.
+        """
         self._step_s, self._horizon = step_s, horizon
         self._response = response or ResponseConfig()
         self._limits = limits
@@ -75,16 +85,18 @@ class Tracker:
         self._jerk: Array = np.zeros((horizon, 3))  # constant over the step that begins there
 
     def reset(self, position: Vector3, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Restart from here: after a change of mode or a jump of the frame."""
+        """Restart the plan from this position (m) and velocity (m/s): after a change of mode or a jump of the frame."""
         self._plan = None
         self._start = (position, velocity)
 
     def follow_by(self, response: ResponseConfig) -> None:
-        """Set the vehicle's response to setpoints from now on."""
+        """Set how the vehicle responds to setpoints, from now on."""
         self._response = response
 
     def confine(self, fence: Fence) -> None:
-        """Replace the fence from the next plan on, when the area's position or the ground's height in this frame is another."""
+        """Replace the fence from the next plan on, after the area's position or the ground's height in the planning frame has
+        changed.
+        """
         self._goals = Goals(self._limits, fence, self._step_s, self._horizon)
         self._climbing.confine(fence)
 
@@ -96,15 +108,15 @@ class Tracker:
         peers: Sequence[PeerPlan] = (),
         ground: Relief | None = None,
     ) -> TrackerPlan:
-        """Replan.
+        """Compute a new plan for the next seconds.
 
         Args:
             now_ns: UTC; the reference begins now.
             state: the vehicle's own measured position and velocity.
             reference: path to fly; may be infeasible.
             peers: the other drones' plans.
-            ground: heights of the ground (N,) at positions (N, 2), if not level; the z of the reference, and floor and
-                ceiling of the fence, are then above the ground along the plan.
+            ground: heights of the ground (N,) at positions (N, 2), if not level; the z of the reference, and floor and ceiling of
+                the fence, are then above the ground along the plan.
         """
         start = self._continued(now_ns, state)
         horizon, (x, y, z) = self._horizon, start[0].tolist()
@@ -139,12 +151,12 @@ class Tracker:
         return self._adopt(now_ns, start, states, jerk, upright_status if status is Status.FREE else status)
 
     def state(self, now_ns: int) -> PeerState:
-        """The virtual vehicle's state now, which is where the real one should be."""
+        """Return the planned position and velocity now, where the vehicle should be."""
         position, velocity, _, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
         return PeerState(position, velocity)
 
     def ahead(self, now_ns: int, here: Vector3) -> Array:
-        """Positions (H + 1, 3) of the present plan from now on; ``here`` where there is none."""
+        """Return the H + 1 positions (H + 1, 3) of the present plan from now on; without a plan all are ``here``."""
         if self._plan is None:
             return np.repeat(np.array(here)[None], self._horizon + 1, axis=0)
         flat = sampled(
@@ -153,7 +165,7 @@ class Tracker:
         return np.column_stack((flat, np.full(len(flat), here[2])))
 
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
-        """Setpoint for now: position, velocity, acceleration, ahead by the vehicle's dead time.
+        """Return the setpoint for the autopilot now: position, velocity and acceleration, ahead by the vehicle's dead time.
 
         With this acceleration the vehicle flies the plan: see ``radron.agent.motion.feedforward``. ``yaw_rate_rps``: the yaw rate
         commanded at the same time.

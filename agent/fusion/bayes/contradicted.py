@@ -29,21 +29,29 @@ Rejections = Mapping[int, tuple[float, int]]  # by vehicle: faded number of reje
 
 
 def rejected(rejections: Rejections, vehicle: int, stamp_ns: int, more: float = 1.0) -> Rejections:
-    """Return ``rejections`` with one more, of an exposure, or ``more``, of a cone; negative: the cone points to the source."""
+    """Count one more measurement of a vehicle that does not fit the track, and return the new counts by vehicle.
+
+    more: 1 for an exposure that was rejected; for a cone its weight, negative if the cone points to the source. Counts fade with
+    time.
+    """
     _, newest_ns = rejections.get(vehicle, (0.0, stamp_ns))
     count = min(max(_faded(rejections, vehicle, stamp_ns) + more, 0.0), _REMEMBERED)
     return {**rejections, vehicle: (count, max(stamp_ns, newest_ns))}
 
 
 def is_contradicted(rejections: Rejections, sure: Sure, vehicle: int, stamp_ns: int) -> bool:
-    """Return whether a vehicle's measurements are to be left out. ``sure``: see ``doubted``."""
+    """Return whether a vehicle's measurements must be left out, since they were rejected often while other vehicles' were
+    accepted.
+
+    sure: times of observations at known positions, see ``doubted``.
+    """
     if _faded(rejections, vehicle, stamp_ns) < MOST:
         return False
     return sum(_faded(rejections, other, stamp_ns) < _TRUSTED for other in others(sure, vehicle, stamp_ns)) >= _LEAST_OTHERS
 
 
 def is_disputed(sure: Sure, vehicle: int, stamp_ns: int) -> bool:
-    """Return whether only one other vehicle contradicts a rejected vehicle: the conflict is undecidable."""
+    """Return whether a rejected vehicle is contradicted by only one other vehicle, so that the faulty one is not known."""
     return len(others(sure, vehicle, stamp_ns)) == 1
 
 

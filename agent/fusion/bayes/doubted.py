@@ -22,21 +22,25 @@ Sure = Mapping[int, int]  # by vehicle, the stamp of its newest observation at a
 
 
 def is_left_out(sure: Sure, vehicle: int, observation: Observation) -> bool:
-    """Return whether an observation is to be left out, given the earlier observations in ``sure``."""
+    """Return whether an observation must be left out, since its position is too uncertain and other vehicles know theirs.
+
+    sure: by vehicle, the time of its newest observation at a known position.
+    """
     return observation.position_sigma_m > MOST_SIGMA_M and bool(others(sure, vehicle, observation.stamp_ns))
 
 
 def noted(sure: Sure, vehicle: int, observation: Observation) -> Sure:
-    """Return ``sure`` with one more observation."""
+    """Return ``sure`` (by vehicle, the time of its newest observation at a known position) with one more observation."""
     if observation.position_sigma_m > MOST_SIGMA_M:
         return sure
     return {**sure, vehicle: max(observation.stamp_ns, sure.get(vehicle, 0))}
 
 
 def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
-    """Return stationary variances (BIAS V,) of the vehicles' biases, with 0 for vehicles left out at a stamp.
+    """Return the variances (BIAS V,) of the errors of V vehicles, with 0 for vehicles whose measurements are left out at a time
+    stamp.
 
-    Otherwise a place that is the mean over all vehicles would be as uncertain as theirs.
+    Otherwise a place that is the mean over all vehicles would be as uncertain as the positions of the vehicles left out.
     """
     doubted = [
         vehicle
@@ -51,5 +55,5 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
 
 
 def others(sure: Sure, vehicle: int, stamp_ns: int) -> list[int]:
-    """Return the other vehicles with known positions and recent measurements."""
+    """Return the other vehicles that have recent measurements at known positions."""
     return [other for other, newest_ns in sure.items() if other != vehicle and stamp_ns - newest_ns <= RECENT_NS]

@@ -28,9 +28,11 @@ _WHOLE_S = 0.5  # live time of an exposure of full cost; shorter ones cost a sha
 
 
 class Exposed(Struct, frozen=True, eq=False):
-    """An exposure of a vehicle (its index). position: p, mission frame. counts: (2,) k. background: (2,) expected.
+    """The counts of one vehicle's camera in an exposure (about half a second), prepared for the update of a track.
 
-    middle_ns: UTC, of the exposure's middle. facing: C and S of the heading (``radron.agent.fusion.facing``).
+    vehicle: index. position: p, mission frame (m). counts: (2,) k, partial-energy and full-energy events. background: (2,)
+    expected. middle_ns: UTC, of the exposure's middle. facing: means of cos 2 psi and sin 2 psi over the exposure, psi the
+    vehicle's heading (``radron.agent.fusion.facing``).
     """
 
     vehicle: int
@@ -43,30 +45,35 @@ class Exposed(Struct, frozen=True, eq=False):
 
     @property
     def weight(self) -> float:
-        """Share of a whole exposure, so that many short ones cost no more than one."""
+        """Share (0 .. 1) of a whole exposure in live time, so that many short exposures cost no more than one."""
         return min(self.live_time_s / _WHOLE_S, 1.0)
 
     def follows(self, earlier: Exposed) -> bool:
-        """Return whether there is no long gap between the earlier exposure and this one."""
+        """Return whether this exposure follows an earlier one of the vehicle without a long gap."""
         gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
         return gap_s < _LONGEST_GAP_S
 
 
 class Fit(Struct, frozen=True, eq=False):
-    """The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
+    """The information that an exposure's counts give on the source's rate, at each Gaussian of a track: S sites (places), M
+    motion modes.
+
+    The logarithm z of the rate, relative to its expectation, is linearised at each mean m; the Poisson likelihood is not. With
+    state s of d variables (place, velocity, log activity a, vehicle's position error b and gain g), covariance P, distance D,
+    unit vector u to the source, age T of the exposure, and mu the attenuation coefficient ``air_per_m``:
 
         S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
         h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
-            over soil also along the height; plus g times the derivative of the contrast (``spectrum``)
+              over soil also along the height; plus g times the derivative of the contrast (``spectrum``)
         z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + uncertainty of the component's share of S,
 
-    ``counts.fit_rate`` gives z | k ~ N(z^, v). Here mu is ``air_per_m``. S has, and h leaves out: the flux of photons
-    scattered by air, which falls off less than exp(-mu D) / D^2, and the effects of buildings and of the camera's facing.
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). S has, and h leaves out: the flux of photons scattered by air, which falls off
+    less than exp(-mu D) / D^2, and the effects of buildings and of the camera's facing.
 
-    gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
-    ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component with the
-    least one. deficit: (S, M) sigmas by which the counts are below a clear view's. contrast: over soil, the information of
-    the channels' shares on the scatter factor.
+    gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M) ln
+    P(k | component, m) less ln P(k | no source), for C components (ways in which unknown obstacles attenuate). innovation: (S, M)
+    normalised innovation squared of the component with the least one. deficit: (S, M) sigmas by which the counts are below a
+    clear view's. contrast: over soil, the information of the two kinds of events on the scatter factor.
     """
 
     exposed: Exposed
@@ -80,7 +87,11 @@ class Fit(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(mean: Array, covariance: Array, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """mean: (S, M, d) m, covariance: (S, M, d, d) P of the track; age_s: T."""
+        """Fit the counts of an exposure at each Gaussian of a track.
+
+        mean: (S, M, d) m and covariance: (S, M, d, d) P of S sites, M motion modes and d state variables; age_s: T, of the
+        exposure.
+        """
         response, background, counts = scene.response, exposed.background, exposed.counts
         sight = LineOfSight.of(mean, scene, exposed.vehicle, exposed.position, age_s)
         spot = sight.spot(covariance)

@@ -35,10 +35,10 @@ _NARROW = 0.5  # cells squared; a kernel of three cells has a variance of at mos
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Cells of one size on a rectangle of rows and columns.
+    """A rectangle of rows and columns of grid cells of one size, of which some may be left out.
 
-    centre: of the rectangle, and x, y: (cells,) of the cells; mission frame, metres. shape: (Y, X) of the rectangle. place:
-    (cells,) flat indices in it. samples: number of distances in a table of likelihoods.
+    centre: of the rectangle, and x, y: (cells,) of the cells; mission frame, metres. shape: (Y, X), rows and columns of the
+    rectangle. place: (cells,) flat indices of the cells in it. samples: number of distances in a table of likelihoods.
     """
 
     cell_m: float
@@ -51,16 +51,18 @@ class Block:
 
     @staticmethod
     def filled(west: float, south: float, cell_m: float, shape: tuple[int, int], samples: int) -> Block:
-        """Return all cells of the rectangle with this corner."""
+        """Return a block with all cells of the rectangle that has its south-west corner at (west, south)."""
         rows, columns = shape
         x, y = np.meshgrid(west + cell_m * (np.arange(columns) + 0.5), south + cell_m * (np.arange(rows) + 0.5))
         centre = west + cell_m * columns / 2.0, south + cell_m * rows / 2.0
         return Block(cell_m, centre, shape, np.arange(x.size), x.ravel(), y.ravel(), samples)
 
     def ring(self, reach: Polygon, width_m: float, cell_m: float) -> Block:
-        """Return the cells around this block's rectangle, ``width_m`` wide, with centres in ``reach``.
+        """Return a block with the cells around this block's rectangle, in a ring ``width_m`` wide, whose centres are in
+        ``reach``.
 
-        cell_m: their size; the actual size may be a little smaller, as the cells line up with the rectangle's longer side.
+        cell_m: size of these cells; the actual size may be a little smaller, as the cells line up with the rectangle's longer
+        side.
         """
         height, length = (count * self.cell_m for count in self.shape)
         ring_m2 = 2.0 * width_m * (height + length + 2.0 * width_m)
@@ -75,7 +77,11 @@ class Block:
         return Block(cell_m, self.centre, full.shape, place, full.x[place], full.y[place], _RING_DISTANCES)
 
     def diffused(self, weight: Weights, variance_m2: float) -> Weights:
-        """Return (A, cells) convolved with a Gaussian of that variance per axis, reflected at the edges (same sum)."""
+        """Return the weights (A, cells) after a random walk, with this variance per axis (m2), of the source: a Gaussian
+        convolution.
+
+        Weight that would leave the block is reflected at its edges, so that the sum stays. A: number of activities.
+        """
         full = np.zeros((len(weight), math.prod(self.shape)), np.float32)
         full[:, self.place] = weight
         blurred: Weights = _blurred(full.reshape(-1, *self.shape), variance_m2 / self.cell_m**2).reshape(full.shape)
@@ -88,13 +94,15 @@ class Block:
 
 
 class Grid:
-    """The C cells, the other axes and the priors.
+    """The grid of a search: C cells of the area and around it, A activities, B background levels and M motion modes, with their
+    priors.
 
     x, y, z: (C,) cell centres on the ground, mission frame, metres; cell_m: (C,) sizes. inside: (C,), cells in the area; beyond:
-    (C,), beyond the fence. prior: (C,) P(cell | H1). blocks: the area's bounding box, a ring up to the fence, and one beyond it.
-    log_activity: (A,) a = ln(activity / REFERENCE_BQ), evenly spaced; activity_variance: of a within a level, spacing^2 / 12.
-    background: (B,) levels f; background_prior: (B,) P(f), proportional to exp(-(ln f)^2 / (2 background_sigma^2)). motion_prior:
-    (M,) P(j). diffusion_m2ps: (M - 1,) variance per second and axis, of the moving modes.
+    (C,), beyond the fence. prior: (C,) P(cell | source). blocks: the area's bounding box, a ring up to the fence, and one beyond
+    it. log_activity: (A,) a = ln(activity / REFERENCE_BQ), evenly spaced; activity_variance: of a within a level, spacing^2 / 12.
+    background: (B,) levels f, relative to the tables; background_prior: (B,) P(f), proportional to
+    exp(-(ln f)^2 / (2 background_sigma^2)). motion_prior: (M,) P(mode). diffusion_m2ps: (M - 1,) variance per second and axis, of
+    the moving modes.
     """
 
     def __init__(self, area: Polygon, fence_margin_m: float, config: BayesEstimatorConfig, ground: Ground) -> None:
@@ -126,11 +134,11 @@ class Grid:
         self.background_prior: Array = prior / prior.sum()
 
     def by_block(self, values: NDArray[Real]) -> list[NDArray[Real]]:
-        """Split (..., C) into the blocks' cells."""
+        """Split values (..., C) of all cells into one array for each block."""
         return np.split(values, self._ends, axis=-1)
 
     def diffused(self, weight: Weights, variance_m2: float) -> Weights:
-        """Return (A, C) after a random walk of that variance per axis, within each block."""
+        """Return weights (A, C) after a random walk of the source with this variance per axis (m2), within each block."""
         parts = zip(self.blocks, self.by_block(weight), strict=True)
         return np.concatenate([block.diffused(part, variance_m2) for block, part in parts], axis=1)
 

@@ -43,11 +43,13 @@ _SHORT_S = 0.6  # up to this interval the moments are extrapolated at constant v
 
 
 class Mixture(Struct, frozen=True, eq=False):
-    """weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the second index is the motion mode. time_s: of the state;
-    mixed_s: time of the last mixing of the modes.
+    """A track of the source: its posterior as a sum of Gaussians over S sites (candidate places) and M motion modes, d state
+    variables.
 
-    bias_variance: (4 V,) stationary variances P0 of the vehicles' biases; 0 of vehicles without measurements so far. hidden:
-    (S, V, L) probabilities of the levels of attenuation between source and each vehicle's camera.
+    weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d). time_s: of the state; mixed_s: time of the last mixing of the
+    modes. bias_variance: (4 V,) stationary variances P0 of the errors (biases) of V vehicles: position, heading, gain; 0 of
+    vehicles without measurements so far. hidden: (S, V, L) probabilities of the L levels of attenuation between source and each
+    vehicle's camera.
     """
 
     time_s: float
@@ -63,13 +65,14 @@ class Mixture(Struct, frozen=True, eq=False):
         time_s: float, weight: Array, x: Array, y: Array, sigma_m: Array, log_activity: Array, log_sigma: Array,
         motion: Motion, bias_variance: Array,
     ) -> Mixture:  # fmt: skip
-        """Return the Gaussian sum that takes over from the search: a site for each place (S,).
+        """Return the sum of Gaussians that takes over from the grid of a search: one site for each of S candidate places.
 
-        The search ignores the biases, so its places and activities are the apparent ones: y = x + b with b the mean bias of the
-        vehicles heard. With y ~ N(place, sigma_m^2) and b_i ~ N(0, P0) independent, the state (x, b) = T (y, b) where
-        x = y - sum_i b_i / n over the n vehicles heard (likewise ln activity, with g); its covariance is T diag(..) T'.
+        The search ignores the vehicles' errors (biases b), so its places and activities are the apparent ones: y = x + b with b
+        the mean bias of the n vehicles with measurements. With y ~ N(place, sigma_m^2) and b_i ~ N(0, P0) independent, the state
+        (x, b) = T (y, b) where x = y - sum_i b_i / n (likewise ln activity, with the gains g); its covariance is T diag(..) T'.
 
-        weight: (S, M). sigma_m, log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles without measurements.
+        weight: (S, M). x, y: (S,) places. sigma_m, log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles without
+        measurements.
         """
         biases_end = BIASES + len(bias_variance)
         d = biases_end + len(motion.ground_variance)
@@ -92,7 +95,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance, levels)
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
-        """Predict to a later time (IMM: mixing, then each mode's own prediction); a time before ``time_s`` changes nothing."""
+        """Predict the track to a later time (IMM: mixing of the modes, then each mode's own prediction); an earlier time changes
+        nothing.
+        """
         dt_ms = round(1e3 * (time_s - self.time_s))
         if dt_ms <= 0:
             return self
@@ -104,10 +109,10 @@ class Mixture(Struct, frozen=True, eq=False):
         return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance, self.hidden)
 
     def with_vehicle(self, vehicle: int, variance: tuple[float, ...], moved: tuple[float, ...] | None = None) -> Mixture:
-        """Set the prior of a vehicle's biases: their stationary variances (BIAS,), as its own localisation states them.
+        """Set the prior of one vehicle's errors (biases): stationary variances (BIAS,) of position, heading and gain.
 
-        moved: (BIAS,) change of the vehicle's estimated frame since its last measurement. The change may have
-        removed a bias that is in the state, or added one: P_bb <- P_bb + moved^2.
+        moved: (BIAS,) change of the vehicle's estimated frame since its last measurement. The change may have removed a bias b
+        that is in the state, or added one: P_bb <- P_bb + moved^2.
         """
         priors = with_variance(self.bias_variance, vehicle, variance)
         b = BIAS * vehicle
@@ -123,11 +128,12 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure at each Gaussian; age_s: T, of the exposure's middle."""
+        """Fit the counts of an exposure at each Gaussian; age_s: age of the exposure's middle."""
         return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
 
     def waits(self, fit: Fit) -> bool:
-        """Return whether an exposure is to wait for its vehicle's next one: the view may have become hidden during the exposure.
+        """Return whether an exposure must wait for the vehicle's next one, because the view may have become hidden during the
+        exposure.
 
         Condition: fewer counts than in a clear view, and a clear view before. An exposure partly behind a wall's edge looks like
         a source farther away; the next exposure distinguishes the two.
@@ -136,39 +142,45 @@ class Mixture(Struct, frozen=True, eq=False):
         return clear > _LEAST_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
 
     def rejects(self, fit: Fit) -> bool:
-        """Return whether the innovation gate rejects an exposure: a normalised innovation squared above ``_GATE_SIGMAS``^2.
+        """Return whether an exposure is rejected, because its counts are too far from the expected ones.
 
-        The mean over all Gaussians, each with the obstacle component of the least innovation. A noisy pixel and a burst do not
-        pass; a dead camera passes without information, as behind a thick wall.
+        The test (innovation gate) is a normalised innovation squared above ``_GATE_SIGMAS``^2. It is the mean over all Gaussians,
+        each with the obstacle component of the least innovation. A noisy pixel and a burst do not pass; a dead camera passes
+        without information, as behind a thick wall.
         """
         return not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2  # true for NaN too
 
     def ahead(self, fit: Fit) -> Array:
-        """Return the likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site."""
+        """Return the likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site.
+
+        S sites (candidate places) and L levels of attenuation by unknown obstacles.
+        """
         most = fit.log_likelihood.max(axis=(0, 2))
         given = np.einsum("sm,csm->sc", self.weight, np.exp(fit.log_likelihood - most[:, None]))
         return hidden.given_level(given, fit.exposed.live_time_s)
 
     def after_counts(self, fit: Fit, ahead: Array | None = None) -> tuple[Mixture, float] | None:
-        """Update with an exposure; return None if the innovation gate rejects it.
+        """Update the track with the counts of an exposure; return None if they are too far from the expected ones (``rejects``).
 
-        For each obstacle component c (``hidden``), of probability p_c, g_c ~ p_c P(k | c, s) b_c, sum 1. The Gaussian is
-        conditioned on the fitted logarithm of the rate for the clear view, c = 0, and not for any other. Moments are matched over
-        both. The transmission of an obstacle is unknown for as long as the source is hidden. So counts behind it carry no
-        information on place and activity. With levels assumed independent from one exposure to the next, their spread would
-        average out and bias the place with great certainty.
+        For each component c (way in which an unknown obstacle attenuates, ``hidden``), of probability p_c, g_c ~ p_c P(k | c, s)
+        b_c, sum 1, with k the counts and s the source's state. The Gaussian is conditioned on the fitted logarithm of the rate
+        for the clear view, c = 0, and not for any other. Moments are matched over both. The transmission of an obstacle is
+        unknown for as long as the source is hidden. So counts behind it carry no information on place and activity. With levels
+        assumed independent from one exposure to the next, their spread would average out and bias the place with great certainty.
 
             u = g_0 z^_0 / V_0
             m <- m + P h u
             P <- P - P h h' P (g_0 ((1 - v_0 / V_0) / V_0 - (z^_0 / V_0)^2) + u^2)
-            w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
+            w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised,
 
-        Over soil the same follows for the channels' contrast (``spectrum``), by one step of Fisher scoring, with P h_d in place
-        of P h, u / (1 + h_d' P h_d I) of z^ / V, and I / (1 + h_d' P h_d I) of (1 - v / V) / V.
+        with weight w, mean m and covariance P of each Gaussian, h, z^, v and V as in ``Fit``, H0 no source. Over soil the same
+        follows for the contrast (division of the counts into partial-energy and full-energy events, ``spectrum``), by one step of
+        Fisher scoring, with P h_d in place of P h, u / (1 + h_d' P h_d I) of z^ / V, and I / (1 + h_d' P h_d I) of (1 - v / V) /
+        V.
 
         ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing. It changes
-        neither w nor the chain, which that exposure updates later. Also returns ln (sum of w P(k | s) / P(k | H0)), the
-        log Bayes factor of the exposure, less the cost of a hidden view, equal to that of a rejected exposure.
+        neither w nor the chain, which that exposure updates later. Also returns ln (sum of w P(k | s) / P(k | H0)), the log Bayes
+        factor of the exposure, less the cost of a hidden view, equal to that of a rejected exposure.
         """
         if self.rejects(fit):
             return None
@@ -195,34 +207,35 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(after, hidden=chain), gained - REJECTED_COST * fit.exposed.weight * (1.0 - clear)
 
     def wider(self, factor: float) -> Mixture:
-        """Return the track with the variances of the place times this factor; correlations stay."""
+        """Return the track with the variances of the source's place multiplied by a factor; correlations stay."""
         scale = np.ones(self.mean.shape[-1])
         scale[:2] = math.sqrt(factor)
         return replace(self, covariance=self.covariance * scale[:, None] * scale)
 
     def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float, float]:
-        """Update with a cone: probabilistic data association [BST75] over its readings and "no information".
+        """Update the track with a Compton cone: probabilistic data association [BST75] over its readings and "no information".
 
-        For each reading k, its axis n_k turned by -psi about up, c = n_k . u:
+        For each reading k (order of the photon's two interactions), its axis n_k turned by -psi about up, psi the vehicle's
+        heading error, u the unit vector to the source, D the distance, T the age of the cone, c = n_k . u:
 
             delta_k = arccos(c) - theta_k
             h_k = d delta_k / ds = (c u - n_k) / (D sin(alpha)) along x, y and bx, by;  -T times that along vx, vy;
-                  (n_k x u)_z / sin(alpha) along psi;   alpha = arccos(c).
+                                   (n_k x u)_z / sin(alpha) along psi;   alpha = arccos(c).
 
         With L_kj of ``cones`` at V_kj = h_k' P h_k + (c_j sigma_k)^2, the rates R = ``cone_area_mm2`` phi(D) exp(a) E[exp(-t)] of
-        the source's cones (at m, without g) and B of the background's:
+        the source's cones (at the mean m, without the gain g) and B of the background's:
 
             w <- w (R (rho + eps) + B) / (R + B), normalised       marginal likelihood
-            gamma_kj = L_kj R / (R (rho + eps) + B)                responsibilities; the rest: no information
-            m_kj = m - P h_k delta_k / V_kj,   P_kj = P - P h_k h_k' P / V_kj       an EKF update for each
+            gamma_kj = L_kj R / (R (rho + eps) + B)                responsibilities; the rest: no information m_kj = m - P h_k
+            delta_k / V_kj,   P_kj = P - P h_k h_k' P / V_kj       an EKF update for each
 
         and the mixture over kj and "no information" (m, P) is replaced by the Gaussian of its moments:
 
             m <- m + D,   D = -sum_k P h_k sum_j gamma_kj delta_k / V_kj
             P <- P + sum_k P h_k h_k' P sum_j gamma_kj ((delta_k / V_kj)^2 - 1 / V_kj) - D D'.
 
-        Arguments and the second result as for counts; the third one: derivative of the log likelihood by psi, mean of the
-        mixture (see ``turned``).
+        vehicle: index. apex: position of the camera, mission frame. orders: the readings. age_s: T. Returns the new track, the
+        log Bayes factor of the cone, and the derivative of the log likelihood by psi, mean of the mixture (see ``turned``).
         """
         response, sight = scene.response, LineOfSight.of(self.mean, scene, vehicle, apex, age_s)
         distance = sight.distance
@@ -266,7 +279,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
-        """Reduce the mixture: light sites dropped, near ones merged (``reduction``), their chains with the mean probabilities."""
+        """Return the track with fewer Gaussians: light sites dropped, near sites merged (``reduction``)."""
         if len(self.weight) == 1:
             return self
         groups = clusters(self.weight, self.mean, self.covariance)
@@ -278,21 +291,22 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, weight=weight, mean=mean, covariance=covariance, hidden=levels)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean (d,) and covariance (d, d) over all sites and modes."""
+        """Return mean (d,) and covariance (d, d) of the whole sum of Gaussians."""
         d = self.mean.shape[-1]
         return moments_of(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
 
     def hedge(self, mean: Array, covariance: Array) -> Array:
-        """Return (2, 2) m2, added to the covariance of the place when ``moments`` are published as one Gaussian N(m, P).
+        """Return the covariance (2, 2) in m2 to add to the place's when the sum is published as one Gaussian N(m, P),
+        ``moments``.
 
         The published Gaussian then does not exclude a mode of motion that is possible by the sum:
 
             sum over the modes j with q_j > s^2 of  c_j (P_j + d_j d_j') / s^2,
             d_j = m_j - m,   q_j = d_j' P^-1 d_j,   s = ``_HEDGE_SIGMAS``
 
-        with w_j, m_j, P_j of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one to the other ``_POSSIBLE``.
-        A right mode of small weight hardly widens P, which can then exclude the truth (docs/faults-found.md: a hovering camera
-        and a walking source).
+        with w_j, m_j, P_j weight, mean and covariance of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one
+        to the other ``_POSSIBLE``. A right mode of small weight hardly widens P, which can then exclude the truth
+        (docs/faults-found.md: a hovering camera and a walking source).
         """
         place, found = mean[:2], np.zeros((2, 2))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
@@ -308,7 +322,11 @@ class Mixture(Struct, frozen=True, eq=False):
         return found
 
     def moments_at(self, moments: tuple[Array, Array], motion: Motion, time_s: float) -> tuple[Array, Array]:
-        """Return the ``moments`` at a later time: below ``_SHORT_S`` at constant velocity without noise, else predicted."""
+        """Return mean and covariance at a later time: for less than ``_SHORT_S`` at constant velocity without noise, else
+        predicted.
+
+        moments: result of ``moments`` at the time of the state.
+        """
         if time_s - self.time_s > _SHORT_S:
             return self.later(motion, time_s).moments()
         mean, covariance = moments[0].copy(), moments[1].copy()
@@ -327,7 +345,10 @@ def _conditioned(mean: Array, covariance: Array, gain: Array, pull: Array, shrin
 
 
 def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...]) -> Array:
-    """Return the variances (BIAS V,) with new ones (BIAS,) of one vehicle; the same array if nothing changes."""
+    """Return the variances (BIAS V,) of the errors of V vehicles, with new values (BIAS,) for one vehicle.
+
+    The argument itself is returned if nothing changes.
+    """
     own = slice(BIAS * vehicle, BIAS * (vehicle + 1))
     if tuple(bias_variance[own].tolist()) == variance:
         return bias_variance

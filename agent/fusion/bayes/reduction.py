@@ -12,11 +12,11 @@ NEAR = 0.5  # sites nearer than this multiple of their sigma are merged
 
 
 def moments_of(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Mean (d,) and covariance (d, d) of a mixture of N Gaussians:
+    """Return mean (d,) and covariance (d, d) of a mixture of N Gaussians of d variables.
 
         m = sum_n w_n m_n / W,   P = sum_n w_n (P_n + (m_n - m) (m_n - m)') / W,   W = sum_n w_n.
 
-    weight: (N,). mean: (N, d). covariance: (N, d, d).
+    weight: (N,) w_n. mean: (N, d) m_n. covariance: (N, d, d) P_n.
     """
     count, d = mean.shape
     share = weight / max(float(weight.sum()), 1e-300)
@@ -27,13 +27,15 @@ def moments_of(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Ar
 
 
 def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.intp]]:
-    """Return groups of indices of the sites to be merged; sites of less than ``LEAST_WEIGHT`` are in none.
+    """Return groups of sites (candidate places of the source) that lie so close together that they can be merged, as arrays of
+    indices.
 
-    Salmond's clustering [S90] with a Euclidean distance: the heaviest site left takes all sites within ``NEAR`` sigma of its own
-    place, unless they are more than twice as wide; sigma: RMS of the horizontal axes in its widest mode. Cheaper than merging
-    pairs by Kullback-Leibler distance [R07]: at the hand-over from the grid there are hundreds of sites.
+    Sites of less than ``LEAST_WEIGHT`` are in no group. Salmond's clustering [S90] with a Euclidean distance: the heaviest site
+    left takes all sites within ``NEAR`` sigma of its own place, unless they are more than twice as wide; sigma: RMS of the
+    horizontal axes in its widest mode. Cheaper than merging pairs by Kullback-Leibler distance [R07]: at the hand-over from the
+    grid there are hundreds of sites.
 
-    weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d).
+    weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d) of S sites, M motion modes and d state variables.
     """
     total = weight.sum(axis=1)
     kept = np.flatnonzero(total > LEAST_WEIGHT * total.max())
@@ -52,9 +54,10 @@ def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.i
 
 
 def merged(groups: list[NDArray[np.intp]], weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Merge the groups' sites, mode by mode, into one Gaussian of the same moments; return weights, means and covariances.
+    """Merge each group of sites into one site with equal moments, mode by mode; return weights, means and covariances.
 
-    weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the result has len(groups) sites, of weights that add up to 1.
+    weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d) of S sites, M motion modes and d state variables; the result has
+    len(groups) sites, of weights that add up to 1.
     """
     total = np.empty((len(groups), *weight.shape[1:]))
     middle, spread = np.empty((*total.shape, *mean.shape[2:])), np.empty((*total.shape, *covariance.shape[2:]))

@@ -14,18 +14,23 @@ _WIDEST_M = 5.0  # of the sigmas; beyond it, the obstacles in between are unknow
 
 
 class Shielding(NamedTuple):
-    """T, the share (S, M) of the direct photons that pass the buildings, and its 1 sigma (S, M)."""
+    """The share T (S, M) of a source's direct photons that passes known walls and buildings, and its 1 sigma (S, M).
+
+    S sites (candidate places of the source), M motion modes.
+    """
 
     share: Array
     sigma: Array
 
     @staticmethod
     def of(buildings: Buildings, start: Array, way: Array, sigma_m: Array) -> Shielding:
-        """Return mean and spread of T over the source's place and four more, one sigma to each side along both axes:
+        """Compute the share that passes, as mean over the source's place and four more places, one sigma to each side along both
+        axes.
 
             T = mean_i T_i,  sigma^2 = sum over the axes of ((T_+ - T_-) / 2)^2 + (0.03 depth T)^2,  T_i = exp(-depth_i).
 
-        start, way: (S, M, 3), of the camera, and from there to the source. sigma_m: (S, M, 2) of the source's x and y.
+        depth_i: optical depth of the buildings for place i; T_+, T_-: at the places one sigma to each side. start, way: (S, M,
+        3), place of the camera, and vector from there to the source. sigma_m: (S, M, 2) of the source's x and y.
         """
         sides = np.zeros((5, *way.shape))
         for axis in range(2):
@@ -38,7 +43,8 @@ class Shielding(NamedTuple):
         return Shielding(passing.mean(axis=0), np.sqrt(across + (_MAP_SIGMA * depth[0] * passing[0]) ** 2))
 
     def counts(self, direct: Array, scattered: Array) -> tuple[Array, Array]:
-        """Return expected counts (S, M, 2) behind the buildings, and the variance (S, M) of the logarithm of their sum by sigma.
+        """Return the counts (S, M, 2) expected behind the buildings, and the variance (S, M) of the logarithm of their sum by
+        sigma.
 
         Buildings attenuate direct photons; scattered photons come from all sides. direct, scattered: (S, M, 2) without buildings.
         """

@@ -22,7 +22,7 @@ _MIN_ABOVE_M = 0.3  # of a camera above the image of the source
 
 
 class Scene(Struct, frozen=True, eq=False):
-    """The prior knowledge: response of the cameras, ground, and walls and buildings."""
+    """Prior knowledge about the measurements: response of the cameras to the nuclide, ground, and known walls and buildings."""
 
     response: Response
     ground: Ground
@@ -30,8 +30,11 @@ class Scene(Struct, frozen=True, eq=False):
 
 
 class LineOfSight(Struct, frozen=True, eq=False):
-    """From the camera of a vehicle (its index) to each mean, way (S, M, 3) w, distance (S, M) D, at least ``NEAREST_M``; rise
-    (S, M, 2) of the ground there, None if level. raised: (S, M) z, None if not part of the state. age_s: T.
+    """The lines from one vehicle's camera to the source's place at each Gaussian of a track: S sites (places), M motion modes.
+
+    vehicle: index. way: (S, M, 3) vector w from the camera to the source, distance: (S, M) D = |w|, at least ``NEAREST_M``; rise:
+    (S, M, 2) slope of the ground there, None if level. raised: (S, M) height z of the source above the ground, None if not part
+    of the state. age_s: age T of the measurement.
     """
 
     vehicle: int
@@ -43,7 +46,10 @@ class LineOfSight(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(mean: Array, scene: Scene, vehicle: int, position: Vector3, age_s: float) -> LineOfSight:
-        """Return the lines to the place of each mean age_s ago. position: p, mission frame."""
+        """Return the lines to the place that the source had at each Gaussian a time age_s ago.
+
+        mean: (S, M, d) means of the Gaussians. position: p of the camera, mission frame.
+        """
         b, ground = BIASES + BIAS * vehicle, scene.ground
         place = mean[..., :2] - age_s * mean[..., 2:4]
         way = np.empty((*mean.shape[:2], 3))
@@ -62,7 +68,9 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise, raised)
 
     def image(self) -> Array:
-        """Return the vector (S, M, 3) to the image of the source in the soil (``soil``), always below the camera."""
+        """Return the vectors (S, M, 3) from the camera to the image of the source in the soil (``soil``), which is always below
+        the camera.
+        """
         way = self.way.copy()
         if self.raised is not None:
             way[..., 2] -= (1.0 + IMAGE_DEPTH) * self.raised
@@ -70,16 +78,19 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return way
 
     def spot(self, covariance: Array) -> Array:
-        """Return (S, M) m2, the trace of the covariance of w, horizontal; covariance: (S, M, d, d)."""
+        """Return the horizontal variance (S, M) in m2 of the vector from camera to source, sum of both axes; covariance: (S, M,
+        d, d).
+        """
         b = BIASES + BIAS * self.vehicle
         east, north = (covariance[..., k, k] + 2.0 * covariance[..., k, b + k] + covariance[..., b + k, b + k] for k in (0, 1))
         return np.maximum(east + north, 0.0)
 
     def gradient(self, slope: Array, dimensions: int) -> Array:
-        """Return gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
+        """Return the gradients h (S, M, ..., d) of measurements by the d state variables of a track.
 
-        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy,
-        h_z = slope_z. dimensions: d.
+        slope: (S, M, ..., 3) derivatives of the measurements by the vector w from camera to source.
+        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy for the velocity, T the age,
+        h_bxby = slope_xy for the vehicle's position error, h_z = slope_z for the source's height. dimensions: d.
         """
         b, flat = BIASES + BIAS * self.vehicle, slope[..., :2]
         gradient = np.zeros((*slope.shape[:-1], dimensions))
@@ -92,14 +103,20 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return gradient
 
     def shielding(self, buildings: Buildings, position: Vector3, mean: Array, covariance: Array) -> Shielding:
-        """Return the transmission of known walls and buildings. position, mean: as in ``of``; covariance: (S, M, d, d)."""
+        """Return the transmission of known walls and buildings along the lines. position, mean: as in ``of``; covariance: (S, M,
+        d, d).
+        """
         b = BIASES + BIAS * self.vehicle
         start = np.broadcast_to(np.array(position), self.way.shape).copy()
         start[..., :2] -= mean[..., b : b + 2]
         return Shielding.of(buildings, start, self.way, np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)[..., :2]))
 
     def turned(self, axes: Array, mean: Array) -> Array:
-        """Return R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""
+        """Return the axes (S, M, K, 3) of a cone's K readings, corrected by the vehicle's heading error psi at each Gaussian:
+        R_z(-psi) n_k.
+
+        axes: (K, 3) n_k as measured.
+        """
         heading = mean[..., BIASES + BIAS * self.vehicle + HEADING]
         cos, sin = np.cos(heading), np.sin(heading)
         turned = np.empty((*heading.shape, *axes.shape))

@@ -21,7 +21,14 @@ from radron.agent.geometry import Array
 
 
 class Contrast(Struct, frozen=True, eq=False):
-    """Of the clear view, score (S, M) u and information (S, M) I at each mean, and the contrast's derivatives (S, M, d) h_d."""
+    """The information on the soil's scatter factor, at each Gaussian of a track, from the division of counts into two kinds of
+    events.
+
+    Partial-energy events contain most photons scattered by soil, full-energy events hardly any (formulas above). For a clear
+    view:
+    score: (S, M) u and information: (S, M) I for S sites and M motion modes; gradient: (S, M, d) h_d, derivatives of the contrast
+    by the d state variables.
+    """
 
     score: Array
     information: Array
@@ -31,12 +38,14 @@ class Contrast(Struct, frozen=True, eq=False):
     def of(
         counts: Array, expected: Array, background: Array, by_soil: Array, gradient: Array, covariance: Array
     ) -> tuple[Contrast, Array]:
-        """Return the contrast, and its contribution to the logarithm (C, S, M) of each component's likelihood, with V = h_d' P
-        h_d:
+        """Return the contrast, and its contribution (C, S, M) to the log likelihood of each of C components (ways of
+        attenuation).
 
-            u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2.
+            u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2,   V = h_d' P h_d.
 
-        counts: (2,). expected, by_soil: (C, S, M, 2) S and N. background: (2,). gradient: h_d. covariance: (S, M, d, d) P.
+        counts: (2,) measured. expected, by_soil: (C, S, M, 2) counts expected from the source, and of these by soil's scatter.
+        background:
+        (2,) expected. gradient: (S, M, d) h_d. covariance: (S, M, d, d) P of the track.
         """
         total = expected + background
         weight, share = expected * expected / total, by_soil / expected
@@ -49,7 +58,10 @@ class Contrast(Struct, frozen=True, eq=False):
 
 
 def soil_share(by_soil: Array, expected: Array, background: Array) -> Array:
-    """Return g (...), the derivative of the log rate along the contrast. by_soil, expected: (..., 2). background: (2,)."""
+    """Return g (...), the derivative of the logarithm of the source's rate by the contrast.
+
+    by_soil, expected: (..., 2) counts expected from soil's scatter, and from the source in all. background: (2,) expected.
+    """
     return _mean(expected * expected / (expected + background), by_soil / expected)
 
 

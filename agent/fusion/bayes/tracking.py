@@ -27,7 +27,7 @@ _WIDER = 1.2  # variance of the place, after a rejected exposure while only one 
 
 
 class Tracking:
-    """Updates a track."""
+    """Updates a track (posterior of a found source) with an observation, and with changes of the vehicles' frames."""
 
     def __init__(
         self,
@@ -36,12 +36,16 @@ class Tracking:
         gain_sigma: float,
         beside: Callable[[CountObservation], Array] | None,
     ) -> None:
-        """``vehicles``: their numbers. ``gain_sigma``: of a camera's log sensitivity. ``beside``: as in ``BayesEstimator``."""
+        """Set up the updates.
+
+        ``vehicles``: index of each drone. ``gain_sigma``: 1 sigma of the logarithm of a camera's sensitivity. ``beside``: as in
+        ``BayesEstimator``.
+        """
         self._scene, self._vehicles = scene, vehicles
         self._gain_variance, self._beside = gain_sigma**2, beside
 
     def updated(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
-        """Return the state after an observation of the step; ``track``: at the step's beginning."""
+        """Return the estimator's state after an observation of a grid step; ``track``: the track at the step's beginning."""
         vehicle, variance = self.errors_of(observation)
         change, frames = _frame_change(state.frames, vehicle, variance, observation)
         track = track.with_vehicle(vehicle, variance, change)
@@ -95,9 +99,10 @@ class Tracking:
         return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
 
     def errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
-        """Return the vehicle's index, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
+        """Return the vehicle's index, and the prior variances (BIAS,) of its position, heading and gain errors.
 
-        An autopilot's position sigma is horizontal (2D), so each axis has sigma^2 / 2.
+        They follow from the errors that the vehicle's localisation states. An autopilot's position sigma is horizontal (2D), so
+        each axis has sigma^2 / 2.
         """
         axis = observation.position_sigma_m**2 / 2.0
         variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance

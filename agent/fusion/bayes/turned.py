@@ -19,14 +19,17 @@ Turns = Mapping[int, tuple[float, float]]  # by vehicle: U and J, faded
 
 
 def with_score(turns: Turns, vehicle: int, score: float) -> Turns:
-    """Return ``turns`` with one more cone of a vehicle; score: g, per radian."""
+    """Add one more cone of a vehicle to the test for a camera that is turned on its vehicle, and return the sums by vehicle.
+
+    score: derivative of the cone's log likelihood by the vehicle's heading error, per radian.
+    """
     total, information = turns.get(vehicle, (0.0, 0.0))
     keep = 1.0 - 1.0 / _MEMORY_CONES
     return {**turns, vehicle: (keep * total + score, keep * information + score * score)}
 
 
 def turned_deg(turns: Turns, vehicle: int) -> float | None:
-    """Return the turn of the vehicle's cones to the left of its heading, degrees; None if it is not certain."""
+    """Return the angle (degrees) by which a vehicle's cones are turned to the left of its heading; None if it is not certain."""
     total, information = turns.get(vehicle, (0.0, 0.0))
     if total * total < _MIN_SIGMAS**2 * information or information == 0.0:
         return None
