@@ -1,1 +1,1 @@
-"""Faults as data: what breaks in a flight, when, and how the simulation plays it."""
+"""Faults of a simulated flight: which part breaks and when, and how the simulation plays the fault."""

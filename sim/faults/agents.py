@@ -10,46 +10,55 @@ from radron.sim.faults.base import Delay, Drones, Family, Fault, Metres, Probabi
 
 
 class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
-    """The agent dies at once (kill -9). With ``for_s`` its service manager restarts it after that time."""
+    """The agent (onboard software) of a drone dies at once (kill -9).
+
+    With ``for_s`` its service manager restarts it after that time.
+    """
 
     family: ClassVar[Family] = "process"
 
 
 class Freeze(Fault, frozen=True, kw_only=True, tag="freeze"):
-    """The agent stands still (SIGSTOP). Its watchdog kills it after a second; the agent is restarted at the end of the fault."""
+    """The agent (onboard software) of a drone stands still (SIGSTOP).
+
+    Its watchdog kills it after a second; the agent is restarted at the end of the fault.
+    """
 
     family: ClassVar[Family] = "process"
 
 
 class Late(Fault, frozen=True, kw_only=True, tag="late"):
-    """The agent is started only at ``at_s``, with the others in flight; the operator then starts its drone."""
+    """The agent of a drone is started only at ``at_s``, when other drones are in flight; the operator then starts its drone."""
 
     family: ClassVar[Family] = "process"
 
     def check(self) -> str | None:
-        """Reject ``for_s``, which has no meaning here."""
+        """Reject ``for_s``, as a late start has no end."""
         return "for_s: an agent that is late stays; remove it" if self.for_s is not None else None
 
 
 class SlowCpu(Fault, frozen=True, kw_only=True, tag="slow-cpu"):
-    """Each step of the agent is late by up to ``late_s``, uniformly distributed."""
+    """Each step of the agent is late by a random time of up to ``late_s``, uniformly distributed."""
 
     family: ClassVar[Family] = "process"
     late_s: Annotated[float, Meta(gt=0.0, le=2.0)]
 
 
 class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
-    """Network partition: no messages between the groups. Drones in no group are alone. ``target`` is not used."""
+    """The network falls apart into groups of drones, with no messages between the groups.
+
+    Drones in no group are alone. ``target`` is not used.
+    """
 
     family: ClassVar[Family] = "network"
     groups: Annotated[tuple[tuple[str, ...], ...], Meta(min_length=1, max_length=64)]
 
     def names(self) -> tuple[str, ...]:
-        """Return all drones in the groups."""
+        """Return the ids of all drones in the groups."""
         return tuple(name for group in self.groups for name in group)
 
     def check(self) -> str | None:
-        """Check that each drone is in one group."""
+        """Check that each drone is in one group only; return an error text, or None."""
         names = self.names()
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -58,28 +67,33 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
 
 
 class LinkFault(Fault, frozen=True, kw_only=True):
-    """Fault of the links between targets and ``peers`` (default: all others), in both directions or in one."""
+    """Base of the faults of the links between ``target`` and ``peers`` (default: all other drones).
+
+    ``direction``: both directions, or only messages that the targets send or receive.
+    """
 
     family: ClassVar[Family] = "network"
     peers: Drones | None = None
     direction: Literal["both", "send", "receive"] = "both"
 
     def names(self) -> tuple[str, ...]:
-        """Return all drones named in the fault."""
+        """Return the ids of all drones named in the fault."""
         return (*Fault.names(self), *self.names_of_peers())
 
     def names_of_peers(self) -> tuple[str, ...]:
-        """Return the drones named as peers; empty for the default, all others."""
+        """Return the ids of the drones named as peers; empty for the default, all other drones."""
         return () if self.peers is None else (self.peers,) if isinstance(self.peers, str) else self.peers
 
 
 class Cut(LinkFault, frozen=True, kw_only=True, tag="cut"):
-    """Messages are dropped without a notice to either end; one way with ``direction``."""
+    """Messages on the links are dropped without a notice to either end; one way only with ``direction``."""
 
 
 class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
-    """Messages are lost. ``resent``: publishers repeat log entries until they arrive, unless the cache has overflowed.
-    ``news``: the kind of message that is lost; default: all kinds.
+    """Messages on the links are lost at random.
+
+    ``resent``: publishers repeat log entries until they arrive, unless their cache has overflowed. ``news``: the kind of message
+    that is lost; default: all kinds.
     """
 
     probability: Probability
@@ -88,55 +102,58 @@ class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
 
 
 class Lag(LinkFault, frozen=True, kw_only=True, tag="delay"):
-    """Messages take ``delay_s`` longer, plus up to ``jitter_s``, uniform; with jitter they overtake each other."""
+    """Messages on the links take ``delay_s`` longer, plus a random time up to ``jitter_s``.
+
+    With jitter the messages overtake each other.
+    """
 
     delay_s: Delay = 0.0
     jitter_s: Delay = 0.0
 
     def check(self) -> str | None:
-        """Check that ``delay_s`` or ``jitter_s`` is given."""
+        """Check that ``delay_s`` or ``jitter_s`` is given; return an error text, or None."""
         return "delay_s, jitter_s: give at least one above 0" if self.delay_s + self.jitter_s == 0.0 else None
 
 
 class Stall(LinkFault, frozen=True, kw_only=True, tag="stall"):
-    """Links stall: all messages sent meanwhile arrive at once at the end, as with TCP retransmission; live flights only."""
+    """The links stall: all messages sent meanwhile arrive at once at the end, as with TCP retransmission; live flights only."""
 
 
 class Throttle(LinkFault, frozen=True, kw_only=True, tag="throttle"):
-    """Links carry ``rate_kilobytes_ps`` (kilobytes a second) at most; live flights only."""
+    """The links carry at most ``rate_kilobytes_ps`` (kilobytes a second); live flights only."""
 
     rate_kilobytes_ps: Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class Reorder(LinkFault, frozen=True, kw_only=True, tag="reorder"):
-    """Messages are held back for ``held_s``, and later messages overtake them."""
+    """Messages on the links are held back at random for ``held_s``, so that later messages overtake them."""
 
     probability: Probability
     held_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.3
 
 
 class Duplicate(LinkFault, frozen=True, kw_only=True, tag="duplicate"):
-    """Messages arrive twice, the copy up to ``within_s`` later."""
+    """Messages on the links arrive twice at random, the copy up to ``within_s`` later."""
 
     probability: Probability
     within_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
 
 
 class Corrupt(LinkFault, frozen=True, kw_only=True, tag="corrupt"):
-    """Messages arrive with changed, missing or additional bytes."""
+    """Messages on the links arrive at random with changed, missing or additional bytes."""
 
     probability: Probability
 
 
 class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
-    """No link between drones that are further apart than ``range_m``."""
+    """Drones that are further apart than ``range_m`` have no link."""
 
     family: ClassVar[Family] = "network"
     range_m: Annotated[float, Meta(gt=0.0, le=1e5)]
 
 
 class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
-    """The targets send many messages: ``rate_mbps`` (megabytes a second) of poses padded to ``message_bytes``.
+    """The targets send very many messages: poses padded to ``message_bytes``, ``rate_mbps`` (megabytes a second) in total.
 
     Messages up to 4 kB are valid; the decoder refuses larger ones by their size.
     """
@@ -147,8 +164,9 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
 
 
 class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
-    """Valid log entries of ``ago_s`` before, ``per_s`` a second, beside those of the targets and with their keys. Each entry
-    makes the agents compute much again.
+    """The targets' keys are used to publish valid log entries with old time stamps, which make the agents compute much again.
+
+    The entries are ``ago_s`` old, come ``per_s`` times a second, and stand beside the targets' own entries.
     """
 
     family: ClassVar[Family] = "network"
@@ -157,9 +175,10 @@ class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
 
 
 class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
-    """More valid log entries than cameras measure, ``per_s`` a second, beside those of the targets and with their keys.
+    """The targets' keys are used to publish more valid log entries than cameras measure, ``per_s`` a second.
 
-    ``what``: exposures without counts, cones without information, or searched paths, the smallest of all entries.
+    They stand beside the targets' own entries. ``what``: exposures without counts, cones without information, or searched paths,
+    the smallest of all entries.
     """
 
     family: ClassVar[Family] = "network"
@@ -168,12 +187,12 @@ class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
 
 
 class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
-    """The targets also send messages that every agent must refuse, without any consequence.
+    """The targets also send forged messages, which every agent must refuse without any consequence.
 
-    ``impossible``: contradictory numbers, such as a live time longer than its exposure. ``impersonated``: messages in the
-    name of another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the
-    source elsewhere. ``two-versions``: each log entry a second time under the same number with another content; neither
-    version counts then, nor any later entry of the sender.
+    ``impossible``: contradictory numbers, such as a live time longer than its exposure. ``impersonated``: messages in the name of
+    another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the source
+    elsewhere. ``two-versions``: each log entry a second time under the same number with another content; neither version counts
+    then, nor any later entry of the sender.
     """
 
     family: ClassVar[Family] = "network"
@@ -181,12 +200,12 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
 
 
 class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
-    """A thief with copies of the targets' keys publishes under their ids too: poses, plans and statuses.
+    """A thief with copies of the targets' keys publishes poses, plans and statuses under their ids.
 
-    ``place``: the published place: ``beside_m`` to the east of the target's present place, or of its place at the beginning
-    (``frozen``), or on the ground below that (``ground``). ``epochs``: added to the target's epochs. ``boot``: boot id in the
-    statuses. ``stage``: stage in the statuses; None: the target's own. ``lead_s``: stamps are ahead of the time by this much.
-    ``period_s``: interval between publications.
+    The targets publish, too. ``place``: the published place: ``beside_m`` to the east of the target's present place, or of its
+    place at the beginning (``frozen``), or on the ground below that (``ground``). ``epochs``: added to the target's epochs.
+    ``boot``: boot id in the statuses. ``stage``: stage in the statuses; None: the target's own. ``lead_s``: stamps are ahead of
+    the time by this much. ``period_s``: interval between publications.
     """
 
     family: ClassVar[Family] = "liar"
@@ -200,12 +219,12 @@ class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
 
 
 class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):
-    """The operator commands a hold, and a resume 3 s later; 5 s after that a slow link delivers the hold again."""
+    """The operator commands a hold, and a resume 3 s later; 5 s after that a slow link delivers the hold a second time."""
 
     family: ClassVar[Family] = "network"
 
     def check(self) -> str | None:
-        """Reject ``for_s``: the times of the commands are fixed."""
+        """Reject ``for_s``, as the times of the commands are fixed."""
         return "for_s: the commands come when they come; remove it" if self.for_s is not None else None
 
 
@@ -213,11 +232,11 @@ Said = Literal["pose", "plan", "cone", "counts", "sighting"]
 
 
 class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
-    """The targets publish false messages.
+    """The targets publish false messages of one kind under valid signatures.
 
     ``what``: the kind of message. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by
-    ``factor``); ``replayed``: true messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps
-    wrong by ``ago_s``.
+    ``factor``); ``replayed``: true messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps wrong
+    by ``ago_s``.
     """
 
     family: ClassVar[Family] = "liar"
@@ -229,12 +248,11 @@ class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
 
 
 class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
-    """The targets publish signed exposures that mislead the estimator, at a place on the ground with zero position
-    uncertainty.
+    """The targets publish signed false photon counts that mislead the estimator, at a place on the ground without uncertainty.
 
-    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: in addition to each
-    true exposure, ``burst`` exposures of ``lasts_s``, which overlap it and each other; otherwise instead of the true
-    exposure.
+    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: in addition to each true
+    exposure (counting interval), ``burst`` false exposures of ``lasts_s``, which overlap it and each other; otherwise instead of
+    the true exposure.
     """
 
     family: ClassVar[Family] = "liar"
@@ -246,34 +264,38 @@ class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
 
 
 class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
-    """The targets give ``peers`` other log entries than the rest under the same numbers: cones turned, counts multiplied,
-    sightings of other places. ``peers``: default: every second of the other drones.
+    """The targets give some drones (``peers``) other log entries than the rest under equal numbers.
 
-    All drones must detect this, leave out the same entries, and agree on one log.
+    Cones are turned, counts multiplied, sightings of other places. ``peers``: default: every second of the other drones. All
+    drones must detect this, leave out the same entries, and agree on one log.
     """
 
     family: ClassVar[Family] = "liar"
     peers: Drones | None = None
 
     def names(self) -> tuple[str, ...]:
-        """Return all drones named in the fault."""
+        """Return the ids of all drones named in the fault."""
         return (*Fault.names(self), *((self.peers,) if isinstance(self.peers, str) else self.peers or ()))
 
 
 class Revoked(Fault, frozen=True, kw_only=True, tag="revoked"):
-    """The operator revokes the targets. Their earlier measurements count; their links to the other drones end in both
-    directions.
+    """The operator revokes the targets (withdraws their rights).
+
+    Their earlier measurements count; their links to the other drones end in both directions.
     """
 
     family: ClassVar[Family] = "process"
 
     def check(self) -> str | None:
-        """Reject ``for_s``: a revocation is permanent."""
+        """Reject ``for_s``, as a revocation is permanent."""
         return "for_s: who is revoked stays so; remove it" if self.for_s is not None else None
 
 
 class Disk(Fault, frozen=True, kw_only=True, tag="disk"):
-    """The drone's disk: full, ``slow``, or its state file (``state``) or flight record (``record``) torn or with flipped bits."""
+    """The disk of a drone fails: it is full or ``slow``, or a file on it is damaged.
+
+    The damaged file is the agent's state (``state``) or the flight record (``record``), torn or with flipped bits.
+    """
 
     family: ClassVar[Family] = "disk"
     how: Literal["full", "slow", "state-torn", "state-flipped", "record-torn", "record-removed"]

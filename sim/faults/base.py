@@ -24,7 +24,10 @@ Drones = (
 
 
 class Fault(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Base of all kinds. ``target``: one drone or several; default: all. ``for_s``: duration; default: permanent."""
+    """Base of all kinds of faults in a scenario.
+
+    ``at_s``: begin. ``for_s``: duration; default: permanent. ``target``: one drone or several; default: all.
+    """
 
     family: ClassVar[Family]
     at_s: Second
@@ -33,22 +36,22 @@ class Fault(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
 
     @property
     def end_s(self) -> float:
-        """Return the end of the fault, s; infinite for a permanent fault."""
+        """End of the fault in seconds; infinite for a permanent fault."""
         return float("inf") if self.for_s is None else self.at_s + self.for_s
 
     def strikes(self, drones: Sequence[str]) -> list[str]:
-        """Return the struck drones among those of the mission."""
+        """Return the ids of the drones of the mission that the fault affects."""
         if self.target is None:
             return list(drones)
         named = (self.target,) if isinstance(self.target, str) else self.target
         return [drone for drone in drones if drone in named]
 
     def names(self) -> tuple[str, ...]:
-        """Return all drones named in the fault."""
+        """Return the ids of all drones named in the fault."""
         if self.target is None:
             return ()
         return (self.target,) if isinstance(self.target, str) else self.target
 
     def check(self) -> str | None:
-        """Return the contradiction in the entry and its remedy; None for a consistent entry."""
+        """Return the contradiction in the fault's values and its remedy; None if they are consistent."""
         return None

@@ -1,4 +1,7 @@
-"""Faulty cameras: dead, stuck, noisy, or with a wrong calibration. The fault is in the readout, as the camera delivers it."""
+"""Faulty cameras in a simulated flight: dead, stuck, noisy, or with a wrong calibration.
+
+The fault is in the readout, as the camera delivers it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _MARGIN = 1.5  # noise is drawn for this multiple of the readout's capacity
 
 
 class CameraFaults:
-    """The faults of the cameras of a flight."""
+    """Plays the faults of all cameras of a simulated flight."""
 
     def __init__(self, schedule: Schedule, truth: CameraTruth, calibrations: Sequence[PixelCalibration]) -> None:
         """``calibrations``: the true calibration of each drone's camera."""
@@ -28,7 +31,7 @@ class CameraFaults:
         self._pixels: dict[tuple[Active, int], NDArray[np.int64]] = {}  # of noisy cameras
 
     def spoil(self, drone: int, readout: Readout) -> Readout | None:
-        """Return a readout as the faulty camera delivers it; None without delivery."""
+        """Return a readout as the faulty camera of a drone delivers it; None if the camera delivers nothing."""
         schedule = self._schedule
         for dead, _ in schedule.active(CameraDead, drone):
             return replace(readout, hits=PixelHits.none()) if dead.blind else None
@@ -76,7 +79,7 @@ class CameraFaults:
 
 
 def noisy_pixels(noisy: CameraNoisy, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return matrix indices (K,) of the noisy pixels: at random places, or the lower or upper half of one column."""
+    """Return the matrix indices (K,) of the noisy pixels: at random places, or the lower or upper half of one column."""
     if not noisy.column:
         return rng.choice(SENSOR_PIXELS**2, size=noisy.pixels, replace=False)
     column, lowest = int(rng.integers(SENSOR_PIXELS)), _HALF * int(rng.integers(2))
@@ -87,15 +90,19 @@ def noisy_pixels(noisy: CameraNoisy, rng: np.random.Generator) -> NDArray[np.int
 def time_over_threshold(
     energy_kev: NDArray[np.float64], index: NDArray[np.int64], calibration: PixelCalibration
 ) -> NDArray[np.int64]:
-    """Convert energies (keV) to the counts (N,) of these pixels, as the electronics do; 0 below the threshold."""
+    """Convert energies (keV) to the time-over-threshold counts (N,) of these pixels, as the electronics do.
+
+    The count is 0 below the threshold.
+    """
     a, b, c, t = (values[index] for values in (calibration.true_a, calibration.b, calibration.c, calibration.t))
     counts = a * energy_kev + b - c / np.maximum(energy_kev - t, 1e-3) + 0.5
     return np.clip(counts, 0.0, LARGEST_TOT).astype(np.int64)
 
 
 def amplified(hits: PixelHits, factor: float, calibration: PixelCalibration) -> PixelHits:
-    """Return the hits of a camera that collects ``factor`` times the charge in each pixel. Hits below the threshold are
-    dropped; longer pulses are delivered later.
+    """Return the hits of a camera that collects ``factor`` times the usual charge in each pixel.
+
+    Hits below the threshold are dropped; longer pulses are delivered later.
     """
     index = hits.index.astype(np.int64)
     a, b, c, t = (values[index] for values in (calibration.true_a, calibration.b, calibration.c, calibration.t))
@@ -107,14 +114,14 @@ def amplified(hits: PixelHits, factor: float, calibration: PixelCalibration) -> 
 
 
 def repeated(first: Readout, present: Readout) -> Readout:
-    """Return the first readout again, with the times of the present one."""
+    """Return the content of the first readout with the times of the present readout, as a stuck camera delivers it."""
     later = (present.start_ns - present.clock_ns) - (first.start_ns - first.clock_ns)
     hits = replace(first.hits, tick=first.hits.tick + later * 16 // 25)
     return replace(present, hits=hits, live_time_s=first.live_time_s, lost_hits=first.lost_hits)
 
 
 def delivered(hits: PixelHits) -> PixelHits:
-    """Sort hits in the order of delivery: a pixel is read out at the end of its pulse."""
+    """Sort hits in the order in which a camera delivers them: a pixel is read out at the end of its pulse."""
     return hits.take(np.argsort(hits.tick + 16 * hits.tot.astype(np.int64), kind="stable"))
 
 

@@ -1,4 +1,7 @@
-"""Faulty clocks of the drones' computers. Such a clock gives the time on board, and the stamps of all measurements."""
+"""Faulty clocks of the drones' computers in a simulated flight.
+
+Such a clock gives the time on board, and the stamps of all measurements.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,14 @@ from radron.sim.faults.schedule import Schedule
 
 
 class ClockFaults:
-    """The clocks of all drones."""
+    """Plays the clock faults of all drones of a simulated flight."""
 
     def __init__(self, schedule: Schedule, start_ns: int) -> None:
         """``start_ns``: UTC time at the start of the simulation."""
         self._schedule, self._start_ns = schedule, start_ns
 
     def own_ns(self, drone: int, utc_ns: int) -> int:
-        """Return the reading of a drone's clock at a UTC time. The jump of an active fault also applies to times before it."""
+        """Return what a drone's clock shows at a UTC time (ns). The jump of an active fault also applies to times before it."""
         off_ns = 0
         for fault, _ in self._schedule.active(Clock, drone):
             since_ns = max(0, utc_ns - self._start_ns - round(fault.at_s * 1e9))
@@ -28,13 +31,16 @@ class ClockFaults:
         return utc_ns + off_ns
 
     def restamped_sightings(self, drone: int, seen: Sequence[SeenDrone]) -> Sequence[SeenDrone]:
-        """Return relative observations with this drone's stamps."""
+        """Return relative observations of other drones with the time stamps of this drone's faulty clock."""
         if not self._schedule.active(Clock, drone):
             return seen
         return [replace(one, stamp_ns=self.own_ns(drone, one.stamp_ns)) for one in seen]
 
     def restamped(self, drone: int, readout: Readout) -> Readout:
-        """Return a readout with this drone's stamps. The camera counts its own ticks; the computer stamps the first tick."""
+        """Return a camera readout with the time stamps of this drone's faulty clock.
+
+        The camera counts its own ticks; the computer stamps the first tick.
+        """
         if not self._schedule.active(Clock, drone):
             return readout
         start_ns = self.own_ns(drone, readout.start_ns)

@@ -1,4 +1,4 @@
-"""Valid log entries that a member, or a thief of its key, publishes beside its own, to keep its peers computing."""
+"""Attack by many valid log entries: a member, or a thief of its key, publishes them to keep its peers computing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Crowding = OldEntries | DenseEntries
 
 
 class Crowd:
-    """The entries of one fault and drone, under a separate boot id."""
+    """Makes the additional log entries of one attack in the name of one drone, under a separate boot id."""
 
     def __init__(self, fault: Crowding, swarm: str, trust: Trust, boot: str) -> None:
         self._fault, self._swarm, self._trust, self._boot = fault, swarm, trust, boot
@@ -31,12 +31,12 @@ class Crowd:
         self._sequence = 0  # of the last entry; 0 is the credential's
 
     def follow(self, message: Message) -> None:
-        """Note a message of the drone itself."""
+        """Record a message of the drone itself, from which mission, epoch and place of the additional entries are taken."""
         if isinstance(message, Exposure) and message.boot != self._boot:
             self._template = message
 
     def due(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """Return keys and payloads of the entries due by now; empty before the drone's first exposure."""
+        """Return keys and payloads of the additional entries due by now; empty before the drone's first exposure."""
         template = self._template
         if template is None:
             return []
@@ -111,7 +111,7 @@ class Crowd:
 
 
 class Crowds:
-    """Entries published beside the messages of a flight's drones."""
+    """Makes the additional log entries of all such attacks in a simulated flight."""
 
     def __init__(self, schedule: Schedule, swarm: str, trusts: Sequence[Trust]) -> None:
         """``trusts``: each drone's signing identity, a copy of which the attacker holds."""
@@ -119,7 +119,10 @@ class Crowds:
         self._crowds: dict[tuple[Active, int], Crowd] = {}
 
     def beside(self, drone: int, key: str, payload: bytes, now_ns: int) -> list[tuple[str, bytes]]:
-        """Return keys and payloads of the entries after a drone's message. The poses set the pace, as they arrive steadily."""
+        """Return keys and payloads of the additional entries to be sent after a drone's message.
+
+        The poses set the pace, as they arrive steadily.
+        """
         if not key.endswith(("/pose", "/exposure")):
             return []
         told: list[tuple[str, bytes]] = []

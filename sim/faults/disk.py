@@ -1,4 +1,4 @@
-"""A drone's disk: the saved state of its agent, and its content at the agent's restart.
+"""Disk of a simulated drone with the saved state of its agent, and what a restarted agent finds there.
 
 Flight records are not written in lockstep; their faults are played live only.
 """
@@ -25,9 +25,10 @@ Struck = Sequence[tuple[Disk, Active]]
 
 
 class StateDisk:
-    """The files of one agent. ``problem``: why its state could not be written or read; empty without a problem. ``revoked``:
-    the known revocations, in a file of their own, written at the shell's next look (``process.LOOK_NS``), also on a slow
-    disk.
+    """The saved files of one agent on a simulated disk, which may be full, slow or damaged.
+
+    ``problem``: why its state could not be written or read; empty without a problem. ``revoked``: the known revocations, in a
+    file of their own, written at the shell's next look (``process.LOOK_NS``), also on a slow disk.
     """
 
     def __init__(self) -> None:
@@ -38,7 +39,10 @@ class StateDisk:
         self._readable = True
 
     def keep(self, memory: Memory | None, struck: Struck, now_ns: int) -> None:
-        """Write a changed state, as the agent's shell does; a newer state waits until the present write is done."""
+        """Write a changed state to the disk, as the agent's shell does; a newer state waits until the present write is done.
+
+        ``struck``: active faults of this disk.
+        """
         hows = {fault.how for fault, _ in struck}
         if self._writing is not None and now_ns >= self._writing[0]:
             self._content, self._writing = self._writing[1], None
@@ -55,12 +59,12 @@ class StateDisk:
             self._content = content
 
     def keep_revoked(self, held: tuple[Revocation, ...], struck: Struck) -> None:
-        """Write the known revocations; a full disk takes no more."""
+        """Write the known revocations to the disk, unless it is full."""
         if all(fault.how != "full" for fault, _ in struck):
             self.revoked = held
 
     def load(self, struck: Struck) -> Memory | None:
-        """Return the state that a restarted agent finds; an unreadable file is left as it is."""
+        """Return the state that a restarted agent finds on the disk; an unreadable file is left as it is."""
         self._writing, self.problem, self._readable = None, "", True
         content = self._content
         for fault, active in struck:
@@ -79,7 +83,7 @@ class StateDisk:
 
 
 def check_playable(faults: Sequence[Fault], where: str) -> None:
-    """Raise ConfigError for faults that lockstep cannot play."""
+    """Raise ConfigError for faults that only live flights can play."""
     for number, fault in enumerate(faults):
         if isinstance(fault, LIVE_ONLY):
             raise ConfigError(

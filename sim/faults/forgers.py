@@ -1,4 +1,4 @@
-"""Messages that every agent must refuse, sent by members beside their own; and commands that arrive again late."""
+"""Attacks with messages that every agent must refuse, and with commands that are delivered a second time."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ Again = Callable[[int, int, bytes], None]
 
 
 class Forgers:
-    """Forged messages that the drones of a flight send beside their own."""
+    """Makes the forged messages that attacking drones of a simulated flight send besides their own."""
 
     def __init__(self, schedule: Schedule, drones: Sequence[str], trusts: Sequence[Trust], poisoners: Poisoners) -> None:
         """``drones``: of the mission; ``trusts``: each drone's signing identity, whose key a forger holds."""
         self._schedule, self._drones, self._trusts, self._poisoners = schedule, drones, trusts, poisoners
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
-        """Return the forgeries that a drone sends beside this message, under the same key."""
+        """Return the forged messages that a drone sends besides this message, under its key."""
         if key.rsplit("/", 1)[-1] not in _SAID:
             return []
         active = self._schedule.active(Forged, drone)
@@ -62,7 +62,10 @@ class Forgers:
 
 
 class OldCommands:
-    """The operator's commands of ``old-command``; the copy of the hold has the same bytes."""
+    """Plays the fault ``old-command``: after a hold and a resume command, a slow link delivers the hold a second time.
+
+    The copy has equal bytes.
+    """
 
     def __init__(self, schedule: Schedule) -> None:
         self._schedule = schedule
@@ -70,7 +73,7 @@ class OldCommands:
         self._copies: deque[tuple[int, int, bytes]] = deque()  # time, drone, payload of the copy
 
     def advance(self, now_ns: int, command: Give, again: Again) -> None:
-        """Give the commands that are due; ``again``: delivers an earlier command once more."""
+        """Give the operator's commands that are due. ``again``: delivers an earlier command once more."""
         for one in self._schedule.begun:
             for drone in sorted(one.drones) if isinstance(one.fault, OldCommand) else ():
                 payload = command([drone], Action.HOLD)

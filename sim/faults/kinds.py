@@ -1,4 +1,4 @@
-"""All kinds of faults, and the ``[[fault]]`` entries of a scenario file."""
+"""All kinds of faults, and reading of the ``[[fault]]`` entries of a scenario file."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind 
 
 
 def read_faults(document: object, where: str) -> tuple[Fault, ...]:
-    """Read the entries of a parsed scenario file.
+    """Read the faults of a scenario file from its parsed ``[[fault]]`` tables.
 
     Raises:
         ConfigError: no list of tables, an unknown kind or key, a value out of range; names the entry and what is allowed.
@@ -105,7 +105,7 @@ def kind_of(fault: Fault) -> str:
 
 
 def check_faults(faults: Sequence[Fault], drones: Sequence[str], where: str) -> None:
-    """Raise ConfigError for an entry with a drone outside the mission, or with a contradiction."""
+    """Raise ConfigError if a fault names a drone outside the mission, or contradicts itself."""
     for number, fault in enumerate(faults):
         entry = f"{where}: fault[{number}] ({kind_of(fault)})"
         if fault.target == ():

@@ -1,4 +1,4 @@
-"""Members that publish false messages: changed on the way out, under valid stamps, numbers and signatures.
+"""Drones that publish false messages: changed on the way out, under valid stamps, numbers and signatures.
 
 The liar's own log keeps the true measurements; requests for its entries are answered with the published, false version.
 """
@@ -27,7 +27,7 @@ KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure",
 
 
 class Liars:
-    """Replacement of the drones' messages by false ones."""
+    """Replaces messages of lying drones by false ones in a simulated flight."""
 
     def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign], poisoners: Poisoners) -> None:
         """``faults``: of the scenario. ``signs``: signatures of each drone, whose key a liar holds."""
@@ -40,7 +40,7 @@ class Liars:
         self._angles: dict[Active, float] = {}  # direction of each lie, rad
 
     def tell(self, drone: int, key: str, payload: bytes) -> bytes:
-        """Return the payload that a drone publishes instead of this one."""
+        """Return the bytes that a drone publishes instead of this message."""
         kind, poisoned = key.rsplit("/", 1)[-1], self._poisoners.replaced(drone, key, payload)
         if poisoned is not None:
             return self._instead(drone, payload, poisoned)
@@ -101,8 +101,10 @@ def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
 
 
 def falsified(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
-    """Return the message with positions shifted into one direction, cones and sightings turned about the vertical, counts
-    multiplied.
+    """Return a false version of a message.
+
+    Positions are shifted in one direction, cones and sightings turned about the vertical, counts multiplied. ``angle``: direction
+    of the shift, or angle of the turn, radians.
     """
     shift = lie.shift_m * cos(angle), lie.shift_m * sin(angle), 0.0
     match message:

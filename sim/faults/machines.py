@@ -1,4 +1,4 @@
-"""Faults of cameras, clocks and vehicles."""
+"""Kinds of faults of cameras, clocks and vehicles in a simulated flight."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
 
 
 class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
-    """No readout at all; ``blind``: readouts without any hit."""
+    """The camera of a drone delivers no readout at all; with ``blind``: readouts without any hit."""
 
     family: ClassVar[Family] = "camera"
     blind: bool = False
 
 
 class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
-    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev`` a second; ``column``: instead, the 128 pixels
-    of half a column.
+    """Some pixels of a camera are noisy, each with ``rate_hz`` hits of ``energy_kev`` a second.
+
+    ``pixels``: their number, at random places; ``column``: instead, the 128 pixels of half a column.
     """
 
     family: ClassVar[Family] = "camera"
@@ -31,14 +32,15 @@ class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
 
 
 class CameraStuck(Fault, frozen=True, kw_only=True, tag="camera-stuck"):
-    """The same readout is repeated, under new times."""
+    """The camera of a drone delivers one readout again and again, under new times."""
 
     family: ClassVar[Family] = "camera"
 
 
 class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
-    """A wrong calibration: each pixel collects ``factor`` times the charge, unknown to its calibration files. With ``over_s``
-    the gain drifts there linearly in that time, as with temperature.
+    """The camera of a drone has a wrong calibration: each pixel collects ``factor`` times the charge that the files state.
+
+    With ``over_s`` the gain drifts there linearly in that time, as with temperature.
     """
 
     family: ClassVar[Family] = "camera"
@@ -46,14 +48,15 @@ class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
     over_s: Annotated[float, Meta(ge=0.0, le=36_000.0)] = 0.0
 
     def factor_at(self, time_s: float) -> float:
-        """Return the factor at a time (s) of the schedule."""
+        """Return the factor of the collected charge at a time (s) of the flight."""
         share = 1.0 if self.over_s == 0.0 else min(1.0, max(0.0, (time_s - self.at_s) / self.over_s))
         return 1.0 + share * (self.factor - 1.0)
 
 
 class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
-    """The clock of the drone's computer is ahead by ``jump_s`` at once, and drifts by ``drift_ppm``; at the end it steps back
-    to the right time. All stamps made on board have this time; nothing else changes.
+    """The clock of the drone's computer jumps ahead by ``jump_s``, and drifts by ``drift_ppm``.
+
+    At the end it steps back to the right time. All stamps made on board have this wrong time; nothing else changes.
     """
 
     family: ClassVar[Family] = "clock"
@@ -61,15 +64,16 @@ class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
     drift_ppm: Annotated[float, Meta(ge=-100_000.0, le=100_000.0)] = 0.0
 
     def check(self) -> str | None:
-        """Check that ``jump_s`` or ``drift_ppm`` is given."""
+        """Check that ``jump_s`` or ``drift_ppm`` is given; return an error text, or None."""
         return "jump_s, drift_ppm: give at least one that is not 0" if self.jump_s == 0.0 and self.drift_ppm == 0.0 else None
 
 
 class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
-    """A vehicle that flies by satellites has none, and its filter continues by inertia. The error of its velocity begins with
-    0.1 to 0.8 m/s and grows by ``drift_mps2`` (a real PX4 and live flights: 0.08 to 0.35, whatever is given). After 2.2 s the
-    position is unknown, and the autopilot lands. When satellites return, the position is right after some seconds, and the
-    vehicle flies the last chosen mode.
+    """A vehicle that flies by satellites receives none, and its filter continues by inertia.
+
+    The error of its velocity begins with 0.1 to 0.8 m/s and grows by ``drift_mps2`` (a real PX4 and live flights: 0.08 to 0.35,
+    whatever is given). After 2.2 s the position is unknown, and the autopilot lands. When satellites return, the position is
+    right after some seconds, and the vehicle flies the last chosen mode.
     """
 
     family: ClassVar[Family] = "pose"
@@ -77,11 +81,11 @@ class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
 
 
 class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
-    """The vehicle's own position jumps by ``jump_m`` in a direction drawn from the seed (and its heading by ``turn_deg`` to
-    either side).
+    """The vehicle's own position estimate jumps by ``jump_m`` in a direction drawn from the seed.
 
-    ``announced``: as by a reset of PX4's filter, with a new epoch; else as by spoofed satellites, with equally wrong fixes
-    and without a report (a filter that follows its receiver slides there within seconds). At the end it jumps back.
+    Its heading jumps by ``turn_deg`` to either side. ``announced``: as by a reset of PX4's filter, with a new epoch; else as by
+    spoofed satellites, with equally wrong fixes and without a report (a filter that follows its receiver slides there within
+    seconds). At the end it jumps back.
     """
 
     family: ClassVar[Family] = "pose"
@@ -91,21 +95,24 @@ class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
 
 
 class HeadingReset(Fault, frozen=True, kw_only=True, tag="heading-reset"):
-    """The filter of a vehicle that flies by satellites resets its heading by ``turn_deg`` to either side, as PX4 v1.16.1 does
-    in every takeoff. Position and local frame stay as they are. Within seconds the heading is right again.
+    """The filter of a vehicle that flies by satellites resets its heading by ``turn_deg`` to either side.
+
+    PX4 v1.16.1 does so in every takeoff. Position and local frame stay as they are. Within seconds the heading is right again.
     """
 
     family: ClassVar[Family] = "vehicle"  # its position stays right: no violation is excused
     turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 6.0
 
     def check(self) -> str | None:
-        """Reject ``for_s``: a reset is instantaneous."""
+        """Reject ``for_s``, as a reset is instantaneous."""
         return "for_s: a reset happens once; remove it" if self.for_s is not None else None
 
 
 class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
-    """Spoofed satellites drag the vehicle's own position, and its fixes, away at ``speed_mps``, up to ``most_m``, in a
-    direction drawn from the seed. Its velocity stays as the inertial sensors measure it. At the end the position jumps back.
+    """Spoofed satellites slowly drag the vehicle's own position, and its fixes, away from the truth.
+
+    The speed is ``speed_mps``, up to a distance of ``most_m``, in a direction drawn from the seed. The vehicle's velocity stays
+    as the inertial sensors measure it. At the end the position jumps back.
     """
 
     family: ClassVar[Family] = "pose"
@@ -114,7 +121,7 @@ class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
 
 
 class Gust(Fault, frozen=True, kw_only=True, tag="gust"):
-    """Wind accelerates the vehicle by ``acceleration_mps2`` in a direction drawn from the seed."""
+    """A gust of wind accelerates the vehicle by ``acceleration_mps2`` in a direction drawn from the seed."""
 
     family: ClassVar[Family] = "thrust"
     acceleration_mps2: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
@@ -127,16 +134,15 @@ class MotorFailure(Fault, frozen=True, kw_only=True, tag="motor"):
     descent_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 3.0
 
     def check(self) -> str | None:
-        """Reject ``for_s``: the failure is permanent."""
+        """Reject ``for_s``, as the failure is permanent."""
         return "for_s: a failed motor stays; remove it" if self.for_s is not None else None
 
 
 class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
-    """The battery's level is ``level`` (of 1), and falls by ``drain_ps`` a second faster in flight, until the end of the
-    fault. At 0 the vehicle descends. ``lies``: only the reported level is wrong.
+    """The battery of a vehicle is low: its level is ``level`` (of 1), and in flight falls faster by ``drain_ps`` a second.
 
-    ``acts``: the autopilot returns at 7 % and lands at 5 %, after 5 s in hold (PX4's COM_LOW_BAT_ACT = 3); else it only
-    warns.
+    This holds until the end of the fault. At level 0 the vehicle descends. ``lies``: only the reported level is wrong. ``acts``:
+    the autopilot returns at 7 % and lands at 5 %, after 5 s in hold (PX4's COM_LOW_BAT_ACT = 3); else it only warns.
     """
 
     family: ClassVar[Family] = "vehicle"
@@ -147,14 +153,14 @@ class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
 
 
 class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
-    """Messages between the agent and its autopilot are lost, each independently: telemetry, setpoints, mode requests."""
+    """Messages between an agent and its autopilot are lost, each independently: telemetry, setpoints, mode requests."""
 
     family: ClassVar[Family] = "vehicle"
     probability: Probability
 
 
 class MavlinkImpaired(Fault, frozen=True, kw_only=True, tag="mavlink-impaired"):
-    """The link between agent and autopilot is impaired, by packets; live flights only.
+    """The link between an agent and its autopilot is impaired packet by packet; live flights only.
 
     ``cut``: no packets. Packets take ``delay_s`` longer, plus up to ``jitter_s``; ``reorder``, ``duplicate``, ``corrupt``:
     probabilities to be held back for ``held_s``, to arrive twice within ``within_s``, to have wrong bytes.
@@ -172,7 +178,7 @@ class MavlinkImpaired(Fault, frozen=True, kw_only=True, tag="mavlink-impaired"):
     corrupt: Share = 0.0
 
     def check(self) -> str | None:
-        """Check that one impairment or more is given."""
+        """Check that at least one impairment is given; return an error text, or None."""
         wrong = self.cut or self.delay_s + self.jitter_s + self.reorder + self.duplicate + self.corrupt > 0.0
         return None if wrong else "cut, delay_s, jitter_s, reorder, duplicate, corrupt: give at least one"
 
@@ -196,9 +202,10 @@ class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
 
 
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
-    """A pilot chooses a mode by remote control, and leaves the vehicle in hold at the end (in lockstep not during a descent
-    or a failsafe). In ``manual`` the pilot hovers; the autopilot ignores the agent, and acts on an empty battery only
-    afterwards. After another mode it obeys new requests.
+    """A safety pilot chooses a flight mode by remote control, and leaves the vehicle in hold at the end.
+
+    In lockstep the pilot does not do so during a descent or a failsafe. In ``manual`` the pilot hovers; the autopilot ignores the
+    agent, and acts on an empty battery only afterwards. After another mode it obeys new requests.
     """
 
     family: ClassVar[Family] = "vehicle"
@@ -212,6 +219,6 @@ class Disarm(Fault, frozen=True, kw_only=True, tag="disarm"):
 
 
 class Refusal(Fault, frozen=True, kw_only=True, tag="refusal"):
-    """The autopilot refuses the agent's mode changes and arming; in offboard it still follows the setpoints."""
+    """The autopilot refuses the agent's mode changes and arming; in offboard mode it still follows the setpoints."""
 
     family: ClassVar[Family] = "vehicle"

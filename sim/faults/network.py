@@ -1,8 +1,8 @@
-"""Faults of the links between the agents, played by the radio.
+"""Faults of the links between the agents, played by the simulated radio.
 
-The fate of a message is drawn from the random numbers of each fault: without an active fault the radio is unchanged, bit for
-bit. Lost log entries wait in their publisher's cache, as in Zenoh's advanced publishers, and are sent again until they
-arrive. The logs' own exchange of missing entries is in ``recovery``.
+Whether a message is lost or changed is drawn from the random numbers of each fault: without an active fault the radio is
+unchanged, bit for bit. Lost log entries wait in their publisher's cache, as in Zenoh's advanced publishers, and are sent again
+until they arrive. The logs' own exchange of missing entries is in ``recovery``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Arrival = tuple[float, bytes]  # delay (s), payload
 
 
 class FaultyRadio(Radio):
-    """A radio with the links' faults of the scenario."""
+    """The simulated radio network with the faults of its links that the scenario prescribes."""
 
     def __init__(
         self, truth: RadioTruth, names: Sequence[str], rng: np.random.Generator, faults: Schedule, tick_s: float
@@ -48,7 +48,10 @@ class FaultyRadio(Radio):
         self._poses: dict[int, tuple[str, bytes]] = {}  # the newest of each drone, while somebody floods
 
     def advance(self, now_ns: int, position: Array) -> None:
-        """Advance to a time: links break or heal, waiting entries are sent again. position: (N, 3), true."""
+        """Update the links for a new time: links break or heal, and waiting entries are sent again.
+
+        position: (N, 3), true positions of the N drones.
+        """
         if self._faults.begun or self._faults.ended:
             self._look()
         self._calm = not self._broken and not self._waiting
@@ -65,12 +68,12 @@ class FaultyRadio(Radio):
         return (sender, receiver) not in self._cut and (sender, receiver) not in self._far
 
     def exclude(self, drone: int) -> None:
-        """End a drone's links: the other drones have opened their sessions anew without it."""
+        """End the links of a revoked drone, as the other drones have opened their network sessions anew without it."""
         self._excluded.add(drone)
         self._look()
 
     def silence(self, drone: int) -> None:
-        """Drop the inbox and the cache of a drone without an agent."""
+        """Delete the waiting messages and the cache of a drone whose agent has died."""
         self._inboxes[drone].clear()
         self._poses.pop(drone, None)
         for sender, receiver, key in list(self._waiting):
@@ -156,7 +159,7 @@ class FaultyRadio(Radio):
 
 
 def played(fault: Fault, rng: np.random.Generator, arrival: Arrival) -> list[Arrival]:
-    """Return the arrivals of a message under one fault of its link: time, number, and bytes."""
+    """Return how a message arrives after one fault of its link: no, one or several arrivals, each with delay and bytes."""
     late_s, payload = arrival
     match fault:
         case Loss():
@@ -183,7 +186,7 @@ def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
 
 
 def padded(payload: bytes, size: int) -> bytes:
-    """Pad a message to about ``size`` bytes, never fewer than before, by a field unknown to receivers."""
+    """Pad a message to about ``size`` bytes, never fewer than before, by a field that receivers ignore."""
     if size < len(payload) + 12:
         return payload
     whole, rest = divmod(size - len(payload) - 12, _PAD + 3)  # each piece has a header of 3 bytes

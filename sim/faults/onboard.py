@@ -20,7 +20,7 @@ from radron.sim.world.movingframes import MovingFrames
 
 
 class OnboardFaults:
-    """The faults of each family, in one place."""
+    """Plays all faults of cameras, clocks, positions and vehicles in a simulated flight in lockstep."""
 
     def __init__(
         self,
@@ -41,6 +41,6 @@ class OnboardFaults:
         self._cameras = CameraFaults(schedule, truth, [] if read is None else read.calibrations)
 
     def readout(self, drone: int, readout: Readout) -> Readout | None:
-        """Return a readout as the agent gets it; None without delivery by the camera."""
+        """Return a camera readout as the agent gets it, after faults of camera and clock; None if the camera delivers nothing."""
         spoilt = self._cameras.spoil(drone, readout)
         return None if spoilt is None else self.clocks.restamped(drone, spoilt)

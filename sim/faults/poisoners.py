@@ -1,4 +1,4 @@
-"""Members that poison the log: signed exposures with chosen places and counts."""
+"""Drones that poison the log: they publish signed photon counts with chosen places and numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _APART_NS = 1_000_000  # between the ends of the exposures of a burst
 
 
 class Poisoners:
-    """The source estimates known to the poisoning drones, and the exposures that they forge."""
+    """Makes the false exposures (photon counts) that poisoning drones publish, from the source estimates that they know."""
 
     def __init__(self, schedule: Schedule, layout: Sequence[tuple[Vector3, float]]) -> None:
         """``layout``: launch place (mission frame, m) and heading (degrees) of each drone with an exactly known frame."""
@@ -33,7 +33,7 @@ class Poisoners:
         self._numbers = count(BESIDE)
 
     def replaced(self, drone: int, key: str, payload: bytes) -> Exposure | None:
-        """Return the exposure that replaces a drone's own; None without a replacement."""
+        """Return the false exposure that replaces a drone's own; None if there is none."""
         self._listen(drone, key, payload)
         faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if not fault.beside]
         if not faults or not key.endswith("/exposure"):
@@ -43,7 +43,7 @@ class Poisoners:
         return self._poisoned(own, drone, fault, one, own.end_ns - own.stamp_ns, 0)
 
     def beside(self, drone: int, key: str, payload: bytes) -> list[Exposure]:
-        """Return the exposures that a drone publishes beside its own."""
+        """Return the false exposures that a drone publishes beside its own."""
         faults = [(fault, one) for fault, one in self._schedule.active(Poisoned, drone) if fault.beside]
         if not faults or not key.endswith("/exposure"):
             return []

@@ -29,7 +29,10 @@ PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # as preflight requires
 
 
 def with_filter_errors(faults: Sequence[Fault], small: Localization, step_s: float) -> Localization | FilterErrors:
-    """Return the errors of the vehicles' filters: the small ones alone for flights without lost satellites and heading resets."""
+    """Return the simulated errors of the vehicles' filters, with the faults that the scenario needs.
+
+    For flights without lost satellites and heading resets these are the small errors alone.
+    """
     grow = any(isinstance(fault, SatellitesLost | HeadingReset) for fault in faults)
     return FilterErrors(small, step_s) if grow else small
 
@@ -67,7 +70,7 @@ class _Doubt:
 
 
 class PoseFaults:
-    """The faults of the own positions of a flight."""
+    """Plays all faults of the vehicles' own position estimates in a simulated flight."""
 
     def __init__(
         self,
@@ -87,7 +90,7 @@ class PoseFaults:
         self._dragged_m: dict[tuple[Active, int], float] = {}
 
     def trusted(self, drone: int) -> bool:
-        """Return whether the driver of a vehicle trusts its position."""
+        """Return whether a vehicle's driver (the agent's interface to the autopilot) trusts the position."""
         doubt = self._doubts.get(drone)
         return doubt is None or doubt.trusted
 
@@ -97,11 +100,11 @@ class PoseFaults:
         return doubt is None or doubt.aided
 
     def axes_fixed(self, drone: int) -> bool:
-        """Return whether a vehicle's frame cannot turn: it flies by satellites, and no fault of this flight turns it."""
+        """Return whether a vehicle's local frame cannot turn: it flies by satellites, and no fault of this flight turns it."""
         return self._frames.flies_by_satellites(drone) and not self._turns
 
     def sigma_m(self, drone: int, usual_m: float) -> float:
-        """Return 1 sigma of a vehicle's horizontal position as reported by its driver, m."""
+        """Return the 1-sigma error of a vehicle's horizontal position as its driver reports it, metres."""
         doubt, reckoning = self._doubts.get(drone), self._reckonings.get(drone)
         if doubt is None:
             return usual_m
@@ -109,7 +112,7 @@ class PoseFaults:
         return hypot(usual_m, 0.0 if reckoning is None else reckoning.reported_sigma_m) + bound_m
 
     def step(self) -> None:
-        """Advance one step, before the frames do."""
+        """Play the faults of one time step, before the local frames are simulated."""
         schedule = self._schedule
         schedule.dispatch(self._begin, self._end)
         for fault, one in schedule.active(Drag):

@@ -34,7 +34,7 @@ Remind = Callable[[int, Pilot, tuple[Revocation, ...], int], None]  # drone, pil
 
 
 class Life(Enum):
-    """State of a process."""
+    """Whether the process of an agent runs, is frozen, or is dead."""
 
     RUNNING = auto()
     FROZEN = auto()
@@ -42,7 +42,7 @@ class Life(Enum):
 
 
 class Agent:
-    """The agent of one drone: its process and pilot (after death: the last pilot)."""
+    """The agent of one simulated drone: its process and its pilot (the agent's decisions); after death, the last pilot."""
 
     def __init__(self, pilot: Pilot, autopilot: Autopilot, absent: bool) -> None:
         self.pilot = pilot
@@ -61,13 +61,14 @@ class Agent:
 
     @property
     def alive(self) -> bool:
-        """Return whether there is a process."""
+        """Whether the agent's process exists."""
         return self.life is not Life.DEAD
 
     @property
     def stage(self) -> Stage:
-        """Return the agent's stage; after its death, the vehicle's: return, then landed. An agent restarted after that waits
-        for the operator, and counts as landed.
+        """Mission stage of the agent; after its death, what the vehicle does: return, then landed.
+
+        An agent restarted after that waits for the operator, and counts as landed.
         """
         if self.absent or (self.alive and (self.starts == 1 or self.pilot.stage is not Stage.PREFLIGHT)):
             return self.pilot.stage
@@ -75,7 +76,10 @@ class Agent:
 
 
 class Crew:
-    """The agents of a flight. Inactive without a fault of a process or disk."""
+    """All agents of a simulated flight, with the faults of their processes and disks.
+
+    It does nothing in flights without such faults.
+    """
 
     def __init__(
         self,
@@ -103,11 +107,11 @@ class Crew:
 
     @property
     def pilots(self) -> list[Pilot]:
-        """Return the pilots of all drones; of a dead agent the last one."""
+        """Pilots (decision part of the agents) of all drones; of a dead agent the last one."""
         return [agent.pilot for agent in self.agents]
 
     def advance(self, now_ns: int) -> None:
-        """Advance to a time: agents die, freeze, and start."""
+        """Play the process faults due at a time: agents die, freeze, and start."""
         if self._calm:
             return
         for active in self._schedule.begun:
@@ -129,8 +133,9 @@ class Crew:
                 self._keep(drone, now_ns)
 
     def steps(self, drone: int, now_ns: int) -> bool:
-        """Return whether the agent makes a step now. A slow agent is late with its next step, and is ended if that is too
-        late.
+        """Return whether a drone's agent makes a step now.
+
+        A slow agent is late with its next step, and is ended if that is too late.
         """
         agent = self.agents[drone]
         if self._calm:
@@ -144,8 +149,9 @@ class Crew:
         return True
 
     def called(self, now_ns: int) -> list[int]:
-        """Return the late drones that the operator starts now; the command is repeated until they fly. Revoked drones are
-        left out: without links, their status never arrives.
+        """Return the late drones that the operator starts now; the command is repeated until they fly.
+
+        Revoked drones are left out: without links, their status never arrives.
         """
         due = [drone for drone, (when_ns, _) in self._calls.items() if now_ns >= when_ns]
         for drone in due:

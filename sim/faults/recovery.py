@@ -1,7 +1,7 @@
-"""The exchange of missing log entries between the agents, as ``radron.protocol.mesh.recovery`` plays it over Zenoh.
+"""Exchange of missing log entries between the simulated agents, as ``radron.protocol.mesh.recovery`` does it over Zenoh.
 
-Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and
-answers use the same radio as all messages.
+Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and answers
+use the same radio as all messages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TOKEN_NS = 1_000_000_000  # a peer's liveliness token goes this long after its l
 
 
 class Recovery:
-    """Requests for missing entries, and their answers, of all agents of a swarm."""
+    """Plays the requests of all agents of a swarm for missing log entries, and the answers."""
 
     def __init__(self, swarm: str, names: Sequence[str], radio: FaultyRadio, tellers: Tellers) -> None:
         self._keys = [drone_key(swarm, name, "log") for name in names]
@@ -32,7 +32,7 @@ class Recovery:
         self._heard_ns: dict[tuple[int, int], int] = {}  # by receiver and sender
 
     def hear(self, drone: int, key: str, payload: bytes, pilot: Pilot, now_ns: int) -> bool:
-        """Note a received message, and answer a request for entries. Return True for such a request."""
+        """Record a received message, and answer a request for log entries. Return True if the message is such a request."""
         sender = self._places.get(key.split("/")[3])
         if sender is None:
             return False
@@ -49,7 +49,7 @@ class Recovery:
         return True
 
     def ask(self, drone: int, pilot: Pilot, now_ns: int) -> None:
-        """Ask one of the reachable peers, if a request is due. The key names the asking drone."""
+        """Let a drone ask one of its reachable peers for missing log entries, if a request is due."""
         phase_ns = PERIOD_NS * drone // len(self._keys)  # not all at the same time
         if now_ns < self._due_ns.setdefault(drone, now_ns + phase_ns):
             return
@@ -63,7 +63,7 @@ class Recovery:
             self._radio.send(drone, self._keys[drone], summary, now_ns, to=peer)
 
     def begin_anew(self, drone: int) -> None:
-        """Reset the exchange of a restarted agent: no peer heard so far, and a request at the first contact."""
+        """Reset the exchange of a restarted agent: no peer has been heard so far, and the first contact causes a request."""
         self._due_ns[drone] = 0
         for receiver, sender in list(self._heard_ns):
             if drone in (receiver, sender):

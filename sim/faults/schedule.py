@@ -1,4 +1,4 @@
-"""Active faults at a time, and those that begin and end then."""
+"""Which faults of a simulated flight are active at a time, and which begin and end then."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STREAM = 1_000_004  # key of the faults' random streams, beside those of ``radr
 
 
 class Active:
-    """A fault that has begun, the struck drones (indices), and its own random numbers."""
+    """A fault that has begun, with the affected drones (indices) and random numbers of its own."""
 
     __slots__ = ("drones", "fault", "rng")
 
@@ -30,7 +30,10 @@ class Active:
 
 
 class Schedule:
-    """The faults of a flight over its time. ``faults``: all; ``begun``, ``ended``: by the last ``advance``, to ``time_s``."""
+    """Tells which faults of a simulated flight are active.
+
+    ``faults``: all faults; ``begun``, ``ended``: faults that the last ``advance``, to ``time_s``, has begun or ended.
+    """
 
     def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
         self.faults = tuple(faults)
@@ -42,7 +45,7 @@ class Schedule:
         self.ended: list[Active] = []
 
     def advance(self, time_s: float) -> None:
-        """Advance to a time (s): begin and end the due faults."""
+        """Begin and end the faults that are due at a time (s)."""
         self.time_s = time_s
         if not self._active and not self._waiting:
             self.begun, self.ended = [], []
@@ -56,7 +59,7 @@ class Schedule:
             self._active = [one for one in self._active if one not in self.ended]
 
     def dispatch(self, begin: Callable[[Active, int], None], end: Callable[[Active, int], None]) -> None:
-        """Call ``begin`` for each struck drone of each fault that has begun, then ``end`` for the faults that have ended."""
+        """Call ``begin`` for each affected drone of each fault that has begun, then ``end`` for the faults that have ended."""
         for change, faults in ((begin, self.begun), (end, self.ended)):
             for one in faults:
                 for drone in sorted(one.drones):

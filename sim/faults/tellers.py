@@ -1,4 +1,4 @@
-"""Messages as the drones send them: true, false (liars), or different by receiver (equivocators)."""
+"""Messages as the drones send them: true, false (from liars), or different by receiver (from equivocators)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OTHERWISE = Lie(at_s=0.0, what="cone")  # for the numbers of the changed versio
 
 
 class Tellers:
-    """Outgoing messages of the drones of a flight."""
+    """Changes the outgoing messages of lying and equivocating drones of a simulated flight."""
 
     def __init__(
         self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign], poisoners: Poisoners
@@ -34,7 +34,7 @@ class Tellers:
         self._angles: dict[Active, float] = {}  # turn of the measured directions, rad
 
     def tell(self, drone: int, key: str, payload: bytes) -> list[tuple[int | None, bytes]]:
-        """Return the payloads that a drone publishes instead of this one, each with its receiver; None: all."""
+        """Return the bytes that a drone publishes instead of this message, each with its receiver; None: all drones."""
         told = self._liars.tell(drone, key, payload)
         active = self._schedule.active(Equivocating, drone) if is_entry(key) else []
         if not active:
@@ -52,7 +52,7 @@ class Tellers:
         return [(receiver, version if receiver in peers else told) for receiver in others]
 
     def answer(self, drone: int, to: int, key: str, payload: bytes) -> bytes:
-        """Return the log entry that a drone sends to an asking peer: the version already sent to that peer."""
+        """Return the log entry that a drone sends to an asking peer: the version that this peer has got before."""
         peers, version = self._otherwise.get((drone, payload), (frozenset(), b""))
         return version if to in peers else self._liars.told(drone, key, payload)
 

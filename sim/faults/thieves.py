@@ -1,4 +1,4 @@
-"""Holders of a copied key: they publish under a drone's name, beside the drone itself and at their own pace."""
+"""Attackers with a copied key: they publish under a drone's name, beside the drone itself and at their own pace."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ News = Pose | Plan | Status
 
 
 class Thieves:
-    """The thieves of a flight: each overhears the drone of its key, and publishes a changed version."""
+    """Plays the thieves of drones' keys in a simulated flight: each overhears its drone, and publishes a changed version."""
 
     def __init__(self, schedule: Schedule, trusts: Sequence[Trust]) -> None:
         """``trusts``: signing identity of each drone."""
@@ -32,7 +32,7 @@ class Thieves:
         self._due_ns: dict[Active, int] = {}
 
     def overhear(self, drone: int, key: str, payload: bytes) -> None:
-        """Note a message of a drone."""
+        """Record a message of a drone whose key may be stolen."""
         kind = key.rsplit("/", 1)[-1]
         if kind in _KINDS:
             message = decode_from(key, payload)

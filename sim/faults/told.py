@@ -1,4 +1,4 @@
-"""The faults of a flight for figures and reports."""
+"""The faults of a simulated flight, for figures and reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from radron.sim.result import FaultTrace
 
 
 def told_faults(faults: Sequence[Fault], drones: Sequence[str], until_s: float) -> tuple[FaultTrace, ...]:
-    """Return the faults that begin before the end of a flight, in order of their begin. ``drones``: of the mission."""
+    """Return the faults that begin before the end of a flight, in order of their begin, for figures and reports."""
     begun = sorted((fault for fault in faults if fault.at_s <= until_s), key=lambda fault: fault.at_s)
     return tuple(
         FaultTrace(

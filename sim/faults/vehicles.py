@@ -21,7 +21,7 @@ _ACTIONS = {Warning.CRITICAL: FlightMode.RETURN, Warning.EMERGENCY: FlightMode.L
 
 
 class VehicleFaults:
-    """The faults of the vehicles of a flight, and their batteries."""
+    """Plays the faults of all vehicles of a simulated flight, and their batteries."""
 
     def __init__(self, schedule: Schedule, autopilots: Sequence[Autopilot], motion: Multirotors, step_s: float) -> None:
         self._schedule, self._autopilots, self._motion, self._step_s = schedule, autopilots, motion, step_s
@@ -34,19 +34,19 @@ class VehicleFaults:
 
     @property
     def levels(self) -> list[float]:
-        """Return the true levels of all batteries, 0 .. 1."""
+        """True levels of all batteries, from 0 to 1."""
         return [cells.remaining for cells in self._true]
 
     def battery(self, drone: int) -> float:
-        """Return the level that a vehicle reports, in whole percent: 0 .. 1."""
+        """Return the battery level that a vehicle reports, in steps of one percent, from 0 to 1."""
         return int(100.0 * self._told[drone].remaining) / 100.0
 
     def hears(self, drone: int) -> bool:
-        """Return whether the telemetry of this step arrives at the agent."""
+        """Return whether the telemetry of this time step arrives at the agent."""
         return self._heard[drone]
 
     def step(self) -> None:
-        """Advance one step, before the agents do."""
+        """Play the vehicle faults of one time step, before the agents make their steps."""
         schedule = self._schedule
         schedule.dispatch(self._begin, self._end)
         for drone, autopilot in enumerate(self._autopilots):

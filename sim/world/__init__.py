@@ -1,1 +1,1 @@
-"""The truth around the vehicles: sources, walls, terrain, localisation errors, satellites, sightings, radio, cameras."""
+"""The simulated world around the vehicles: sources, walls, terrain, localisation, satellites, sightings, radio and cameras."""

@@ -1,4 +1,4 @@
-"""The drones' cameras: exposed slice by slice at their true poses, with several slices per readout."""
+"""The cameras of all simulated drones, exposed in short time slices at their true poses; a readout joins several slices."""
 
 from __future__ import annotations
 
@@ -28,22 +28,25 @@ _ANY = "Cs-137"  # the nuclide of cameras that measure the background only, with
 
 
 class Motion(Protocol):
-    """The true motion of N vehicles in the world (ENU)."""
+    """True motion of N vehicles in the world frame (east, north, up)."""
 
     @property
     def position_m(self) -> Array:
-        """(N, 3)."""
+        """(N, 3) true positions, metres."""
 
     @property
     def velocity_mps(self) -> Array:
-        """(N, 3)."""
+        """(N, 3) true velocities, m/s."""
 
     def quaternion(self, drone: int) -> tuple[float, float, float, float]:
-        """World-from-body attitude (w, x, y, z)."""
+        """Return the true attitude of a vehicle, which rotates from the body to the world frame (w, x, y, z)."""
 
 
 class Cameras:
-    """One camera on each of N vehicles, all exposed to the same sources behind walls, or to the background alone."""
+    """The simulated cameras of N vehicles, one each.
+
+    All are exposed to the scenario's sources, through its walls, or to the background alone.
+    """
 
     def __init__(
         self,
@@ -71,7 +74,10 @@ class Cameras:
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
     def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, sources: Sequence[Source]) -> None:
-        """Expose [start_ns, end_ns), UTC, at the vehicle's present pose; without a source, to the background alone."""
+        """Expose a drone's camera from ``start_ns`` until before ``end_ns`` (UTC), at the vehicle's present pose.
+
+        Without a source the camera sees the background alone.
+        """
         views = [self._view(drone, motion, source) for source in sources]
         x, y, z = motion.position_m[drone].tolist()
         height_m = z - self._terrain.height_m(x, y)
@@ -96,7 +102,7 @@ class Cameras:
         return soil_m if self._walls is None else soil_m + self._walls.concrete_m(place, source)
 
     def read_out(self, drone: int) -> Readout:
-        """Return the exposures since the last call as one readout; there must have been one."""
+        """Return all exposures of a drone's camera since the last call as one readout; there must have been one."""
         slices, self._exposed[drone] = self._exposed[drone], []
         first, last = slices[0], slices[-1]
         live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
@@ -105,12 +111,14 @@ class Cameras:
 
     @property
     def calibrations(self) -> list[PixelCalibration]:
-        """Return the true calibration of each camera."""
+        """True energy calibration of each camera."""
         return [camera.calibration for camera in self._cameras]
 
     def calibrated(self, drones: Sequence[DroneConfig], folder: Path) -> list[DroneConfig]:
-        """Return the drone files with the calibration of each camera: by ``scenario.cameras``, or its own for different
-        pixels, written into ``folder``.
+        """Return the drones' configurations with the energy calibration of each camera.
+
+        Where the scenario prescribes a calibration, it is taken (``scenario.cameras``). If the pixels of the cameras differ, each
+        camera's own calibration is written into ``folder``.
         """
         if self._scenario.camera.calibration_spread > 0.0:
             folders = [folder / drone.id for drone in drones]
@@ -119,6 +127,6 @@ class Cameras:
         return [drone_file(drone, self._scenario.cameras) for drone in drones]
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
-        """Write the files of each camera's own calibration into its drone's folder."""
+        """Write the calibration files of each camera into the folder of its drone."""
         for camera, folder in zip(self._cameras, folders, strict=True):
             camera.calibration.write(folder)

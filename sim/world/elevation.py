@@ -22,7 +22,11 @@ SEED = 1
 
 
 def surveyed(terrain: Terrain, bounds: tuple[float, float, float, float], cell_m: float, error_m: float, seed: int) -> str:
-    """ESRI ASCII grid whose cell centres cover ``bounds`` (west, south, east, north); heights in decimetres, as in surveys."""
+    """Return a ground survey as an ESRI ASCII grid with random errors, for the agents.
+
+    ``bounds``: (west, south, east, north) in metres, covered by the centres of the cells. ``error_m``: 1 sigma of the heights,
+    which are rounded to decimetres, as in surveys.
+    """
     west, south, east, north = bounds
     x = np.arange(west, east + 0.999 * cell_m, cell_m)
     y = np.arange(south, north + 0.999 * cell_m, cell_m)[::-1]  # the first row is the northernmost
@@ -36,7 +40,7 @@ def surveyed(terrain: Terrain, bounds: tuple[float, float, float, float], cell_m
 
 
 def main() -> None:
-    """Write the survey of a scenario's ground."""
+    """Write the elevation grid of a scenario's ground, from the command line."""
     name, out = sys.argv[1:]
     scenario = load_scenario(name, with_grid=False)
     area = scenario.mission.area

@@ -1,4 +1,4 @@
-"""Frame geometry of the simulation: the vehicles' local frames in the world, and the pose of their cameras."""
+"""Frame geometry of the simulation: the vehicles' local frames in the world, and the poses of their cameras."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ _DOWN: Vector3 = (0.0, 0.0, -1.0)
 
 
 class LocalFrames:
-    """The local frames of N vehicles: world from local is yaw about up, then translation. All ENU, metres.
+    """The local frames of N vehicles, in which their localisation gives positions.
 
-    origin: (N, 3); yaw_rad: (N,); matrix: (N, 3, 3) rotates local vectors into the world.
+    The transform from local to world is a rotation by yaw about the vertical axis, then a translation. All ENU, metres. origin:
+    (N, 3); yaw_rad: (N,); matrix: (N, 3, 3) rotates local vectors into the world.
     """
 
     def __init__(self, frames: Sequence[tuple[Vector3, float]]) -> None:
@@ -28,16 +29,16 @@ class LocalFrames:
         self._transposed: Array = np.ascontiguousarray(self.matrix.transpose(0, 2, 1))
 
     def local(self, world: Array) -> list[Vector3]:
-        """World positions (N, 3), each in its vehicle's frame."""
+        """Convert the positions (N, 3) of the vehicles from the world to their own local frames."""
         return self.turn(world - self.origin)
 
     def turn(self, vectors: Array) -> list[Vector3]:
-        """World vectors (N, 3), each rotated into its vehicle's frame."""
+        """Rotate vectors (N, 3) from the world to the vehicles' own local frames."""
         turned: list[Vector3] = list(map(tuple, np.vecmat(vectors, self.matrix).tolist()))
         return turned
 
     def to_world(self, vectors: Sequence[Sequence[Vector3]]) -> Array:
-        """M vectors of each vehicle's frame, rotated into the world: (N, M, 3)."""
+        """Rotate M vectors of each vehicle from its local frame to the world; the result is (N, M, 3)."""
         result: Array = np.array(vectors) @ self._transposed
         return result
 
@@ -47,15 +48,15 @@ def _about_up(yaw: float) -> list[list[float]]:
 
 
 class CameraMount:
-    """Mounting of a camera on its vehicle."""
+    """How a camera is mounted on its vehicle, to find the direction of a source in the camera frame."""
 
     def __init__(self, rpy_deg: Vector3) -> None:
         self._camera_from_body: list[Vector3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix().T.tolist()
 
     def view(self, position: Array, world_from_body: Quaternion, source: Vector3, activity_bq: float) -> SourceView:
-        """The source in the camera frame; position (3,) of the camera, and source, in the world.
+        """Return the source as the camera sees it, from the true positions of camera (3,) and source in the world.
 
-        A source at the camera's own position is seen from below.
+        ``world_from_body``: attitude of the vehicle. A source at the camera's own position is seen from below.
         """
         x, y, z = position.tolist()
         dx, dy, dz = source[0] - x, source[1] - y, source[2] - z

@@ -1,4 +1,4 @@
-"""Satellite receivers on the vehicles: correlated errors, multipath jumps, outages, and the resulting fixes."""
+"""Simulated satellite receivers (GNSS) on the vehicles: correlated errors, multipath jumps, outages, and the resulting fixes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class GnssTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One receiver; 1-sigma errors of each axis. Defaults: a single-band receiver under an open sky.
+    """True errors of a satellite receiver, 1 sigma of each axis. Defaults: a single-band receiver under an open sky.
 
     The correlated error is first-order Gauss-Markov, as ionosphere, orbits and multipath change. u-blox gives 2.5 m CEP (NEO-M8,
     data sheet UBX-15031086), most of it common to a flight of minutes; about 1 m of it changes within one.
@@ -41,7 +41,7 @@ RTK = GnssTruth(horizontal_m=0.015, vertical_m=0.03, white_m=0.01)
 
 
 class Receiver:
-    """One vehicle's receiver, advanced in fixed steps.
+    """Simulates one vehicle's satellite receiver in fixed time steps.
 
     lost: without reception for good, or until its vehicle is to have it again. blocked: without reception, by a fault. shift_m:
     (3,) spoofing offset of all positions.
@@ -64,22 +64,22 @@ class Receiver:
 
     @property
     def available(self) -> bool:
-        """Return whether it has a position now."""
+        """Whether the receiver has a position now."""
         return self._sky and not self.lost and not self.blocked
 
     @property
     def error_m(self) -> Array:
-        """(3,), world axes, measured minus true, without the white part."""
+        """(3,) position error (measured minus true) in the world frame, without the white noise of each fix."""
         error: Array = self._wandering + self._jump + self.shift_m
         return error
 
     @property
     def reported_horizontal_m(self) -> float:
-        """1-sigma horizontal accuracy that the receiver reports."""
+        """Horizontal accuracy that the receiver reports, 1 sigma in metres."""
         return sqrt(2.0) * hypot(self._truth.horizontal_m, self._truth.white_m)
 
     def step(self) -> None:
-        """Advance one time step."""
+        """Simulate the receiver for one time step."""
         truth, rng = self._truth, self._rng
         self._steps += 1
         self._wandering *= self._keep
@@ -94,7 +94,10 @@ class Receiver:
             self._jump = np.append(truth.jump_m * rng.standard_normal(2), 0.0) if self._jumped else np.zeros(3)
 
     def fix(self, stamp_ns: int, position_m: Array) -> GnssFix | None:
-        """Return the fix at a true position (3,), world; None if no fix is due or available."""
+        """Return the receiver's fix (geographic position) at a true position (3,) in the world.
+
+        Return None if no fix is due or available.
+        """
         if self._datum is None or not self.available or self._steps % self._every:
             return None
         truth, datum = self._truth, self._datum

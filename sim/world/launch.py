@@ -1,4 +1,4 @@
-"""Launch positions of the vehicles."""
+"""Positions from which the simulated vehicles are launched."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ _ATTEMPTS = 100
 
 
 class StartTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """On the launch places, or random in the square of +-``scatter_m`` around ``centre_m``, at least twice the mission's
-    separation apart.
+    """Where the vehicles are launched: at the mission's launch places, or at random places in a square.
+
+    The square is +-``scatter_m`` around ``centre_m``; the places are at least twice the mission's separation apart.
     """
 
     scatter_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.0
@@ -41,7 +42,11 @@ class StartTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def launch_places(start: StartTruth, mission: MissionConfig, rng: np.random.Generator) -> Array:
-    """Return the launch positions, (N, 3), mission frame; ConfigError if no positions with sufficient distances are found."""
+    """Return the launch positions of N vehicles, (N, 3) in the mission frame.
+
+    Raises:
+        ConfigError: no positions with sufficient distances were found.
+    """
     if start.scatter_m <= 0.0:
         return np.array([drone.origin_m for drone in mission.drones], dtype=np.float64)
     for _ in range(_ATTEMPTS):

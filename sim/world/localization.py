@@ -1,4 +1,4 @@
-"""Small errors of the vehicles' localisation: filter errors, slowly varying ones, biases, and noise.
+"""Small errors of the vehicles' localisation: filter errors, slowly varying errors, biases, and noise.
 
 The kind of localisation, and so the position of each local frame, is in ``radron.sim.world.localizers`` and
 ``radron.sim.world.movingframes``.
@@ -22,12 +22,13 @@ _LEAD_S = 0.85  # by which the velocity's error leads the position's
 
 
 class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """1-sigma errors. Defaults: a real PX4's EKF against the truth, in 70 recordings of half a minute each.
+    """True errors of the vehicles' localisation, 1 sigma.
 
-    Its position and velocity errors are correlated: along each axis they are p and 1.3 (p + 0.85 s dp/dt) in size, with p
-    smooth and a correlation time of some seconds. (dp/dt itself is only a third of the velocity's error.) The other errors
-    vary slowly at random; the biases are added, drawn once per vehicle and flight. All zero: ideal poses. ``vehicles``:
-    vehicles whose local frames differ from the mission's launch layout; ``liar``: a vehicle with a spoofed pose.
+    Defaults: errors of a real PX4's EKF against the truth, in 70 recordings of half a minute each. Its position and velocity
+    errors are correlated: along each axis they are p and 1.3 (p + 0.85 s dp/dt) in size, with p smooth and a correlation time of
+    some seconds. (dp/dt itself is only a third of the velocity's error.) The other errors vary slowly at random; the biases are
+    added, drawn once per vehicle and flight. All zero: ideal poses. ``vehicles``: vehicles whose local frames differ from the
+    mission's launch layout; ``liar``: a vehicle with a spoofed pose.
     """
 
     horizontal_m: Metres = 0.25  # of the horizontal distance; each axis has 1/sqrt(2) of it
@@ -49,7 +50,7 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     @property
     def event_s(self) -> float | None:
-        """Time of the first event that happens to a frame; None without events."""
+        """Time of the first event (such as a jump) that happens to a vehicle's localisation; None without events."""
         times = [event.at_s for vehicle in self.vehicles.values() for event in vehicle.events]
         if self.liar is not None and self.liar.at_s > 0.0:
             times.append(self.liar.at_s)
@@ -57,22 +58,22 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     @property
     def reported_horizontal_m(self) -> float:
-        """Accuracy that a calibrated autopilot reports: 1 sigma of the horizontal distance, m."""
+        """Accuracy that a calibrated autopilot reports: 1 sigma of the horizontal distance, metres."""
         return math.hypot(self.horizontal_m, self.wander_m, 2.0**0.5 * self.bias_m)
 
     @property
     def reported_vertical_m(self) -> float:
-        """1 sigma of its height, m."""
+        """Accuracy that a calibrated autopilot reports for its height: 1 sigma, metres."""
         return math.hypot(self.vertical_m, self.drift_m)
 
     @property
     def reported_yaw_deg(self) -> float:
-        """1 sigma of its heading, deg."""
+        """Accuracy that a calibrated autopilot reports for its heading: 1 sigma, degrees."""
         return math.hypot(self.yaw_deg, self.bias_yaw_deg)
 
 
 class Localization:
-    """Errors of N vehicles (estimate minus truth), advanced in fixed steps.
+    """Simulates the localisation errors of N vehicles (estimate minus truth) in fixed time steps.
 
     The filter's errors are critically damped second-order Gauss-Markov processes, the slow errors are of first order.
     """
@@ -107,39 +108,39 @@ class Localization:
 
     @property
     def position_bias_m(self) -> Array:
-        """(N, 3), world axes: the constant part of the position error."""
+        """(N, 3) constant part of the position errors, world axes, metres."""
         return self._bias[:, :3]
 
     @property
     def position_error_m(self) -> Array:
-        """(N, 3), world axes."""
+        """(N, 3) position errors, world axes, metres."""
         return self._total[:, :3]
 
     @property
     def velocity_error_mps(self) -> Array:
-        """(N, 3), world axes."""
+        """(N, 3) velocity errors, world axes, m/s."""
         return self._velocity
 
     @property
     def yaw_error_rad(self) -> Array:
-        """(N,)."""
+        """(N,) heading errors, radians."""
         return self._total[:, 3]
 
     @property
     def tilt_error(self) -> Array:
-        """(N, 3): tilt error, rad, by which the body's up axis leans towards the world's axes; zero along z."""
+        """(N, 3) tilt errors, radians: how far the body's up axis leans towards the world's axes; zero along z."""
         lean = np.zeros((len(self._slow), 3))
         lean[:, :2] = self._slow[:, 4:6]
         return lean
 
     @property
     def height_error_m(self) -> Array:
-        """(N,)."""
+        """(N,) errors of the measured heights above ground, metres."""
         error: Array = self._slow[:, 6] + self._white
         return error
 
     def step(self) -> None:
-        """Advance one time step."""
+        """Simulate the errors for one time step."""
         count = len(self._slow)
         noise = self._rng.standard_normal((count, 14))
         self._filter = self._advance @ self._filter + self._stir @ noise[:, :6].reshape(count, 2, 3)

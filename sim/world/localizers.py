@@ -1,4 +1,7 @@
-"""Kinds of localisation of the vehicles: satellites, carrier phase, or SLAM; and events in flight."""
+"""Kinds of localisation of the simulated vehicles, and events in flight.
+
+A vehicle localises by satellites, by satellites with carrier phase (RTK), or by SLAM.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,11 @@ HalfTurn = Annotated[float, Meta(ge=0.0, le=180.0)]
 
 
 class SlamTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Odometry by camera or LiDAR: errors grow with the distance flown, at rates (1 sigma) that change slowly with it.
+    """True errors of SLAM, that is odometry by camera or LiDAR: they grow with the distance flown.
 
-    The defaults give 0.7 m and 1 degree after the first 100 m, and then grow with the root of the distance: 0.5-1 % and about a
-    degree in 100 m are what visual-inertial odometry reaches on multirotors (Delmerico and Scaramuzza, ICRA 2018; Geiger et al.,
-    KITTI odometry).
+    The rates of growth (1 sigma) change slowly with the distance. The defaults give 0.7 m and 1 degree after the first 100 m, and
+    then grow with the root of the distance: 0.5-1 % and about a degree in 100 m are what visual-inertial odometry reaches on
+    multirotors (Delmerico and Scaramuzza, ICRA 2018; Geiger et al., KITTI odometry).
     """
 
     drift: Share = 0.01  # of the distance flown, of each horizontal axis
@@ -37,7 +40,7 @@ class SlamTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class EventTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An event of a vehicle's localisation, ``at_s`` seconds after the start of the simulation.
+    """Something that happens to a vehicle's localisation ``at_s`` seconds after the start of the simulation: a switch or a jump.
 
     switch_to: new kind of localisation; gnss and rtk are lost at a switch to slam. jump_m: horizontal jump of its position, in a
     direction drawn from the seed. turn_deg: jump of its heading, to either side. announced: a new epoch begins.
@@ -51,10 +54,11 @@ class EventTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class VehicleTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One vehicle. Its frame begins at the mission's launch layout, with errors drawn from the seed.
+    """True localisation of one vehicle: its kind, initial errors, receiver and events.
 
-    origin_m: 1 sigma of each axis (a tenth of it vertically: the ground is known best). yaw_deg: the heading is uniform within
-    this to either side. receiver: its satellite receiver, by default that of its kind; a vehicle with SLAM has none unless given.
+    The vehicle's local frame begins at the mission's launch layout, with errors drawn from the seed. origin_m: 1 sigma of each
+    axis (a tenth of it vertically: the ground is known best). yaw_deg: the heading is uniform within this angle to either side.
+    receiver: its satellite receiver, by default the usual one of this kind; a vehicle with SLAM has none unless given.
     """
 
     kind: Kind
@@ -66,7 +70,7 @@ class VehicleTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     @property
     def reception(self) -> GnssTruth | None:
-        """The receiver that is on board."""
+        """The satellite receiver on board; None without one."""
         if self.receiver is not None:
             return self.receiver
         kinds = {self.kind, *(event.switch_to for event in self.events)}
@@ -75,7 +79,7 @@ class VehicleTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         return GnssTruth() if "gnss" in kinds else None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError for an impossible event."""
+        """Raise ConfigError for an impossible event. ``where``: place in the scenario file, for the error."""
         kind: Kind = self.kind
         if list(self.events) != sorted(self.events, key=lambda event: event.at_s):
             raise ConfigError(f"{where}.events: give them in order of at_s")
@@ -88,10 +92,9 @@ class VehicleTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class LiarTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One vehicle, drawn from the seed, with a spoofed pose: its position is wrong by ``shift_m``, in a direction drawn from the
-    seed.
+    """A vehicle with a spoofed position, drawn from the seed: it is wrong by ``shift_m``, in a direction drawn from the seed.
 
-    As with spoofed satellites: its positions and its fixes are shifted alike, it flies by them, and reports nothing.
+    As with spoofed satellites, its positions and its fixes are shifted alike; it flies by them, and reports nothing.
     """
 
     shift_m: Metres = 20.0
@@ -99,7 +102,7 @@ class LiarTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def check_vehicles(vehicles: dict[DroneId, VehicleTruth], liar: LiarTruth | None, drones: Iterable[str], where: str) -> None:
-    """Raise ConfigError unless these match the mission's drones."""
+    """Raise ConfigError if a scenario gives localisation for vehicles that the mission does not have, or impossible events."""
     known = list(drones)
     for name, vehicle in vehicles.items():
         if name not in known:

@@ -28,8 +28,9 @@ _UPWARDS = 0.1  # share of a launch position's error: the ground is known best
 
 
 class Jump(NamedTuple):
-    """A jump of a vehicle's position by (3,), world axes, and of its heading. ``undoes``: an earlier jump by the opposite
-    angle.
+    """A jump of a vehicle's own position by (3,) metres in world axes, and of its heading.
+
+    ``undoes``: an earlier jump is undone by the opposite angle.
     """
 
     shift_m: Array
@@ -39,7 +40,7 @@ class Jump(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """An announced reset of the vehicle's filter: its position jumps by (3,), world axes, as an error of it is removed."""
+    """An announced reset of a vehicle's filter: its position jumps by (3,) metres in world axes, as an error is removed."""
 
     jump_m: Array
 
@@ -211,11 +212,11 @@ class _Frame:
 
 
 class MovingFrames(LocalFrames):
-    """The frames of all vehicles; vehicles not mentioned in the scenario stay at the launch layout.
+    """The local frames of all vehicles, which drift and jump as their localisation errs.
 
-    In addition to ``LocalFrames``, by vehicle: epoch, a list; told_m: accuracy reported by each autopilot beyond the small
-    errors; reframing: announced jumps of the last step; receiver. moving: some frames move in this scenario, without any
-    fault.
+    Vehicles not mentioned in the scenario stay at the launch layout. In addition to ``LocalFrames``, there are lists by vehicle:
+    epoch; told_m: accuracy reported by each autopilot beyond the small errors; reframing: announced jumps of the last step;
+    receiver. moving: some frames move in this scenario, without any fault.
     """
 
     def __init__(
@@ -249,51 +250,54 @@ class MovingFrames(LocalFrames):
 
     @property
     def epoch(self) -> list[int]:
-        """Number of announced jumps of each vehicle's localisation."""
+        """Number of announced jumps of each vehicle's localisation so far."""
         return [0 if frame is None else frame.epoch for frame in self._frames]
 
     @property
     def told_m(self) -> list[float]:
-        """1 sigma of the horizontal distance that each autopilot reports beyond the small errors."""
+        """Accuracy that each autopilot reports beyond the small errors: 1 sigma of the horizontal distance, metres."""
         return [0.0 if frame is None else frame.told_m for frame in self._frames]
 
     @property
     def receiver(self) -> list[Receiver | None]:
-        """Each vehicle's satellite receiver."""
+        """Satellite receiver of each vehicle; None without one."""
         return [None if frame is None else frame.receiver for frame in self._frames]
 
     @property
     def reframing(self) -> list[Reframing | None]:
-        """The announced jump of each vehicle's frame in the last step, or None."""
+        """Announced jump of each vehicle's local frame in the last time step; None without one."""
         return [None if frame is None else frame.reframing for frame in self._frames]
 
     @property
     def begun_m(self) -> Array:
-        """(N, 3), world: origins of the frames with their initial errors only."""
+        """(N, 3) origins of the local frames in the world with their initial errors only, metres."""
         nominal = zip(self._frames, self.origin, strict=True)
         return np.array([origin if frame is None else frame.true_origin for frame, origin in nominal])
 
     def spoof(self, drone: int, by_m: Array) -> None:
-        """Shift a vehicle's positions and fixes alike by (3,), world axes, as by spoofed satellites; nothing is reported."""
+        """Shift a vehicle's positions and fixes alike by (3,) metres in world axes, as by spoofed satellites.
+
+        Nothing is reported to the agent.
+        """
         self._frame(drone).spoof(by_m)
 
     def expect(self, drone: int, change: Jump | Reset) -> None:
-        """Announce a jump of a vehicle's localisation in the next step."""
+        """Schedule a jump or a reset of a vehicle's localisation for the next time step."""
         self._frame(drone).expect(change)
 
     def flies_by_satellites(self, drone: int) -> bool:
-        """Return whether a vehicle's filter needs satellites."""
+        """Return whether a vehicle's localisation needs satellites."""
         frame = self._frames[drone]
         return frame is None or frame.kind != "slam"
 
     def block(self, drone: int, blocked: bool) -> None:
-        """Block a vehicle's satellite reception, or end that."""
+        """Block a vehicle's satellite reception, or restore it."""
         frame = self._frames[drone]
         if frame is not None and frame.receiver is not None:
             frame.receiver.blocked = blocked
 
     def step(self, time_s: float, place: Array) -> None:
-        """Advance one step; ``place``: present positions (N, 3) of the vehicles in the world."""
+        """Simulate the local frames for one time step. ``place``: (N, 3) true positions of the vehicles in the world."""
         if not self._exist:
             return
         before = place if self._place is None else self._place
@@ -305,7 +309,7 @@ class MovingFrames(LocalFrames):
         self._take()
 
     def own_error_m(self, place: Array) -> Array:
-        """(N, 3): position error of each vehicle at ``place`` (N, 3) in the world, by its frame."""
+        """Return the position error (N, 3) of each vehicle that its local frame causes at the true position ``place`` (N, 3)."""
         error = np.zeros_like(place)
         for k, frame in enumerate(self._frames):
             if frame is not None:

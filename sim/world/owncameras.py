@@ -1,4 +1,4 @@
-"""One drone's camera with differences from the others': dead pixels, mounting, and the calibration in its drone file."""
+"""A camera of a single drone that differs from the other drones' cameras: dead pixels, mounting, and calibration."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _Degrees = Annotated[float, Meta(ge=-180.0, le=180.0)]
 
 
 class OwnCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A camera that differs from the others'.
+    """How the camera of one drone differs from the other drones' cameras.
 
-    dead_block: share of dead pixels. turned_deg: rotation vector about the camera's axes, against the others' mounting.
-    calibrated: folder of one calibration by ``radron-agent calibrate``, whose two lines are in the drone file; None: no entry
-    in the drone file.
+    dead_block: share of dead pixels. turned_deg: rotation vector about the camera's axes, relative to the usual mounting.
+    calibrated: folder of a calibration by ``radron-agent calibrate``, whose two lines are in the drone file; None: no entry in
+    the drone file.
     """
 
     dead_block: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
@@ -32,11 +32,11 @@ class OwnCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     calibrated: str | None = None
 
     def of(self, truth: CameraTruth) -> CameraTruth:
-        """Return its true parameters; ``truth``: the others'."""
+        """Return the true parameters of this camera. ``truth``: parameters of the other drones' cameras."""
         return replace(truth, dead_block=self.dead_block) if self.dead_block > 0.0 else truth
 
     def mounting(self, rpy_deg: Vector3) -> Vector3:
-        """Return its true roll, pitch and yaw (deg); ``rpy_deg``: the others'."""
+        """Return the true roll, pitch and yaw (degrees) of this camera. ``rpy_deg``: angles of the other drones' cameras."""
         if not any(self.turned_deg):
             return rpy_deg
         turned = Rotation.from_euler("xyz", rpy_deg, degrees=True) * Rotation.from_rotvec(self.turned_deg, degrees=True)
@@ -57,7 +57,11 @@ class _Report(Struct, frozen=True):
 
 
 def drone_file(drone: DroneConfig, cameras: Mapping[str, OwnCamera]) -> DroneConfig:
-    """Return the drone file with the two lines of its camera's calibration. Raises ConfigError if that cannot be read."""
+    """Return a drone's configuration with the two lines of its camera's calibration.
+
+    Raises:
+        ConfigError: the calibration cannot be read.
+    """
     own = cameras.get(drone.id)
     if own is None or own.calibrated is None:
         return drone

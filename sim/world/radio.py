@@ -1,4 +1,4 @@
-"""The mesh between the drones: delay, jitter and loss."""
+"""The simulated radio network between the drones: delay, jitter and loss of messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ LOG_KINDS = ("credential", "cone", "exposure", "sighting", "fix", "coverage", "r
 
 
 class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One hop. Lost messages stay lost, except log entries, which are repeated until they arrive, as by Zenoh's recovery."""
+    """True behaviour of the radio links between the drones: delay, jitter and loss, with one hop from each drone to each other.
+
+    Lost messages stay lost, except log entries, which are repeated until they arrive, as Zenoh does.
+    """
 
     delay_s: Delay = 0.02
     jitter_s: Delay = 0.01  # uniform, up to this
@@ -22,12 +25,15 @@ class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def is_entry(key: str) -> bool:
-    """Return whether a key is of log entries."""
+    """Return whether a message key belongs to log entries (measurements, which are repeated until they arrive)."""
     return key.rsplit("/", 1)[-1] in LOG_KINDS
 
 
 class Radio:
-    """Carries payloads from each drone to all others, and delivers them in order of arrival."""
+    """Simulates the radio network between the drones.
+
+    Messages go from each drone to all other drones, and are delivered in order of arrival.
+    """
 
     def __init__(self, truth: RadioTruth, count: int, rng: np.random.Generator) -> None:
         self._truth = truth
@@ -38,11 +44,14 @@ class Radio:
 
     @property
     def waiting(self) -> list[int]:
-        """Return the number of messages on their way to each drone."""
+        """Number of messages on their way to each drone."""
         return [len(inbox) for inbox in self._inboxes]
 
     def send(self, sender: int, key: str, payload: bytes, now_ns: int, to: int | None = None) -> None:
-        """Send a payload to all others, or to one: also to the sender itself, as a thief of its key does."""
+        """Send a message to all other drones, or to one drone ``to``.
+
+        A message to the sender itself is possible, as a thief of its key sends one.
+        """
         truth = self._truth
         repeated = is_entry(key)
         for receiver in range(len(self._inboxes)) if to is None else (to,):

@@ -1,5 +1,6 @@
-"""Sensors for relative observations between drones: a camera that identifies blinking lamps gives directions, a radio gives
-ranges.
+"""Simulated sensors with which drones measure direction and range of each other.
+
+A camera that identifies blinking lamps gives directions, a radio gives ranges.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ Share = Annotated[float, Meta(ge=0.0, lt=1.0)]
 
 
 class SightingTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The sensor on each drone. Defaults: UVDAR, ultraviolet lamps and cameras all around (Walter et al., RA-L 2019: bearings to
-    a few degrees, tens of metres), with ultra-wideband ranging (0.1-0.3 m).
+    """True errors of the sensors with which drones see each other.
 
-    sigmas: 1 sigma of both angles, and of the range. missed: share of the visible drones. false_share: share of the reports; half
-    of these are of nothing, half of another drone than the one named. Occlusions occur by pair; walls hide drones too.
+    Defaults: UVDAR, ultraviolet lamps and cameras all around (Walter et al., RA-L 2019: bearings to a few degrees, tens of
+    metres), with ultra-wideband ranging (0.1-0.3 m). sigmas: 1 sigma of both angles, and of the range. missed: share of the
+    visible drones that are not reported. false_share: share of the reports; half of these are of nothing, half of another drone
+    than the one named. Occlusions occur by pair; walls hide drones too.
     """
 
     sensor: Literal["both", "direction", "range"] = "both"
@@ -40,7 +42,7 @@ class SightingTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Sightings:
-    """Relative observations of N drones, in fixed steps; every stamp is the time of exposure."""
+    """Simulates how N drones see each other, in fixed time steps; every time stamp is the time of exposure."""
 
     def __init__(
         self, truth: SightingTruth, drones: Sequence[str], walls: Walls | None, step_s: float, rng: np.random.Generator
@@ -55,11 +57,14 @@ class Sightings:
         self._waiting: list[tuple[int, int, list[SeenDrone]]] = []  # delivery time, observer, observations
 
     def due(self, step: int) -> bool:
-        """Return whether the sensors are exposed in this step."""
+        """Return whether the sensors are exposed in this time step."""
         return step % self._every == 0
 
     def look(self, stamp_ns: int, position_m: Array, attitudes: Sequence[Quaternion]) -> None:
-        """Expose all sensors at true positions (N, 3), world, and attitudes world-from-body (w, x, y, z)."""
+        """Expose all sensors at the true positions (N, 3) and attitudes of the drones.
+
+        Attitudes rotate from the body to the world frame (w, x, y, z).
+        """
         self._occlude()
         turns = Rotation.from_quat(np.array(attitudes)[:, [1, 2, 3, 0]]).as_matrix()
         for observer in range(len(self._drones)):
@@ -73,7 +78,7 @@ class Sightings:
                 self._waiting.append((stamp_ns + self._delay_ns, observer, seen))
 
     def take(self, now_ns: int) -> list[tuple[int, list[SeenDrone]]]:
-        """Return the observations delivered by now, with the observing drone."""
+        """Return the observations that have been delivered by now, with the index of the observing drone."""
         ready = [(observer, seen) for due_ns, observer, seen in self._waiting if due_ns <= now_ns]
         self._waiting = [one for one in self._waiting if one[0] > now_ns]
         return ready

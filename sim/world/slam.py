@@ -1,4 +1,4 @@
-"""SLAM on board of some vehicles: poses in its own frame, as an agent receives them."""
+"""Simulated SLAM on board of some vehicles: poses in the SLAM's own frame, as an agent receives them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _EACH_ANGLE_RAD = 0.02  # 1 sigma reported for roll, pitch and yaw
 
 
 class Slam:
-    """SLAM poses of N vehicles, for the vehicles with SLAM."""
+    """Makes the SLAM poses of vehicles that localise by SLAM, from their true motion and their errors."""
 
     def __init__(self, motion: Multirotors, error: Localization, frames: MovingFrames) -> None:
         self._motion, self._error, self._frames = motion, error, frames
 
     def pose(self, drone: int, stamp_ns: int) -> dict[str, object]:
-        """Return one vehicle's pose now."""
+        """Return one vehicle's present SLAM pose, as a message to its agent."""
         motion, error, frames = self._motion, self._error, self._frames
         inward = frames.matrix[drone].T
         position = inward @ (motion.position_m[drone] + error.position_error_m[drone] - frames.origin[drone])

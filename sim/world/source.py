@@ -18,7 +18,7 @@ _WANDER_STEP_S = 0.1
 
 
 def source_path(source: SourceTruth, area: Polygon, duration_s: float, rng: np.random.Generator) -> Path:
-    """The horizontal path of a source for times 0 .. ``duration_s``."""
+    """Return the horizontal path of a source, as a function of time from 0 to ``duration_s``."""
     if source.motion == "circle":
         return _circle(source, area, rng)
     start = source.start_m or (anywhere(area, rng) if source.outside_m is None else outside(area, source.outside_m, rng))
@@ -30,7 +30,7 @@ def source_path(source: SourceTruth, area: Polygon, duration_s: float, rng: np.r
 
 
 def anywhere(area: Polygon, rng: np.random.Generator) -> Place:
-    """A place in the area, uniformly distributed."""
+    """Return a random position in the area, uniformly distributed."""
     west, south, east, north = area.bounds
     while True:
         x, y = float(rng.uniform(west, east)), float(rng.uniform(south, north))
@@ -39,7 +39,7 @@ def anywhere(area: Polygon, rng: np.random.Generator) -> Place:
 
 
 def outside(area: Polygon, between_m: Place, rng: np.random.Generator) -> Place:
-    """Return a place at this distance from the area, uniformly distributed."""
+    """Return a random position outside the area, uniformly distributed, whose distance to it lies between two limits (m)."""
     least_m, most_m = between_m
     west, south, east, north = area.bounds
     while True:

@@ -1,4 +1,4 @@
-"""All true sources of a run: the configured ones on their paths, and others drawn from the seed."""
+"""All true sources of a simulated flight: the configured sources on their paths, and sources drawn from the seed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TRIES = 1000  # for a place beside the others, before all are drawn anew
 
 
 class Source(Struct, frozen=True):
-    """A source at one time. place_m: mission frame (x, y, z)."""
+    """A true source at one time. place_m: position in the mission frame (x, y, z)."""
 
     nuclide: str
     activity_bq: float
@@ -29,7 +29,7 @@ class Source(Struct, frozen=True):
 
 
 def place_of(sources: Sequence[Source]) -> Place | None:
-    """Horizontal position of the first source; None without one."""
+    """Return the horizontal position of the first of these sources; None without sources."""
     return sources[0].place_m[:2] if sources else None
 
 
@@ -42,7 +42,7 @@ class _Moving:
 
 
 class Sources:
-    """The sources of a scenario; ``scenario.source`` is the first. Empty without sources."""
+    """All true sources of a scenario with their motion; ``scenario.source`` is the first. Empty without sources."""
 
     def __init__(self, scenario: Scenario, duration_s: float, random: Streams) -> None:
         """``duration_s``: longest duration of their motion."""
@@ -59,11 +59,11 @@ class Sources:
 
     @property
     def nuclides(self) -> tuple[str, ...]:
-        """The nuclides that occur, each once."""
+        """The nuclides of all sources, each once."""
         return tuple(dict.fromkeys(source.nuclide for source in self._sources))
 
     def at(self, time_s: float) -> tuple[Source, ...]:
-        """Return all sources at this time since the beginning."""
+        """Return all sources at a time, in seconds since the beginning."""
         return tuple(self._at(source, time_s) for source in self._sources)
 
     def _at(self, source: _Moving, time_s: float) -> Source:

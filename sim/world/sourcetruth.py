@@ -1,4 +1,4 @@
-"""Types of the sources of a scenario: one with its motion, and several drawn from the seed."""
+"""Description of sources in a scenario: a source with its motion, or several sources drawn from the seed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class LegTruth(_Section, frozen=True, kw_only=True):
-    """A leg of a source's path: ``for_s`` straight on at ``speed_mps`` (0: at rest), after turning left by ``turn_deg``."""
+    """A straight part of a source's path: ``for_s`` at ``speed_mps`` (0: at rest), after turning left by ``turn_deg``."""
 
     for_s: Duration
     speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
@@ -33,8 +33,10 @@ class LegTruth(_Section, frozen=True, kw_only=True):
 
 
 class SourceTruth(_Section, frozen=True, kw_only=True):
-    """A radioactive source, ``height_m`` above the ground. Its start is drawn from the seed unless ``start_m`` is given: in the
-    area, or with ``outside_m`` around it, at a distance between these two.
+    """A radioactive source with its motion, ``height_m`` above the ground.
+
+    Its start is drawn from the seed unless ``start_m`` is given: in the area, or, with ``outside_m``, around the area at a
+    distance between these two values.
 
     ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
     and curved stretches inside the area, each at a speed between ``slowest`` (a fraction) of ``speed_mps`` and ``speed_mps``;
@@ -53,7 +55,10 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
     height_m: SourceHeight = 0.0
 
     def check(self, area: Polygon, where: str, name: str = "source") -> None:
-        """Raise ConfigError if the source, in the scenario's section ``name``, is unknown or cannot move in this area."""
+        """Raise ConfigError if the source has an unknown nuclide or cannot move in this area.
+
+        ``name``: section of the scenario with the source, for the error.
+        """
         _check_nuclides((self.nuclide,), f"{where}: {name}.nuclide")
         if self.motion == "circle" and self.circle_radius_m == 0.0:
             raise ConfigError(f"{where}: {name}.motion = 'circle' needs {name}.circle_radius_m > 0; or give motion = 'static'")
@@ -76,10 +81,10 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
 
 
 class RandomSourcesTruth(_Section, frozen=True, kw_only=True):
-    """Sources at rest whose number, nuclides, activities and places are drawn from the seed, anywhere in the area.
+    """Sources at rest whose number, nuclides, activities and positions are drawn from the seed, anywhere in the area.
 
     The number is uniform from ``least`` to ``most``; each nuclide is one of ``nuclides``; activities are uniform in their
-    logarithm, heights above the ground in metres. Two sources of the same nuclide are at least ``apart_m`` from each other
+    logarithm, heights above the ground in metres. Two sources of one nuclide are at least ``apart_m`` from each other
     (horizontally), and two whose activities differ by more than the factor ``contrast`` at least ``contrast_apart_m``.
     """
 
@@ -93,7 +98,7 @@ class RandomSourcesTruth(_Section, frozen=True, kw_only=True):
     contrast_apart_m: Annotated[float, Meta(ge=0.0, le=1e4)] = 20.0
 
     def check(self, area: Polygon, where: str) -> None:
-        """Raise ConfigError for unknown values, a wrong order, or possibly too little room for the sources."""
+        """Raise ConfigError for unknown values, a wrong order of limits, or possibly too little room for the sources."""
         here = f"{where}: random_sources"
         _check_nuclides(self.nuclides, f"{here}.nuclides")
         ranges = {"least and most": (self.least, self.most), "activity_bq": self.activity_bq, "height_m": self.height_m}

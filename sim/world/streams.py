@@ -14,8 +14,11 @@ _SOURCES, _GROUND = 1_000_008, 1_000_010  # the keys between belong to radron.si
 
 
 class Streams(NamedTuple):
-    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all but ``source``.
-    ``ground``: of its kind."""
+    """Random number generators of a simulated flight, one for each random quantity, all from one seed.
+
+    ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all sources except ``source``. ``ground``: for the
+    kind of ground.
+    """
 
     source: np.random.Generator
     start: np.random.Generator
@@ -32,7 +35,7 @@ class Streams(NamedTuple):
 
 
 def streams(seed: int, drones: int) -> Streams:
-    """The streams of a run with this number of drones."""
+    """Return the random number generators of a simulated flight with this seed and number of drones."""
     children = np.random.SeedSequence(seed).spawn(5 + drones)
     generators = [np.random.default_rng(child) for child in children]
     source, start, vehicle, localization, radio, *cameras = generators

@@ -18,7 +18,7 @@ _SIGHT_STEPS = 48  # a line of sight of 50 m is sampled every metre: hills are t
 
 
 class HillTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A hill, or a hollow with ``height_m`` below zero: a Gaussian bell; ``width_m`` is its standard deviation."""
+    """A hill of the ground, or a hollow with ``height_m`` below zero: a Gaussian bell with the standard deviation ``width_m``."""
 
     centre_m: Corner
     height_m: Annotated[float, Meta(ge=-1000.0, le=1000.0)]
@@ -26,7 +26,10 @@ class HillTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class TerrainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Hills on the plane ``height_m + slope . (x, y)``; mission frame. The default is flat, at height zero."""
+    """True shape of the ground: hills on the plane ``height_m + slope . (x, y)`` in the mission frame.
+
+    The default is flat, at height zero.
+    """
 
     height_m: Coordinate = 0.0
     slope: tuple[Grade, Grade] = (0.0, 0.0)
@@ -34,7 +37,7 @@ class TerrainTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Terrain:
-    """The ground of a scenario, mission frame (the world of the simulation)."""
+    """The true ground of a scenario, with its height at any position; mission frame."""
 
     def __init__(self, truth: TerrainTruth) -> None:
         self.flat = truth == TerrainTruth()
@@ -44,7 +47,7 @@ class Terrain:
         self._sharpness = np.array([0.5 / hill.width_m**2 for hill in truth.hills])
 
     def heights_m(self, x: Array, y: Array) -> Array:
-        """Height of the ground at positions (N,)."""
+        """Return the heights of the ground at positions (N,), metres."""
         ground: Array = self._base + self._slope[0] * x + self._slope[1] * y
         if len(self._height):
             squared = (x[:, None] - self._centre[:, 0]) ** 2 + (y[:, None] - self._centre[:, 1]) ** 2
@@ -52,17 +55,17 @@ class Terrain:
         return ground
 
     def height_m(self, x: float, y: float) -> float:
-        """Height of the ground at one position."""
+        """Return the height of the ground at one position, metres."""
         return 0.0 if self.flat else float(self.heights_m(np.array([x]), np.array([y]))[0])
 
     def on_ground(self, positions: Array) -> Array:
-        """Positions (N, 3) projected onto the ground; over flat ground unchanged."""
+        """Project positions (N, 3) vertically onto the ground; over flat ground they are returned unchanged."""
         if self.flat:
             return positions
         return np.column_stack((positions[:, :2], self.heights_m(positions[:, 0], positions[:, 1])))
 
     def above_ground(self, positions: Array) -> Array:
-        """Positions (N, 3), with the height above the ground below instead of z."""
+        """Return positions (N, 3) with the height above the ground instead of z."""
         if self.flat:
             return positions
         above = positions.copy()
@@ -70,7 +73,7 @@ class Terrain:
         return above
 
     def soil_m(self, start: Array, end: Array) -> float:
-        """Length of soil on the straight line between two points (3,)."""
+        """Return the length of soil on the straight line between two points (3,), metres."""
         if self.flat:
             return 0.0
         shares = (np.arange(_SIGHT_STEPS) + 0.5) / _SIGHT_STEPS

@@ -1,5 +1,6 @@
-"""Walls of concrete between source and cameras, and the path length of a straight line through them. They stop photons, not
-vehicles.
+"""Concrete walls between sources and cameras, and the path length of a straight line through them.
+
+The walls stop photons, not vehicles.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ _PARALLEL = 1e-12  # stands for a zero component along an axis: the line is then
 
 
 class WallTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An upright wall on the ground; ``from_m``, ``to_m``: ends of its centre line, mission frame."""
+    """An upright concrete wall on the ground. ``from_m``, ``to_m``: ends of its centre line, mission frame."""
 
     from_m: Corner
     to_m: Corner
@@ -26,13 +27,13 @@ class WallTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     height_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 2.5
 
     def check(self, where: str) -> None:
-        """Raise ConfigError for a wall without length."""
+        """Raise ConfigError if the wall has no length."""
         if self.from_m == self.to_m:
             raise ConfigError(f"{where}: walls: from_m and to_m are both {list(self.from_m)}; give two different ends")
 
 
 class Walls:
-    """W walls as arrays."""
+    """All walls of a scenario, for the attenuation of photons on a straight line."""
 
     def __init__(self, walls: Sequence[WallTruth]) -> None:
         ends = np.array([(wall.from_m, wall.to_m) for wall in walls]).reshape(-1, 2, 2)
@@ -46,7 +47,10 @@ class Walls:
         self._half = 0.5 * np.column_stack((length, size))
 
     def concrete_m(self, start: Array, end: Array) -> float:
-        """Length of concrete on the straight line between two points (3,), mission frame; overlapping walls all count."""
+        """Return the length of concrete on the straight line between two points (3,) of the mission frame.
+
+        Overlapping walls all count.
+        """
         way = end - start
         place = np.einsum("wij,wj->wi", self._turn, start - self._middle)
         ways = self._turn @ way
