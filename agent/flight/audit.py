@@ -38,9 +38,11 @@ _WORDS = {
 
 @dataclass(slots=True)
 class Audited:
-    """A command and its copies. ``first_ns``, ``last_ns``: when they arrived, the drone's clock, UTC; ``station``: the name that
-    it came under; ``signer``: its certificate as text. That, ``action`` and ``drones`` are empty where it could not be read,
-    or was one of a flood.
+    """A command found in a flight's record, with its copies and its outcome.
+
+    ``first_ns``, ``last_ns``: when the copies arrived, by the drone's clock, UTC; ``station``: the name of the sender that the
+    message states; ``signer``: its certificate as text. ``signer``, ``action`` and ``drones`` are empty if the message could not
+    be read, or was one of a flood.
     """
 
     first_ns: int
@@ -54,7 +56,7 @@ class Audited:
 
 
 def mission_of(flight: RecordedFlight) -> str:
-    """The mission in force, and its uploader."""
+    """Return a line of text that names the mission of a flight, and the operator who uploaded it."""
     header = flight.header
     text, origin = f"mission {header.mission.mission_id} ({header.mission.name})", header.origin
     if origin is None:
@@ -64,7 +66,7 @@ def mission_of(flight: RecordedFlight) -> str:
 
 
 def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = None) -> list[Audited]:
-    """The commands of a flight in the order of their arrival. Copies with the same outcome are one.
+    """Return the commands in a flight's record in the order of their arrival. Copies with equal outcome are one entry.
 
     Args:
         flight: its record; see there for possible gaps.
@@ -197,7 +199,11 @@ def _result(verdict: Verdict, command: AnyOrder | Revocation, signer: Peer | str
 
 
 def in_words(refused: str, signer: Member | str, is_start: bool = False) -> str:
-    """Return the reason of a refusal in words; ``refused``: as of a ``Verdict`` or a ``Verifier``."""
+    """Return the reason why a command was refused in words for people.
+
+    ``refused``: code of the reason, as of a ``Verdict`` or a ``Verifier``. ``signer``: its certificate. ``is_start``: a start
+    command.
+    """
     if refused == "without_valid_certificate":
         if not isinstance(signer, str):
             return f"its certificate is that of {signer.name}"
@@ -210,7 +216,7 @@ def in_words(refused: str, signer: Member | str, is_start: bool = False) -> str:
 
 
 def told(signer: Member | str) -> str:
-    """A certificate in a few words."""
+    """Return a certificate in a few words: role, name, serial number and end."""
     if isinstance(signer, str):
         return signer
     serial = f"{signer.serial:x}"[:_SERIAL_DIGITS]

@@ -16,7 +16,7 @@ from radron.protocol.identity import utc
 
 
 def run_audit(path: Path) -> None:
-    """Print the commands of a flight, with a progress bar on stderr.
+    """Print the commands in a flight's record on stdout, with a progress bar on stderr.
 
     Raises:
         FlightRecordError: there is no record, or it cannot be read; of a partly readable one the readable part is printed first.
@@ -38,7 +38,7 @@ def run_audit(path: Path) -> None:
 
 
 def lines(drone: str, found: Sequence[Audited]) -> list[str]:
-    """Return a line for each command: time, sender's name, certificate, action, addressees, and the drone's verdict."""
+    """Return a line of text for each command: time, sender's name, certificate, action, addressees, and the drone's verdict."""
     if not found:
         return [f"{drone}: no commands"]
     rows = [

@@ -15,7 +15,7 @@ IDENTICAL, DIFFERENT, UNUSABLE = 0, 1, 2  # exit codes
 
 
 def run_replay(path: Path) -> int:
-    """Replay a flight, with a progress bar on stderr and the result on stdout; returns the exit code. Raises RadronError."""
+    """Replay a flight, with a progress bar on stderr and the result on stdout; return the exit code. Raises RadronError."""
     terminal, out = Console(stderr=True), Console(highlight=False, soft_wrap=True)
     with progress_bar(terminal, f"replaying {path.name}") as show:
         report = replay(path, show)
@@ -27,7 +27,7 @@ def run_replay(path: Path) -> int:
 
 
 def verdict(report: ReplayReport) -> str:
-    """The result in one or two sentences."""
+    """Return the result of a replay in one or two sentences."""
     made = sum(report.compared.values())
     text = f"{report.drone}, {report.duration_s:.1f} s"
     if report.truncated:

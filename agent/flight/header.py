@@ -26,13 +26,13 @@ _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec"
 
 
 class Recording(Struct, frozen=True, kw_only=True):
-    """The part of a header that is readable in each version of the protocol. Version 1 did not name itself."""
+    """The part of a flight record's header that can be read in each version of the protocol. Version 1 did not name itself."""
 
     protocol: int = 1
     versions: dict[str, str] = {}
 
     def check_protocol(self, file: Path) -> None:
-        """Raise FlightRecordError if the messages are of another version of the protocol."""
+        """Raise FlightRecordError if the messages in the record are of another version of the protocol than this release's."""
         if self.protocol == VERSION:
             return
         text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
@@ -42,13 +42,17 @@ class Recording(Struct, frozen=True, kw_only=True):
 
 
 class FlightHeader(Struct, frozen=True, kw_only=True):
-    """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
-    packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
-    ``authority``: of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended. ``origin``: of a mission
-    that an operator has uploaded; None: of the mission file. ``deferred``: whether a slow estimator was computed in another
-    process. ``tells_obeyed``: whether the statuses state the last order obeyed; in older records they do not.
-    ``judges_exposures``: whether exposures that overlap or are too long do not count; in older records they did. ``tables``:
-    version of the tables of a camera's counts; empty in older records.
+    """The header of a flight's record: all inputs from which the flight's pilot program was made, so that a replay can make it
+    again.
+
+    ``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
+    packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without
+    certificates; ``authority``: certificate of the swarm's authority (PEM). ``nonce_key``: key of this run's nonces (numbers that
+    commands must carry); worthless once the run has ended. ``origin``: of a mission that an operator has uploaded; None: the
+    mission is from the mission file. ``deferred``: whether a slow estimator was computed in another process. ``tells_obeyed``:
+    whether the statuses state the last order obeyed; in older records they do not. ``judges_exposures``: whether exposures that
+    overlap or are too long do not count; in older records they did. ``tables``: version of the tables of a camera's counts; empty
+    in older records.
     """
 
     mission: MissionConfig
@@ -82,7 +86,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         nonce_key: bytes,
         deferred: bool = False,
     ) -> FlightHeader:
-        """Header of a flight that begins at ``started_ns`` (UTC).
+        """Return the header for a flight that begins at ``started_ns`` (UTC), with the contents of the calibration files.
 
         Raises:
             ConfigError: a calibration file cannot be read.
@@ -113,14 +117,19 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         )
 
     def check_tables(self, file: Path) -> None:
-        """Raise FlightRecordError if the estimates were computed with other tables of a camera's counts."""
+        """Raise FlightRecordError if the source estimates were computed with other tables of camera counts than this
+        release has.
+        """
         if self.tables not in ("", tables_version()):
             release = self.versions.get("radron", "unknown")
             text = f"{file}: recorded with other tables of what a camera counts"
             raise FlightRecordError(f"{text}: replay it with the radron that recorded it ({release})")
 
     def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
-        """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""
+        """Return the pilot program as it was made at the beginning of the flight.
+
+        ``folder``: where the calibration files may be written; ``trust``: its keys and certificates.
+        """
         files = [folder / Path(name).name for name in self.calibration]
         for file, text in zip(files, self.calibration.values(), strict=True):
             file.write_text(text, encoding="utf-8")

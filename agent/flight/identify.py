@@ -32,11 +32,12 @@ Progress = Callable[[float], None]
 
 
 class Identified(Struct, frozen=True):
-    """The identified response.
+    """The vehicle's response to setpoints, as identified from a flight.
 
-    response: as for the drone file; drag_sigma_ps: 1 sigma of its drag; drag_found: False where the flight does not determine it,
-    or tilt and motion are inconsistent. fit_mps2: RMS between the cascade's tilt and the vehicle's. late_s, gain: delay and gain
-    of the vehicle's motion against its plan; None where no plans are recorded. flown_s: time flown by setpoints.
+    response: as for the drone file; drag_sigma_ps: 1 sigma of its drag; drag_found: False if the flight does not determine it, or
+    tilt and motion are inconsistent. fit_mps2: RMS of the difference between the model's and the vehicle's tilt, as acceleration.
+    late_s, gain: delay and gain of the vehicle's motion against its plan; None if no plans are recorded. flown_s: time flown by
+    setpoints.
     """
 
     response: ResponseConfig
@@ -49,7 +50,9 @@ class Identified(Struct, frozen=True):
 
 
 def identify(records: ResponseRecords, assumed: ResponseConfig, progress: Progress) -> Identified:
-    """Fit the response. ``assumed``: the response in the drone file; ``progress``: receives the share done, 0 to 1.
+    """Identify the vehicle's drag and lag from the records of a flight.
+
+    ``assumed``: the response in the drone file; ``progress``: called with the share done, 0 to 1.
 
     Raises:
         FlightRecordError: too little was flown by setpoints.

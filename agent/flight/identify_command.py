@@ -19,7 +19,10 @@ _READING = 0.5  # share of the work
 
 
 def run_identify(path: Path, picture: Path | None) -> None:
-    """Fit a flight, with a progress bar on stderr, the section on stdout, and the plot in its file. Raises RadronError."""
+    """Identify the vehicle's response from a recorded flight, and print it on stdout as a section of the drone file.
+
+    A progress bar is on stderr; ``picture``: file for a plot, or None. Raises RadronError.
+    """
     figure = None
     if picture is not None:
         check_output(picture, (path,))
@@ -37,7 +40,7 @@ def run_identify(path: Path, picture: Path | None) -> None:
 
 
 def section(found: Identified, drone: str) -> str:
-    """The section of the drone file, with comments on its accuracy."""
+    """Return the vehicle's response as a section of the drone file, with comments on its accuracy."""
     response, default = found.response, ResponseConfig()
     lines = [
         f"# {drone}, {found.flown_s:.0f} s flown by setpoints;"

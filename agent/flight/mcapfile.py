@@ -47,7 +47,7 @@ class UnfinishedError(ValueError):
 
 
 def items(stream: BinaryIO) -> Iterator[McapItem]:
-    """The records of a file that the flight recorder uses, chunks as they are.
+    """Yield those records of an MCAP file that the flight recorder uses, with compressed chunks as they are.
 
     Raises:
         UnfinishedError: the file has no end.
@@ -68,9 +68,10 @@ def items(stream: BinaryIO) -> Iterator[McapItem]:
 
 
 def messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[RawMessage]:
-    """The messages of a chunk; its channels are added to ``topics``. The library makes an object of each, in ten times the time.
+    """Yield the messages of a compressed chunk; names of its channels (topics) are added to ``topics``, by number.
 
-    Raises one of DAMAGE: it cannot be unpacked, or holds what cannot be.
+    The library would make an object of each message, in ten times the time. Raises one of DAMAGE if the chunk cannot be unpacked,
+    or has impossible content.
     """
     data = memoryview(_unpacked(chunk))
     place = 0

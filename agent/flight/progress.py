@@ -14,7 +14,10 @@ SHOW_AFTER_S = 2.0  # shorter work shows no progress bar
 
 @contextmanager
 def progress_bar(terminal: Console, task: str) -> Iterator[Callable[[float], None]]:
-    """Yields a function that takes the share of the work done, 0 .. 1; without a terminal nothing is drawn."""
+    """Show a progress bar while the ``with`` block runs; it gives a function that takes the share of the work done, 0 .. 1.
+
+    Without a terminal nothing is drawn.
+    """
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
     began_s = time.monotonic()
     with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as progress:

@@ -23,7 +23,7 @@ REMOVED = "its first file was removed to keep the folder within its limit"
 
 
 class FlightRecord(NamedTuple):
-    """One record. ``log_ns`` is the pilot's time, ``publish_ns`` wall time (see ``topics``)."""
+    """One record of a flight. ``log_ns`` is the pilot's time, ``publish_ns`` wall time (see ``topics``)."""
 
     topic: str
     data: bytes
@@ -32,7 +32,7 @@ class FlightRecord(NamedTuple):
 
 
 class RecordedCall(NamedTuple):
-    """A call of the pilot, and topics and contents of its results; the results of the last call may have been cut off."""
+    """A recorded call of the pilot program with its results; the results of the last call may have been cut off."""
 
     record: FlightRecord
     results: list[tuple[str, bytes]]
@@ -40,19 +40,21 @@ class RecordedCall(NamedTuple):
 
 
 class RecordedFlight:
-    """The files of one flight.
+    """Reader of one recorded flight, which may consist of several files.
 
-    ``header``: of the flight. After reading: ``flaw``: why it could not be read to its end, or None; ``truncated``: the last file
-    has no proper end, as after a killed process; ``read_bytes``: how much of ``size_bytes`` has been
-    read. ``lacks_beginning``: its first records are not there.
+    ``header``: inputs from which the flight's pilot was made. After reading: ``flaw``: why it could not be read to its end, or
+    None; ``truncated``: the last file has no proper end, as after a killed process; ``read_bytes``: how much of ``size_bytes``
+    has been read. ``lacks_beginning``: its first records are missing.
     """
 
     def __init__(self, path: Path, whole: bool = True) -> None:
-        """``path``: any file of a flight, or a folder with one flight; ``whole``: from its beginning, or not at all.
+        """Open the files of a flight.
+
+        ``path``: any file of a flight, or a folder with one flight; ``whole``: from its beginning, or not at all.
 
         Raises:
-            FlightRecordError: no such file, not a recorded flight, a folder with several, another version of the protocol,
-                or the beginning of the flight is missing.
+            FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the flight is
+                missing.
             ConfigError: a pipe or a device.
         """
         self.files = _files(path)
@@ -77,7 +79,7 @@ class RecordedFlight:
         return (*beginning, *((self.flaw,) if self.flaw is not None else ()), *end)
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[FlightRecord]:
-        """All records in order, or of some topics only, up to the end, a gap or damage."""
+        """Yield all records in order, or the records of some topics only, up to the end, a gap or damage."""
         self.read_bytes, self.truncated, self.flaw = 0, False, None
         self._first_sequence: int | None = None
         expected: int | None = None
@@ -97,7 +99,7 @@ class RecordedFlight:
             self.read_bytes = before + file.stat().st_size
 
     def calls(self) -> Iterator[RecordedCall]:
-        """Each call with its results, in order."""
+        """Yield each recorded call of the pilot program with its results, in order."""
         call: FlightRecord | None = None
         results: list[tuple[str, bytes]] = []
         for record in self.records():

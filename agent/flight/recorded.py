@@ -28,7 +28,10 @@ R = TypeVar("R")
 
 
 class RecordedPilot:
-    """The same interface as ``Pilot``, with the same results and exceptions."""
+    """A pilot program whose inputs and results are recorded, with the interface, results and exceptions of ``Pilot``.
+
+    Each call is recorded before, its results after.
+    """
 
     def __init__(self, pilot: Pilot, sink: Sink) -> None:
         self._pilot = pilot
@@ -39,80 +42,80 @@ class RecordedPilot:
 
     @property
     def stage(self) -> Stage:
-        """The drone's stage."""
+        """The drone's present stage of the mission."""
         return self._pilot.stage
 
     @property
     def frames(self) -> SwarmFrames:
-        """Frames of all drones relative to the mission frame."""
+        """The estimated local frames of all drones in the mission frame."""
         return self._pilot.frames
 
     @property
     def hypothesis(self) -> Hypothesis | None:
-        """The source estimate; mission frame."""
+        """The source estimate by which the drone flies, mission frame; None before there is one."""
         return self._pilot.hypothesis
 
     @property
     def outlook(self) -> Outlook | None:
-        """The search state while there is no hypothesis."""
+        """The posterior of the search while there is no source estimate; None without one."""
         return self._pilot.outlook
 
     @property
     def finding(self) -> str:
-        """The result of a search that has found nothing; else empty."""
+        """The result in words of a search that has found nothing; empty in all other cases."""
         return self._pilot.finding
 
     @property
     def digest(self) -> str:
-        """Digest of the log, 32 hex digits."""
+        """Hash over the content of the observation log, 32 hex digits."""
         return self._pilot.digest
 
     @property
     def memory(self) -> Memory | None:
-        """The state that a restarted agent needs."""
+        """The state from which a restarted agent continues."""
         return self._pilot.memory
 
     @property
     def revocations(self) -> tuple[Revocation, ...]:
-        """The revocations in flight."""
+        """The members revoked during this flight (rights withdrawn)."""
         return self._pilot.revocations
 
     @property
     def taking(self) -> Upload | None:
-        """The mission that is to be fetched."""
+        """The uploaded mission that must be fetched; None if there is none."""
         return self._pilot.taking
 
     @property
     def pending(self) -> bool:
-        """Whether frames and hypothesis lack something of the log."""
+        """Whether frames and source estimate still lack entries of the log."""
         return self._pilot.pending
 
     @property
     def counters(self) -> Counter[str]:
-        """The pilot's event counters."""
+        """Counters of events in the pilot program, such as dropped messages, by name."""
         return self._pilot.counters
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """See ``Pilot``."""
+        """Record and pass on telemetry, see ``Pilot.observe_vehicle``."""
         self._sink.write(topics.VEHICLE, topics.encode_state(state))
         self._run(self._pilot.observe_vehicle, state)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """See ``Pilot``."""
+        """Record and pass on a readout of the camera, see ``Pilot.observe_detector``."""
         self._sink.write(topics.DETECTOR, topics.encode_readout(readout))
         publications = self._run(self._pilot.observe_detector, readout)
         self._tell_publications(publications, readout.end_ns)
         return publications
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
-        """See ``Pilot``."""
+        """Record and pass on a satellite position, see ``Pilot.observe_fix``."""
         self._sink.write(topics.FIX, topics.encode_given(fix))
         publications = self._run(self._pilot.observe_fix, fix)
         self._tell_publications(publications, fix.stamp_ns)
         return publications
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
-        """See ``Pilot``."""
+        """Record and pass on relative observations of other drones, see ``Pilot.observe_sightings``."""
         if not seen:
             return []
         self._sink.write(topics.SIGHTINGS, topics.encode_given(list(seen)))
@@ -121,7 +124,7 @@ class RecordedPilot:
         return publications
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
-        """See ``Pilot``."""
+        """Record and pass on a message, see ``Pilot.receive``."""
         self._sink.write(topics.MESSAGE, topics.encode_message(key, payload), now_ns)
         verdict = self._run(self._pilot.receive, key, payload, now_ns)
         if verdict is not None and (not verdict.refused or self._is_told(now_ns)):
@@ -129,38 +132,41 @@ class RecordedPilot:
         return verdict
 
     def advance(self, now_ns: int) -> None:
-        """See ``Pilot``."""
+        """Record and make the call ``Pilot.advance``, which processes new log entries."""
         self._sink.write(topics.ADVANCE, b"{}", now_ns)
         self._run(self._pilot.advance, now_ns)
         self._tell_hypothesis(now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
-        """See ``Pilot``."""
+        """Record and set warnings for the operator, see ``Pilot.warn``."""
         self._sink.write(topics.WARN, msgspec.json.encode(problems))
         self._run(self._pilot.warn, problems)
 
     def block(self, problems: tuple[str, ...]) -> None:
-        """See ``Pilot``."""
+        """Record and set problems that prevent a start, see ``Pilot.block``."""
         self._sink.write(topics.BLOCK, msgspec.json.encode(problems))
         self._run(self._pilot.block, problems)
 
     def notice(self, notices: tuple[str, ...]) -> None:
-        """See ``Pilot``."""
+        """Record and set notices to the operator, see ``Pilot.notice``."""
         self._sink.write(topics.NOTICE, msgspec.json.encode(notices))
         self._run(self._pilot.notice, notices)
 
     def decline(self, reason: str) -> None:
-        """See ``Pilot``."""
+        """Record and report why an uploaded mission was refused, see ``Pilot.decline``."""
         self._sink.write(topics.DECLINE, msgspec.json.encode(reason))
         self._run(self._pilot.decline, reason)
 
     def answered(self, question: int, told: Told) -> None:
-        """See ``Fusion``. The time of the answer is recorded, not its content, which follows from the log."""
+        """Record and pass on the answer of a slow estimator that is computed in another process, see ``Fusion.answered``.
+
+        The time of the answer is recorded, not its content, which follows from the log.
+        """
         self._sink.write(topics.ANSWERED, msgspec.json.encode(question))
         self._run(self._pilot.fusion.answered, question, told)
 
     def step(self, now_ns: int) -> Step:
-        """See ``Pilot``."""
+        """Record and make one step of the flight, see ``Pilot.step``."""
         self._sink.write(topics.STEP, b"{}", now_ns)
         step = self._run(self._pilot.step, now_ns)
         self._sink.write(topics.COMMAND, topics.encode_command(step.command), now_ns)
@@ -169,15 +175,15 @@ class RecordedPilot:
         return step
 
     def ticket(self, now_ns: int) -> Ticket:
-        """See ``Pilot``. Has no side effects, and is not recorded."""
+        """Return the ticket for the next command, see ``Pilot.ticket``. The call has no side effects, and is not recorded."""
         return self._pilot.ticket(now_ns)
 
     def log_summary(self) -> bytes:
-        """See ``Pilot``. Nothing that is recorded follows from it, and it is not recorded."""
+        """Return a summary of the log, see ``Pilot.log_summary``. No recorded result follows from it, and it is not recorded."""
         return self._pilot.log_summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """See ``Pilot``."""
+        """Record and answer a request for log entries, see ``Pilot.log_answer``."""
         self._sink.write(topics.QUERY, request)
         replies = self._run(self._pilot.log_answer, request)
         size = sum(len(payload) for _, payload in replies)

@@ -32,7 +32,7 @@ class _Record(NamedTuple):
 
 
 class FlightRecorder:
-    """Writes the records of one flight on a thread of its own.
+    """Writes the records of one flight to disk, on a thread of its own, so that the flight loop never waits for the disk.
 
     Everything older than about ``FLUSH_S`` survives a kill of the process. Records are lost if the disk fails or is too slow: the
     losses are counted, ``problems`` reports them, and the gap shows in the records' sequence numbers.
@@ -76,7 +76,7 @@ class FlightRecorder:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each."""
+        """Present problems of recording, one line each."""
         problem = self._problem
         if problem is None and self._is_full:
             problem = f"flight records are being lost: the disk is too slow ({self._folder})"
@@ -87,7 +87,7 @@ class FlightRecorder:
         return self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
-        """Queue a record; ``log_ns``: its time, None: now. Never raises, never waits."""
+        """Queue a record for writing; ``log_ns``: its time, None: now. Never raises, never waits."""
         now_ns = self._clock_ns()
         record = _Record(topic, data, now_ns if log_ns is None else max(0, log_ns), now_ns, self._sequence)
         self._sequence += 1
@@ -98,7 +98,7 @@ class FlightRecorder:
         self._waiting.append(record)
 
     def close(self) -> None:
-        """Write the queue and close the file; waits for the disk, but not for long."""
+        """Write the queue and close the file; waits for the disk, but at most for a second."""
         self._closing.set()
         self._thread.join(timeout=1.0)
 

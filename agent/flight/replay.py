@@ -25,7 +25,10 @@ _SHOWN = 200  # characters of a result in a report
 
 
 class Difference(Struct, frozen=True, kw_only=True):
-    """The first result that differs from the recorded one: its time after the beginning of the flight, and both texts."""
+    """The first result of a replay that differs from the recorded one, with both as text.
+
+    time_s: time after the beginning of the flight.
+    """
 
     time_s: float
     log_ns: int
@@ -35,7 +38,7 @@ class Difference(Struct, frozen=True, kw_only=True):
 
 
 class ReplayReport(Struct, frozen=True, kw_only=True):
-    """The result of a replay.
+    """The result of a replay, in which the pilot program repeats a recorded flight.
 
     ``calls``, ``compared``, ``differing``: numbers by topic. ``truncated``: the records end where the process was killed.
     ``flaw``: why the flight could not be read to its end; it was compared up to there.
@@ -55,12 +58,12 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
 
     @property
     def identical(self) -> bool:
-        """Whether every recorded result was reproduced with the same bits."""
+        """Whether every recorded result was reproduced, bit for bit."""
         return not self.differing and self.flaw is None
 
 
 def replay(path: Path, progress: Callable[[float], None] | None = None) -> ReplayReport:
-    """Feed a recorded flight to a new pilot, call by call.
+    """Repeat a recorded flight with a new pilot program, call by call, and compare every result.
 
     Args:
         path: any file of the flight, or a folder with one flight.

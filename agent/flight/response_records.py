@@ -28,11 +28,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A part of the flight by setpoints without a gap, in one frame. Horizontal, local frame; times (s) since its beginning.
+    """A part of the flight by setpoints without a gap, in one local frame: S setpoints and T measured states. Horizontal.
 
-    told_s: (S,); told: (S, 3, 2), position, velocity and acceleration setpoints; told_yaw_rps: (S,), yaw rate. seen_s: (T,);
-    seen: (T, 3, 2), measured position and velocity, and thrust acceleration. planned: (T, 2, 2), position and velocity of the
-    plan at those times, NaN where there was none.
+    Times (s) since its beginning. told_s: (S,); told: (S, 3, 2), position, velocity and acceleration setpoints; told_yaw_rps:
+    (S,), yaw rate. seen_s: (T,); seen: (T, 3, 2), measured position and velocity, and thrust acceleration. planned: (T, 2, 2),
+    position and velocity of the plan at those times, NaN if there was none.
     """
 
     began_ns: int
@@ -46,14 +46,14 @@ class Piece:
 
 @dataclass(slots=True)
 class ResponseRecords:
-    """Response records of one flight. ``telemetry``: all of it, in order."""
+    """The records of one flight that show the vehicle's response: telemetry, setpoints, and plans, in order."""
 
     telemetry: list[VehicleState] = field(default_factory=list)
     setpoints: list[tuple[int, Setpoint]] = field(default_factory=list)
     plans: list[Plan] = field(default_factory=list)
 
     def take(self, record: FlightRecord, drone: str) -> None:
-        """Add a record, if it is of a relevant kind."""
+        """Add a record of the flight; records of other kinds are ignored."""
         if record.topic == topics.VEHICLE:
             self.telemetry.append(topics.decode_state(record.data))
         elif record.topic == topics.COMMAND:
@@ -68,7 +68,7 @@ class ResponseRecords:
                     self.plans.append(message)
 
     def pieces(self) -> list[Piece]:
-        """The pieces flown by setpoints that are long enough to be evaluated."""
+        """Return the parts of the flight by setpoints without a gap that are long enough to be evaluated."""
         groups: list[list[VehicleState]] = []
         stamps = [stamp_ns for stamp_ns, _ in self.setpoints]
         for state in self.telemetry:
@@ -119,7 +119,7 @@ class ResponseRecords:
 
 
 def read(flight: RecordedFlight, progress: Callable[[float], None]) -> ResponseRecords:
-    """Read the response records of a flight. ``progress``: receives the share read, 0 to 1.
+    """Read the records of a flight that show the vehicle's response. ``progress``: called with the share read, 0 to 1.
 
     Raises:
         FlightRecordError: a record cannot be read, or nothing was flown by setpoints.
@@ -134,7 +134,7 @@ def read(flight: RecordedFlight, progress: Callable[[float], None]) -> ResponseR
 
 
 def counted(items: Iterable[T], tell: Callable[[], None]) -> Iterable[T]:
-    """The same items; ``tell`` is called regularly."""
+    """Yield the items unchanged, and call ``tell`` regularly, to report progress."""
     for count, item in enumerate(items):
         if count % _EVERY == 0:
             tell()

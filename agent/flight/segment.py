@@ -20,15 +20,16 @@ CALIBRATION_TYPE = "text/plain"  # of the attachments
 
 
 def segment_path(folder: Path, header: FlightHeader, number: int) -> Path:
-    """Path of a segment: names sort by time; names of one flight share its boot id."""
+    """Return the path of one of a flight's files: names sort by time; names of one flight share its boot id."""
     began = datetime.fromtimestamp(header.started_ns // 1_000_000_000, UTC)
     return folder / f"{header.drone.id}-{began:%Y%m%dT%H%M%SZ}-{header.boot}-{number:04d}.mcap"
 
 
 class Segment:
-    """Writes one file in compressed chunks: records are on disk, and readable, from the next ``flush`` on.
+    """Writes one file of a flight's record (MCAP) in compressed chunks; records are on disk, and readable, from the next
+    ``flush`` on.
 
-    Raises OSError of the disk.
+    A flight is divided into such files, so that old ones can be removed during the flight. Raises OSError of the disk.
     """
 
     def __init__(self, path: Path, header: FlightHeader, number: int) -> None:
@@ -55,7 +56,7 @@ class Segment:
 
     @property
     def size_bytes(self) -> int:
-        """Size of the file so far."""
+        """Size (bytes) of the file so far."""
         return self._file.tell()
 
     @property
@@ -67,7 +68,7 @@ class Segment:
             return False
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
-        """Append a record."""
+        """Append a record to the file."""
         channel = self._channels.get(topic)
         if channel is None:
             encoding = ENCODINGS.get(topic, "json")
@@ -76,15 +77,15 @@ class Segment:
         self._writer.add_message(channel, log_ns, data, publish_ns, sequence)
 
     def flush(self) -> None:
-        """Hand everything to the operating system: it then survives the end of this process."""
+        """Hand all records to the operating system, so that they survive the end of this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """Wait until everything is on the disk: it then survives a power failure."""
+        """Wait until all records are on the disk, so that they survive a power failure."""
         os.fdatasync(self._file.fileno())
 
     def close(self) -> None:
-        """Write the index and close; the file is closed even if that fails."""
+        """Write the index and close the file, which is closed even if that fails."""
         try:
             self._writer.finish()  # type: ignore[no-untyped-call]
         finally:
@@ -92,7 +93,7 @@ class Segment:
 
 
 def prune(folder: Path, limit_bytes: int, keep: Path) -> None:
-    """Remove the oldest segments, of whatever flight, until the total is below the limit; never ``keep``."""
+    """Remove the oldest files, of whatever flight, until all files together are below the limit; ``keep`` is never removed."""
     found = []
     for path in folder.glob("*.mcap"):
         try:

@@ -19,16 +19,18 @@ _NONE = bytes(SIGNATURE_BYTES)
 
 
 class RecordedSignatures:
-    """Signs in a replay, with the signature that the record holds for just these bytes."""
+    """Gives this drone's signatures in a replay: its private key is in no record, but the recorded messages contain the
+    signatures.
+    """
 
     def __init__(self, certificate: bytes, authority: Authority) -> None:
-        """Raises ProtocolError where the authority has not issued the certificate."""
+        """Set up the signatures of a drone. Raises ProtocolError if the authority has not issued the certificate."""
         self._member: Member = authority.verify(certificate)
         self._results: Sequence[tuple[str, bytes]] = ()
         self.trust = Trust(self._member.name, self._sign, certificate, authority)
 
     def offer(self, results: Sequence[tuple[str, bytes]]) -> None:
-        """Topics and contents of the recorded results of the next call."""
+        """Take topics and contents of the recorded results of the next call, in which its signatures are found."""
         self._results = results
 
     def _sign(self, data: bytes) -> bytes:

@@ -45,14 +45,14 @@ ENCODINGS = {DETECTOR: "radron-readout", QUERY: "msgpack", MESSAGE: "msgpack", P
 
 
 class Sink(Protocol):
-    """Destination of records."""
+    """Interface of the destination to which records of a flight are written."""
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
-        """Keep a record. ``log_ns``: its time; None: now. Never raises, never waits."""
+        """Keep a record under its topic. ``log_ns``: its time; None: now. Never raises, never waits."""
 
 
 def encode_state(state: VehicleState) -> bytes:
-    """Telemetry as JSON. Numbers that JSON lacks (NaN) are written as Python and JavaScript do."""
+    """Encode telemetry as JSON for the flight record. Numbers that JSON lacks (NaN) are written as Python and JavaScript do."""
     numbers = (*state.position_m, *state.velocity_mps, *state.quaternion, state.height_m)
     if isfinite(sum(numbers) + state.position_sigma_m + state.yaw_sigma_rad):
         return msgspec.json.encode(state)
@@ -60,27 +60,27 @@ def encode_state(state: VehicleState) -> bytes:
 
 
 def decode_state(data: bytes) -> VehicleState:
-    """Telemetry from JSON; every float comes back with the same bits."""
+    """Decode telemetry from a flight record; every float comes back with the bits it had."""
     return msgspec.convert(json.loads(data), VehicleState)
 
 
 def encode_given(given: GnssFix | list[SeenDrone]) -> bytes:
-    """A fix or relative observations as JSON, with NaN as in telemetry."""
+    """Encode a satellite position or relative observations as JSON for the flight record, with NaN as in telemetry."""
     return json.dumps(msgspec.to_builtins(given)).encode()
 
 
 def decode_fix(data: bytes) -> GnssFix:
-    """A fix from JSON."""
+    """Decode a satellite position from a flight record."""
     return msgspec.convert(json.loads(data), GnssFix)
 
 
 def decode_sightings(data: bytes) -> list[SeenDrone]:
-    """Relative observations from JSON."""
+    """Decode relative observations of other drones from a flight record."""
     return msgspec.convert(json.loads(data), list[SeenDrone])
 
 
 def encode_readout(readout: Readout) -> bytes:
-    """Encode a readout; empty if too large: the flight cannot be replayed beyond it."""
+    """Encode a readout of the camera for the flight record; empty if too large: the flight cannot be replayed beyond it."""
     try:
         return pack(readout)
     except DetectorError:
@@ -88,10 +88,10 @@ def encode_readout(readout: Readout) -> bytes:
 
 
 def decode_readout(data: bytes) -> Readout:
-    """Decode one readout.
+    """Decode a readout of the camera from a flight record.
 
     Raises:
-        FlightRecordError: not exactly one.
+        FlightRecordError: the bytes are not exactly one readout.
     """
     readouts = list(Unpacker().feed(data))
     if len(readouts) != 1:
@@ -100,24 +100,26 @@ def decode_readout(data: bytes) -> Readout:
 
 
 def encode_message(key: str, payload: bytes) -> bytes:
-    """A message with its key."""
+    """Encode a message with its key (address) for the flight record."""
     packed: bytes = msgpack.packb((key, payload))
     return packed
 
 
 def decode_message(data: bytes) -> tuple[str, bytes]:
-    """Key and payload."""
+    """Decode key (address) and payload of a message from a flight record."""
     key, payload = msgpack.unpackb(data)
     return key, payload
 
 
 def encode_command(command: VehicleCommand) -> bytes:
-    """A command as JSON: the same bytes for the same bits."""
+    """Encode a command to the autopilot as JSON for the flight record: equal commands give equal bytes."""
     return msgspec.json.encode(command)
 
 
 def encode_hypothesis(hypothesis: Hypothesis | None, digest: str) -> bytes:
-    """A hypothesis (mission frame) as JSON, with the digest of the log it was computed from."""
+    """Encode a source estimate as JSON for the flight record, with the hash of the log from which it was computed; None gives
+    "null".
+    """
     if hypothesis is None:
         return b"null"
     return msgspec.json.encode(

@@ -22,9 +22,10 @@ def brake(
     step_s: float,
     horizon: int,
 ) -> Array:
-    """Jerks (H, 2), m/s^3, that lead from this velocity and acceleration (2,) to the target velocity.
+    """Return the jerks (H, 2) in m/s^3, one for each of H steps, that bring a vehicle to a target velocity as fast as the limits
+    allow.
 
-    limits: acceleration (m/s^2) and jerk (m/s^3).
+    velocity, acceleration: (2,), horizontal, at the start. limits: acceleration (m/s^2) and jerk (m/s^3).
     """
     (vx, vy), (ax, ay), (limit, rate) = velocity, acceleration, limits
     jerks = []
@@ -41,7 +42,9 @@ def brake(
 
 
 def comes_to_rest(state: PeerState, limits: LimitsConfig) -> Vector3:
-    """Return the stopping place of a drone, at its height, if it brakes from now on as fast as acceleration and jerk allow."""
+    """Return the place where a drone stops, at its height, if it brakes from now on as fast as acceleration and jerk limits
+    allow.
+    """
     (x, y, z), (u, v, _) = state.position, state.velocity
     stopping_s = 0.5 * (hypot(u, v) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3)
     return x + stopping_s * u, y + stopping_s * v, z

@@ -17,7 +17,7 @@ _ACCELERATION_SHARE = 0.5  # share of the acceleration limit; the rest is for tu
 
 
 class Climbing:
-    """Vertical jerks for each replan."""
+    """Finds the vertical part of each new plan: within the limits, and between floor and ceiling of the fence."""
 
     def __init__(self, limits: LimitsConfig, fence: Fence, prediction: Prediction, step_s: float, horizon: int) -> None:
         self._limits = (limits.climb_mps, _ACCELERATION_SHARE * limits.acceleration_mps2, limits.jerk_mps3)
@@ -26,17 +26,19 @@ class Climbing:
         self.confine(fence)
 
     def confine(self, fence: Fence) -> None:
-        """Replace floor and ceiling."""
+        """Take floor and ceiling from another fence."""
         self._low, self._high, horizon = fence.floor_m, fence.ceiling_m, self._horizon
         normals = np.repeat(np.array([1.0, -1.0]), horizon).reshape(2, horizon, 1)
         offsets = np.repeat(np.array([fence.floor_m, -fence.ceiling_m]), horizon).reshape(2, horizon)
         self._planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))
 
     def jerk(self, start: Array, optimum: Array, peaks: Peaks, guess: Array, ground: Array | None = None) -> tuple[Status, Array]:
-        """Jerks (H,) from the unconstrained optimum (4, H, 1) and its peaks. start: (3, 1); guess: (H, 1), initial values for the
-        solver.
+        """Return the vertical jerks (H,) of a new plan of H steps, and how they were found.
 
-        ground: (H,) height below the plan at its steps, where it is not level; floor and ceiling are then relative to it.
+        start: (3, 1) height, velocity, acceleration; optimum: (4, H, 1) unconstrained jerks, heights, velocities, accelerations;
+        peaks:
+        its largest values; guess: (H, 1), initial values for the solver. ground: (H,) height of the ground below the plan at its
+        steps, if it is not level; floor and ceiling are then relative to it.
         """
         if self._within_limits(float(start[0, 0]), optimum, peaks, ground):
             return Status.FREE, optimum[0, :, 0]

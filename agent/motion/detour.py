@@ -13,7 +13,10 @@ _EPS_M = 1e-4  # paths may leave the area by this much: they touch corners, and 
 
 
 class Detours:
-    """Shortest paths inside one area, by a visibility graph over its reflex corners, built when first needed."""
+    """Finds shortest paths inside an area, around its corners if needed.
+
+    It uses a visibility graph over the area's inward (reflex) corners, built when first needed.
+    """
 
     def __init__(self, area: Polygon | MultiPolygon) -> None:
         self._area = area
@@ -22,9 +25,10 @@ class Detours:
         self._graph: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none if the straight line is free.
+        """Return the corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none if the straight line
+        is free.
 
-        The straight line is also returned if the area does not connect the two.
+        None are also returned if the area does not connect the two.
         """
         if self._sees(start[None], end[None])[0]:
             return np.empty((0, 2))

@@ -30,17 +30,21 @@ _SPEED_SHARE = 0.85  # share of the speed limit for closing in and circling toge
 
 
 def wrapped(angle: float) -> float:
-    """The angle wrapped to [-pi, pi)."""
+    """Return an angle (rad) wrapped to [-pi, pi)."""
     return (angle + pi) % (2.0 * pi) - pi
 
 
 def minimum_radius(drones: int, separation_m: float) -> float:
-    """Radius of the smallest circle on which evenly spaced drones are ``separation_m`` apart: d / (2 sin(pi / N))."""
+    """Return the radius (m) of the smallest circle on which N evenly spaced drones are ``separation_m`` (d) apart: d / (2 sin(pi
+    / N)).
+    """
     return 0.0 if drones < 2 else separation_m / (2.0 * sin(pi / drones))
 
 
 class Encirclement:
-    """Reference trajectories on the circle around a centre, counter-clockwise."""
+    """Plans one drone's flight on the circle around a centre (the estimated source), counter-clockwise and evenly spaced from the
+    others.
+    """
 
     def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = MARGIN_M) -> None:
         """``margin_m``: distance between neighbours on the smallest circle, beyond ``limits.separation_m``."""
@@ -66,17 +70,17 @@ class Encirclement:
         doubt_m: float = 0.0,
         stands: bool = False,
     ) -> Reference:
-        """The arc to fly now, by the configured law.
+        """Return the part of the circle to fly in the next seconds, by the configured law.
 
         Args:
             me: this drone; preferably the tracker's own state.
-            others: the other drones; preferably the states in their plans (poses work too), without stale ones.
-            my_id: breaks ties between drones at the same angle.
-            center: the hypothesis; its z is the ground, and the flight is at z + height_m.
-            center_velocity: of the hypothesis, m/s.
+            others: the other drones; preferably the states in their plans (poses work too), without stale ones. my_id: breaks
+                ties between drones at equal angles.
+            center: the source estimate; its z is the ground, and the flight is at z + height_m.
+            center_velocity: of the source estimate, m/s.
             radius_m, height_m: override the configured ones. The radius is never below what the separation of all drones needs.
-            doubt_m: added to that separation, for position errors and deviations from the plans.
-            stands: the slots do not rotate; of the law ``smooth`` only.
+                doubt_m: added to that separation, for position errors and deviations from the plans.
+            stands: the drones' places on the circle do not rotate; only with the law ``smooth``.
         """
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))
         self._height_m = height_m or self._config.height_m

@@ -29,9 +29,10 @@ def feedforward(
     jerk: tuple[float, float],
     yaw_rate_rps: float = 0.0,
 ) -> tuple[float, float, float]:
-    """The acceleration setpoint (m/s^2) for this velocity, acceleration and horizontal jerk, while yawing at that rate.
+    """Return the acceleration setpoint (m/s^2) with which the vehicle flies this velocity, acceleration and horizontal jerk.
 
-    The vertical axis has no attitude lag; its thrust follows at once.
+    It makes up for drag and for the lag of the attitude, also while the vehicle yaws at ``yaw_rate_rps``. The vertical axis has
+    no attitude lag; its thrust follows at once.
     """
     drag, lag = response.drag_ps, response.attitude_lag_s
     (u, v, w), (ax, ay, az), (jx, jy) = velocity, acceleration, jerk
@@ -43,12 +44,14 @@ def feedforward(
 
 
 def reaction_s(response: ResponseConfig) -> float:
-    """Delay (s) of the vehicle's reaction to a setpoint that is not sent in advance."""
+    """Return the delay (s) of the vehicle's reaction to a setpoint that is not sent in advance."""
     return response.lag_s + 1.5 * response.attitude_lag_s
 
 
 class Deviation:
-    """RMS of the horizontal deviations from a plan, exponentially weighted, with an expected value to begin with."""
+    """Running RMS of a vehicle's horizontal deviations from its plan, exponentially weighted, with an expected value to begin
+    with.
+    """
 
     def __init__(self, expected_m: float) -> None:
         self._square = expected_m**2
@@ -56,11 +59,11 @@ class Deviation:
 
     @property
     def rms_m(self) -> float:
-        """The present RMS (m)."""
+        """The present RMS deviation (m)."""
         return sqrt(self._square)
 
     def add(self, stamp_ns: int, x: float, y: float) -> float:
-        """Add a deviation (m). Returns the time (s) since the last one, at most 1 s."""
+        """Add a deviation (x, y) in m. Return the time (s) since the previous deviation, at most 1 s."""
         elapsed_s = min(max((stamp_ns - self._stamp_ns) * 1e-9, 0.0), 1.0) if self._stamp_ns is not None else 0.0
         self._stamp_ns = stamp_ns
         square = min(x * x + y * y, _FARTHEST_M**2)

@@ -19,7 +19,10 @@ _REACH_S = 0.5  # goals may be this much further ahead than full speed allows
 
 
 class Goals:
-    """Goals in the layout of ``Prediction.optimum``."""
+    """Turns the wanted path of a drone into goals for the tracker: one for each step, inside the fence and within reach.
+
+    The goals have the layout of ``Prediction.optimum``.
+    """
 
     def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
         self._fence, self._step_s, self._horizon = fence, step_s, horizon
@@ -32,13 +35,14 @@ class Goals:
         self._boxes: Array = np.column_stack((flat, flat, self._climb * self._reach))
 
     def inside(self, x: float, y: float) -> Piece:
-        """Convex piece of the fence around a position, shrunk by the margin that plans keep."""
+        """Return a convex piece of the fence around a position as half-planes, shrunk by the margin that plans keep."""
         normals, offsets = self._fence.half_planes(x, y)
         return normals, offsets + _FENCE_INSIDE_M
 
     def surely_inside(self, x: float, y: float, radius_m: float) -> bool:
-        """Whether the circle of this radius lies inside the fence. The fence is queried only where the last known clearance does
-        not decide: it changes by at most the distance flown since.
+        """Return whether a circle around (x, y) of this radius lies inside the fence.
+
+        The fence is queried only if the last known clearance does not decide: it changes by at most the distance flown since.
         """
         known_x, known_y, known_m = self._known
         way = hypot(x - known_x, y - known_y)
@@ -51,9 +55,11 @@ class Goals:
         return distance > radius_m
 
     def of(self, reference: Reference, start: Array, height: float) -> Array:
-        """Goals (2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities.
+        """Return the goals (2 + 2 H, 3) for H steps: velocity and acceleration at the start, H positions relative to it, H
+        velocities.
 
-        ``height``: z of the start in the height reference of goals and fence: above the ground where that is not level.
+        start: (3, 3) position, velocity and acceleration of the plan's start. ``height``: z of the start in the height reference
+        of goals and fence: above the ground if that is not level.
         """
         horizon = self._horizon
         wanted = np.empty((2 + 2 * horizon, 3))

@@ -36,7 +36,11 @@ _LEFT = 0.2  # weight of positions that are left to the other drones
 
 
 class Belief(Struct, frozen=True):
-    """Possible positions of a source. places: (C, 2) m, a regular grid; weight: (C,), summing to 1 - none; activity_bq: (C,)."""
+    """The posterior of a search as the planner needs it: C possible places of a source on a regular grid.
+
+    places: (C, 2) m; weight: (C,) probabilities, summing to 1 - none; activity_bq: (C,) activity of a source there. none:
+    probability that there is no source.
+    """
 
     places: Array
     weight: Array
@@ -45,10 +49,14 @@ class Belief(Struct, frozen=True):
 
 
 class Waypoints:
-    """Chooses waypoints inside one area, whose bounding box is at most LARGEST_M2."""
+    """Chooses waypoints of largest expected information gain inside one area, whose bounding box is at most LARGEST_M2."""
 
     def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
-        """``height_m``: above the ground, on which the source lies. Speed and acceleration are the limits of the flight."""
+        """Set up the candidate waypoints.
+
+        ``height_m``: flight height above the ground, on which the source lies. Speed and acceleration are the limits of the
+        flight.
+        """
         self._height_m, self._speed_mps, self._turn_mps2 = height_m, speed_mps, acceleration_mps2
         west, south, east, north = area.bounds
         pitch_m = min(max(sqrt((east - west) * (north - south) / _NODES), 2.0), _COARSEST_M)
@@ -77,14 +85,14 @@ class Waypoints:
         others: Sequence[Point2] = (),
         behind: Sequence[tuple[float, float, float]] = (),
     ) -> Point2:
-        """The waypoint to fly to next.
+        """Return the waypoint (x, y) to fly to next.
 
         Args:
             belief: possible positions of a source.
             position: this drone's; frame of the area.
             velocity: this drone's.
-            others: positions of the drones that share the search; places nearer to them are mostly left to them.
-            behind: (x, y, b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
+            others: positions of the drones that share the search; places nearer to them are mostly left to them. behind: (x, y,
+                b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
         """
         rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position

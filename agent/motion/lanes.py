@@ -29,14 +29,14 @@ class _OpenLane:
 
 
 def lanes(piece: Polygon, spacing_m: float) -> list[NDArray[np.float64]]:
-    """Lanes of a polygon (holes allowed), along the direction that needs the fewest.
+    """Return parallel lanes that cover a polygon (holes allowed), along the direction that needs the fewest.
 
     Args:
         piece: connected area, metres.
         spacing_m: largest distance between lanes; they are evenly spaced.
 
     Returns:
-        Polylines (P, 2) within ``piece``, slab by slab; P = 1 where a corner needs only a visit.
+        Polylines (P, 2) of P points within ``piece``, strip by strip; P = 1 if a corner needs only a visit.
     """
     along = _lane_direction(piece, spacing_m)
     rotation = np.array([along, (-along[1], along[0])])  # rows: along the lanes, across them

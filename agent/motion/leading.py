@@ -20,10 +20,15 @@ _FORGET_S = 2.0  # smoothed values older than this are discarded
 
 
 class Leading:
-    """Extrapolates the source for one drone's circle. Mission frame."""
+    """Predicts where a moving source is now, as the centre of one drone's circle, with limits on the effect of a wrong velocity.
+
+    Mission frame.
+    """
 
     def __init__(self, area: AreaConfig, most_mps: float, room_m: float) -> None:
-        """``most_mps``: greatest speed assumed for a source. ``room_m``: clearance that the circle needs around its centre inside
+        """Set the limits.
+
+        ``most_mps``: greatest speed assumed for a source. ``room_m``: clearance that the circle needs around its centre inside
         the fence.
         """
         self._most_mps = max(0.0, most_mps)
@@ -35,11 +40,11 @@ class Leading:
         self._known_ns = 0
 
     def centre(self, now_ns: int, stamp_ns: int, place: Point2, velocity: Point2) -> tuple[Point2, Point2]:
-        """Position and velocity of the centre now.
+        """Return position (m) and velocity (m/s) of the circle's centre now.
 
         Args:
             now_ns: UTC.
-            stamp_ns: of the hypothesis.
+            stamp_ns: time of the source estimate.
             place: position of the source at that time, m.
             velocity: of the source, m/s.
         """

@@ -14,14 +14,14 @@ _REACH_M = 3.0  # more than a drone flies between two updates, less than the dis
 
 
 class PathFollower:
-    """A polyline by arc length. At its end the path reverses, and so on: arc lengths are unbounded.
+    """A path of straight legs that a drone flies at constant speed, by its arc length (metres flown along the path).
 
-    The caller keeps the progress; the object is immutable. Coordinates are horizontal, metres. Corners are not rounded: the
-    tracker does that.
+    At its end the path reverses, and so on: arc lengths are unbounded. The caller keeps the progress; the object is immutable.
+    Coordinates are horizontal, metres. Corners are not rounded: the tracker does that.
     """
 
     def __init__(self, path: NDArray[np.float64]) -> None:
-        """``path``: (M, 2) with M >= 1; repeated points are allowed. A path shorter than 0.1 m is reduced to its first point.
+        """Set up the path (M, 2) with M >= 1 points, which may repeat. A path shorter than 0.1 m is reduced to its first point.
 
         Raises:
             ValueError: another shape.
@@ -45,16 +45,16 @@ class PathFollower:
 
     @property
     def length_m(self) -> float:
-        """Length of the path, one way."""
+        """Length (m) of the path, one way."""
         return self._starts[-1]
 
     def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (K, 2) at the arc lengths s (K,), reflected at both ends of the path."""
+        """Return the points (K, 2) at K arc lengths s (K,), reflected at both ends of the path."""
         folded = self.length_m - np.abs(self.length_m - np.mod(s, 2.0 * self.length_m)) if self._legs else np.zeros_like(s)
         return np.stack([np.interp(folded, self._lengths, self._x), np.interp(folded, self._lengths, self._y)], axis=1)
 
     def advance(self, s: float, position: Sequence[float], reach_m: float = _REACH_M) -> float:
-        """The progress of a drone at ``position`` whose progress was ``s``.
+        """Return the progress (arc length, m) along the path of a drone at ``position`` whose progress was ``s``.
 
         The progress is the nearest point of the path between s and s + ``reach_m``. This window keeps a drone from skipping to
         the next lane, or across the end of the path. There the way out and the way back are equally near.
@@ -71,10 +71,11 @@ class PathFollower:
     def reference(
         self, s: float, position: Sequence[float], speed_mps: float, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions now and at the next ``steps`` steps, at constant speed along the path from ``s`` on.
+        """Return the wanted positions now and at the next ``steps`` steps, at constant speed along the path from arc length ``s``
+        on.
 
-        A drone that is off the path is first led back to it, straight and at the same speed. ``position`` should be the
-        tracker's, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
+        A drone that is off the path is first led back to it, straight and at that speed. ``position`` should be the tracker's
+        planned position, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
 
         Returns:
             Positions (steps + 1, 2) and velocities (steps + 1, 2), each velocity the difference to the next position per step.

@@ -19,11 +19,14 @@ JERK_WEIGHT = 0.05  # s6
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Matrices over a horizon of H steps; rows are the steps 1 .. H.
+    """Matrices of the tracker's motion model over H steps: they give positions, velocities and accelerations from the jerks.
 
-    position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three stacked; free: (3 H, 2), from (v0, a0),
-    with p0 = 0. hessian: (H, H) of the tracking cost. optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference
-    velocities) to the unconstrained minimum: jerks, positions - p0, velocities, accelerations.
+    Rows are the steps 1 .. H. position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three stacked;
+    free:
+    (3 H, 2), from the velocity v0 and acceleration a0 at the start, with position p0 = 0. hessian: (H, H) of the tracking cost.
+    optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference velocities) to the unconstrained minimum of the
+    cost:
+    jerks, positions - p0, velocities, accelerations.
     """
 
     position: Array
@@ -37,7 +40,7 @@ class Prediction:
 
 @cache  # shared by all drones and flights
 def predict(horizon: int, step_s: float) -> Prediction:
-    """Condense the model and solve the unconstrained problem, once for each horizon."""
+    """Return the matrices of the motion model for H steps (``horizon``) of ``step_s``; computed once for each pair."""
     h = step_s
     transition = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     response = np.array([h**3 / 6.0, h * h / 2.0, h])

@@ -47,9 +47,10 @@ _has_caught_sigint = ctypes.CDLL(osqp.ext_builtin.__file__).osqp_is_interrupted
 
 @dataclass(frozen=True, slots=True)
 class HalfPlanes:
-    """Up to R half-planes n . p >= b per step. normals: (R, H, axes); offsets: (R, H); -inf where there is none.
+    """Limits on the planned positions p: up to R half-planes n . p >= b for each of H steps.
 
-    yielding: (R, H) metres by which the row yields per metre of the step's slack; more than 1 for rows of lower priority.
+    normals: (R, H, axes) n; offsets: (R, H) b; -inf for no limit. yielding: (R, H) metres by which a limit yields per metre by
+    which the step's limits have to yield; more than 1 for limits of lower priority.
     """
 
     normals: Array
@@ -58,13 +59,14 @@ class HalfPlanes:
 
 
 class LimitedProblem:
-    """One or two axes of the tracking problem with limits on speed, acceleration and jerk, and half-planes on the position.
+    """The optimisation of a plan in one or two axes, with limits on speed, acceleration and jerk, and half-planes on the
+    position.
 
     With two axes each limit is an octagon inscribed in its circle; with one axis, an interval.
     """
 
     def __init__(self, prediction: Prediction, step_s: float, axes: int, limits: tuple[float, float, float], rows: int) -> None:
-        """``limits``: speed m/s, acceleration m/s2, jerk m/s3. ``rows``: half-planes per step."""
+        """Set up the problem. ``limits``: speed m/s, acceleration m/s2, jerk m/s3. ``rows``: half-planes per step."""
         self._prediction = prediction
         self._axes, self._rows = axes, rows
         self._horizon = horizon = len(prediction.hessian)
@@ -125,10 +127,11 @@ class LimitedProblem:
         return matrix, where.astype(np.int32)
 
     def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None, guess: Array) -> Array | None:
-        """Jerks (H, axes) within the limits, with the least cost above the unconstrained optimum; None without a usable solution.
+        """Return the jerks (H, axes) for H steps, within the limits and as near as possible to the unconstrained optimum.
 
-        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerk, position, velocity, acceleration;
-        guess: (H, axes), initial jerks. A vehicle beyond a limit must approach it again, not be within it at once.
+        Return None without a usable solution. start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes),
+        jerk, position, velocity, acceleration of the unconstrained optimum; guess: (H, axes), initial jerks. A vehicle beyond a
+        limit must approach it again, not be within it at once.
         """
         jerk, position, velocity, acceleration = optimum
         horizon, axes = self._horizon, self._axes

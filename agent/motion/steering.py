@@ -54,12 +54,12 @@ class Status(StrEnum):
 
 
 class Situation(Struct, frozen=True):
-    """Inputs of one replan.
+    """The inputs for one new plan.
 
-    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real vehicle's state; response: its
-    response to setpoints; previous: gives the positions (H, 2) of the plan before this one at the steps; inside: gives the convex
-    piece of the fence, less the margin; surely_inside: whether the unconstrained optimum is far from the fence; guess: (H, 3)
-    initial jerks.
+    start: (3, 3), position, velocity, acceleration at which the new plan starts; measured: the vehicle's measured state;
+    response: its response to setpoints; previous: gives the positions (H, 2) of the previous plan at the H steps; inside: gives
+    the convex piece of the fence, less the margin; surely_inside: whether the unconstrained optimum is far from the fence; guess:
+    (H, 3) initial jerks for the solver.
     """
 
     now_ns: int
@@ -91,10 +91,10 @@ class _Neighbour(Struct, frozen=True):
 
 
 class Steering:
-    """Horizontal jerks for each replan."""
+    """Finds the horizontal part of each new plan: within the limits, separated from the other drones, inside the fence."""
 
     def __init__(self, limits: LimitsConfig, prediction: Prediction, step_s: float, horizon: int, drone_id: str) -> None:
-        """``drone_id`` decides the right of way."""
+        """Set up the optimisation. ``drone_id`` decides the right of way."""
         self._limits, self._prediction, self._id = limits, prediction, drone_id
         self._step_s, self._horizon = step_s, horizon
         flat = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3)
@@ -105,8 +105,11 @@ class Steering:
         self._fading: list[float] = np.exp(-((step_s * np.arange(horizon + 1) / RETURN_S) ** 2)).tolist()
 
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
-        """Jerks (H, 2) from the unconstrained optimum (4, H, 3): the optimum itself, the constrained solution, or the last
-        resort.
+        """Return the horizontal jerks (H, 2) of a new plan of H steps, and how they were found.
+
+        They are the unconstrained optimum itself if it keeps all limits, else the solution within the limits, else braking or
+        evasion. optimum: (4, H, 3) jerks, positions, velocities, accelerations. peaks: its largest values along each axis. peers:
+        plans of the other drones.
         """
         _, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)

@@ -36,14 +36,14 @@ def survey_paths(
     lane_spacing_m: float,
     starts: Mapping[str, Point2] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return a path (M, 2) for each drone over the uncovered area; (0, 2) if nothing is left.
+    """Return a path (M, 2) for each drone, which together cover the part of the area not searched yet; (0, 2) if nothing is left.
 
     Args:
         area: simple polygon to search.
         drones: ids of the active drones, in any order.
-        coverage: swaths flown by any drone, including drones that dropped out.
-        lane_spacing_m: largest distance between lanes.
-        starts: positions of the drones, as common knowledge; drones without one are ordered by id.
+        coverage: flown paths with the width that they cover, of any drone, including drones that dropped out. lane_spacing_m:
+            largest distance between lanes.
+        starts: positions of the drones, known to all drones alike; drones without a position are ordered by id.
     """
     segments = divide(uncovered(area, coverage), drones, starts)
     detours = Detours(area)
@@ -59,39 +59,42 @@ def survey_path(
     lane_spacing_m: float,
     starts: Mapping[str, Point2],
 ) -> NDArray[np.float64]:
-    """The path of one of the drones, as ``survey_paths`` has it, where ``rest`` of the area is not covered yet."""
+    """Return the search path (M, 2) of one drone, as ``survey_paths`` would, where only ``rest`` of the area is left to
+    search.
+    """
     segment = divide(rest, drones, starts)[drone]
     return _sweep(segment, lane_spacing_m, starts.get(drone), Detours(area))
 
 
 def divide(area: Area, drones: Sequence[str], starts: Mapping[str, Point2] | None = None) -> dict[str, Area]:
-    """Segments of equal area, one for each drone, each on the drone's side of the area.
+    """Divide an area into segments of equal area, one for each drone, on the side of the area where the drone is.
 
     Area and swarm are halved recursively, always by the shorter of the two cuts across the sides of the minimum rotated
-    rectangle. A segment may consist of several pieces where the area is not convex.
+    rectangle. A segment may consist of several pieces if the area is not convex.
     """
     return dict(sorted(_divide(area, sorted(set(drones)), starts or {})))
 
 
 def sweep(segment: Area, lane_spacing_m: float, start: Point2 | None = None, within: Area | None = None) -> NDArray[np.float64]:
-    """A path (M, 2) that passes every point of the segment within half the lane spacing, beginning near ``start``.
+    """Return a path (M, 2) that passes every point of the segment within half the lane spacing, beginning near ``start``.
 
     Lanes run back and forth along each piece of the segment. The connections between lanes stay inside ``within`` (default: the
-    segment), around its corners where needed.
+    segment), around its corners if needed.
     """
     return _sweep(segment, lane_spacing_m, start, Detours(segment if within is None else within))
 
 
 def uncovered(area: Area, coverage: Sequence[Swath]) -> Area:
-    """The part of the area farther than half a swath's width from every flown path, without slivers; may be empty.
+    """Return the part of the area that no flown path covers, without thin slivers; may be empty.
 
-    Rounded ends are drawn with chords, so that coverage is never overstated.
+    coverage: flown paths with the width that each covers. Rounded ends are drawn with chords, so that coverage is never
+    overstated.
     """
     return left(area, covered(coverage), min(width for _, width in coverage)) if coverage else area
 
 
 def covered(coverage: Sequence[Swath]) -> Area:
-    """The union of swaths."""
+    """Return the union of the strips that flown paths cover. coverage: flown paths with the width that each covers."""
     flown = [LineString(path) if len(path) > 1 else Point(path[0]) for path, _ in coverage]
     widths = np.array([width for _, width in coverage])
     union: Area = shapely.union_all(shapely.buffer(flown, widths / 2.0, quad_segs=4))
@@ -99,7 +102,9 @@ def covered(coverage: Sequence[Swath]) -> Area:
 
 
 def left(area: Polygon, done: Area, swath_m: float) -> Area:
-    """The part of the area that is not ``done``, without slivers narrow against the swath's width; may be empty."""
+    """Return the part of the area that is not ``done``, without slivers that are thin compared to the width of a strip; may be
+    empty.
+    """
     if done.is_empty:
         return area
     rest = area.difference(done)

@@ -40,12 +40,15 @@ _DONE: dict[Action, tuple[Stage, ...]] = {
 
 
 class CommandError(RadronError):
-    """A command that was not sent, or that a drone did not carry out."""
+    """A command was not sent, or a drone did not carry it out."""
 
 
 @dataclass(frozen=True, slots=True)
 class Addressees:
-    """Drones of a swarm (empty: all), or all ``without`` some, and the endpoints at which the swarm is reached."""
+    """The drones to which a command goes, and the network addresses at which the swarm is reached.
+
+    ``drones``: empty: all drones; ``without``: drones that are excluded.
+    """
 
     swarm: str
     connect: tuple[str, ...]
@@ -55,7 +58,7 @@ class Addressees:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action, the addressed drones (empty: all), and the endpoints of the swarm.
+    """A command to a swarm: action, addressed drones (empty: all), and network addresses of the swarm.
 
     ``without``: drones excluded from the action, heard or not; problems that only concern these are no obstacle.
     """
@@ -72,16 +75,16 @@ class Order:
 
     @property
     def addressees(self) -> Addressees:
-        """The addressed drones."""
+        """The drones to which the command goes, and their addresses."""
         return Addressees(self.swarm, self.connect, self.drones, self.without)
 
 
 async def command(order: Order, say: Callable[[str], None]) -> None:
-    """Carry out an order; ``say`` is called with a line for each step.
+    """Send a command to a swarm, and wait until it is obeyed; ``say`` is called with a line of text for each step.
 
     Raises:
         CommandError: no such swarm, drones with different missions, or a drone that does not obey, with its reasons.
-        ProtocolError: an endpoint that cannot be used.
+            ProtocolError: an endpoint that cannot be used.
     """
     links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
     statuses = Statuses(links.identity)
@@ -100,9 +103,10 @@ async def carry_out(
     say: Callable[[str], None],
     withdrawn: Set[str] = frozenset(),
 ) -> None:
-    """The same over a link that is open; ``statuses`` gets every message from it. Raises CommandError as ``command``.
+    """Send a command as ``command`` does, over a link that is already open; ``statuses`` gets every message from it.
 
-    ``withdrawn``: drones with a later command meanwhile, which get no more copies of this one.
+    ``withdrawn``: drones with a later command meanwhile, which get no more copies of this one. Raises CommandError as
+    ``command``.
     """
     drones = await find(order.addressees, order.action, statuses, identity, lambda: mesh.differing)
     _check_mission(order, drones, statuses)
@@ -127,10 +131,12 @@ _RENEW = "run `radron-deploy pki issue NAME --role operator`, and copy the folde
 
 
 def operator_identity(folder: Path | None) -> Identity | None:
-    """The operator's certificate. Its times are left to the drones' clocks: a laptop's wrong clock must not prevent a landing.
+    """Load the operator's certificate and key; None without a folder.
+
+    The certificate's times are not checked here but by the drones: a laptop's wrong clock must not prevent a landing.
 
     Raises:
-        CommandError: it is not an operator's.
+        CommandError: the certificate is not an operator's.
         IdentityError: it cannot be used.
     """
     if folder is None:
@@ -144,7 +150,7 @@ def operator_identity(folder: Path | None) -> Identity | None:
 
 
 def lapsed(identity: Identity | None, now_ns: int) -> str:
-    """Reason for the silence of all drones, if the operator's certificate may cause it."""
+    """Return a text on the operator's expired certificate, which may be why no drone answers; empty if it is valid now."""
     if identity is None or identity.own.not_before_ns <= now_ns <= identity.own.not_after_ns:
         return ""
     until, now = (f"{utc(at_ns):%Y-%m-%d %H:%M} UTC" for at_ns in (identity.own.not_after_ns, now_ns))
@@ -155,10 +161,10 @@ def lapsed(identity: Identity | None, now_ns: int) -> str:
 async def find(
     wanted: Addressees, what: str, statuses: Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
 ) -> list[str]:
-    """The wanted drones, all of them heard.
+    """Wait until all wanted drones are heard, and return their names.
 
     Raises:
-        CommandError: not all of them are; ``what`` is named in the text.
+        CommandError: not all drones are heard in time; ``what`` (the action) begins the text.
     """
     began_s = elapsed_s()
     while (waited_s := elapsed_s() - began_s) < FIND_S:
@@ -180,7 +186,7 @@ async def find(
 
 
 def station_name(trust: Trust | None) -> str:
-    """Name of this station: from its certificate, or a unique one."""
+    """Return the name of this station: from its certificate, or a unique one."""
     return trust.name if trust is not None else f"command-{os.getpid()}"
 
 

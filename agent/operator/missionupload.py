@@ -31,7 +31,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class UploadOrder:
-    """A mission for its drones, and the endpoints of the swarm. ``without``: drones excluded from the upload."""
+    """The order to upload a mission to its drones, and the addresses of the swarm. ``without``: drones excluded from the
+    upload.
+    """
 
     mission: MissionConfig
     connect: tuple[str, ...]
@@ -43,14 +45,14 @@ class UploadOrder:
 async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
     """Upload a mission to drones on the ground; ``say`` is called with a line for each step of each drone.
 
-    Each drone decides for itself: a drone that refuses keeps its mission, and no start is possible until all have the same.
+    Each drone decides for itself: a drone that refuses keeps its mission, and no start is possible until all have equal missions.
 
     Returns:
         By drone: the reason for its refusal; empty after the mission was taken.
 
     Raises:
         CommandError: not all the mission's drones are heard, or the certificate is not an operator's; nothing was sent.
-        ProtocolError: an endpoint that cannot be used, or a mission that is too large.
+            ProtocolError: an endpoint that cannot be used, or a mission that is too large.
     """
     links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
     statuses = Statuses(links.identity)
@@ -62,7 +64,7 @@ async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
 
 
 async def carry_out(order: UploadOrder, mesh: Mesh, identity: Identity | None, statuses: Statuses, say: Say) -> dict[str, str]:
-    """The same over a link that is open; ``statuses`` gets every message from it. Raises as ``upload``."""
+    """Upload a mission as ``upload`` does, over a link that is already open; ``statuses`` gets every message from it."""
     drones = tuple(member.id for member in order.mission.drones if member.id not in order.without)
     if not drones:
         raise CommandError("upload: no drone of the mission is left")

@@ -40,12 +40,13 @@ REFRESH_S = 0.5
 
 
 class OverviewError(RadronError):
-    """There is nothing to show."""
+    """There is nothing to show, because no drone is heard, or options contradict each other."""
 
 
 class Place(Struct, frozen=True):
-    """The swarm, its endpoints, and the certificate; ``mission``: file that gives latitude and longitude, and which drones there
-    should be.
+    """The options of ``status`` and ``watch``: swarm, its network addresses, and the observer's certificate.
+
+    ``mission``: file that gives latitude and longitude, and the drones that the swarm should have.
     """
 
     swarm: str
@@ -55,7 +56,7 @@ class Place(Struct, frozen=True):
 
 
 def place_of(swarm: str, connect: Sequence[str], identity: Path | None, insecure: bool, mission: Path | None) -> Place:
-    """The place that options name; raises OverviewError where they contradict each other."""
+    """Return the options in one object; raises OverviewError if they contradict each other."""
     if insecure == (identity is not None):
         make = "run `radron-deploy pki issue NAME --role observer`, and give the folder that it makes"
         raise OverviewError(f"--identity or --insecure: give one of them; for a certificate, {make}")
@@ -70,8 +71,9 @@ class _Drone:
 
 
 class Overview:
-    """The newest status and estimate of each drone. ``clock_s``: monotonic; ``verifier``: of the statuses' signatures, None in a
-    swarm without certificates.
+    """The newest status and source estimate of each drone, for a table on the terminal.
+
+    ``clock_s``: monotonic clock; ``verifier``: checks the statuses' signatures, None in a swarm without certificates.
     """
 
     def __init__(self, mission: MissionConfig | None, clock_s: Callable[[], float], verifier: Verifier | None = None) -> None:
@@ -85,7 +87,7 @@ class Overview:
         return any(drone.heard_s > 0.0 for drone in self._drones.values())
 
     def receive(self, key: str, payload: bytes, vouched: bool = True) -> None:
-        """Take a message from the mesh; invalid messages are dropped.
+        """Take a message from the radio network; invalid messages are dropped.
 
         ``vouched``: the session prevents publications under foreign names; otherwise only statuses, which are signed, are taken.
         """
@@ -106,7 +108,7 @@ class Overview:
 
     @property
     def signers(self) -> frozenset[str]:
-        """The drones with received statuses."""
+        """The names of the drones whose statuses have arrived."""
         return frozenset(name for name, drone in self._drones.items() if drone.status is not None)
 
     def _counts(self, status: Status) -> bool:
@@ -124,11 +126,13 @@ class Overview:
         return status if signed else replace(status, obeyed=UNSET)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """A row for each drone: name, stage, battery, seconds since it was heard, log, last order, problems."""
+        """Return a row of the table for each drone: name, stage, battery, seconds since it was heard, log, last order,
+        problems.
+        """
         return [self._row(name, self._drones[name]) for name in sorted(self._drones)]
 
     def sources(self) -> list[str]:
-        """A line for each different estimate: its drones, and its sources."""
+        """Return a line for each different source estimate: the drones that have it, and its sources."""
         told: dict[str, list[str]] = {}
         for name in sorted(self._drones):
             estimate, age_s = self._drones[name].estimate, self._clock_s() - self._drones[name].heard_s
@@ -162,7 +166,9 @@ class Overview:
 
 
 async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overview:
-    """Listen for a moment, or until cancelled with ``watch``, which is called twice a second.
+    """Listen to a swarm for some seconds, and return what its drones report.
+
+    With ``watch``, listen until cancelled; ``watch`` is then called twice a second.
 
     Raises:
         OverviewError: no drone is heard.
@@ -200,7 +206,7 @@ async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overvi
 
 
 def table(overview: Overview) -> RenderableType:
-    """The overview as a table, with the sources below it."""
+    """Return the drones as a table for the terminal, with the sources below it."""
     from rich.console import Group  # noqa: PLC0415
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415

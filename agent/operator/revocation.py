@@ -32,13 +32,16 @@ _GET = "run `radron-deploy pki issue NAME --role operator --may-revoke`, and giv
 
 
 class RevocationError(RadronError):
-    """A revocation that was not sent, or that is not in effect everywhere."""
+    """A revocation was not sent, or is not in effect at every drone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """``member``: a drone or an operator. ``nothing``: none of a drone's entries count; ``last``: last entry that counts, by
-    boot; else all entries held by the others by now. ``days``: duration; None: as long as the swarm's authority.
+    """The request to revoke a member of a swarm: to withdraw its rights during a flight.
+
+    ``member``: a drone or an operator. ``nothing``: none of a drone's log entries count; ``last``: number of the last entry that
+    counts, by boot (start of its agent); else all entries count that the other drones hold by now. ``days``: duration; None: as
+    long as the certificate of the swarm's authority.
     """
 
     member: str
@@ -51,11 +54,11 @@ class Request:
 
 
 async def revoke(request: Request, confirm: Callable[[str], bool], say: Callable[[str], None]) -> None:
-    """Revoke a member; ``confirm`` is asked before it is sent, ``say`` called with a line for each step.
+    """Revoke a member of a swarm; ``confirm`` is asked before it is sent, ``say`` called with a line for each step.
 
     Raises:
-        RevocationError: no right to it, no such swarm, not confirmed, or drones that have not put it into effect.
-        ProtocolError: a name, certificate or endpoint that cannot be used.
+        RevocationError: no right to revoke, no such swarm, not confirmed, or drones that have not put it into effect.
+            ProtocolError: a name, certificate or endpoint that cannot be used.
     """
     identity = _identity(request)
     heard, links = _Heard(identity), MeshConfig(connect=request.connect, identity=identity)

@@ -24,10 +24,13 @@ MAX_NAMES = 5  # of drones with unsigned statuses
 
 
 class Statuses:
-    """The newest status of each drone. ``unsigned``: names of drones with statuses that their drone has not signed."""
+    """Stores the newest status message of each drone on an operator's computer, and checks the signatures.
+
+    ``unsigned``: names of drones in whose names unsigned statuses arrived.
+    """
 
     def __init__(self, identity: Identity | None = None) -> None:
-        """``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
+        """Start without statuses. ``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
         self._verifier = Verifier(identity.authority) if identity is not None else None
         self.unsigned: set[str] = set()
         self._newest: dict[str, Status] = {}
@@ -36,13 +39,16 @@ class Statuses:
         self._tickets: dict[str, deque[tuple[float, Ticket | None]]] = {}  # with their arrival, of the last seconds
 
     def ticket(self, drone: str, at_s: float | None = None) -> Ticket | None:
-        """The ticket in a drone's newest status; ``at_s``: in the newest that had come by then (``elapsed_s``)."""
+        """Return the ticket (data that a command must carry once) in a drone's newest status.
+
+        ``at_s``: in the newest status that had arrived by this time (``elapsed_s``).
+        """
         if at_s is None:
             return self._newest[drone].ticket
         return next((ticket for heard_s, ticket in reversed(self._tickets.get(drone, ())) if heard_s <= at_s), None)
 
     def receive(self, key: str, payload: bytes) -> bool:
-        """Take a message of the mesh; returns whether it is a valid status: signed by its drone, and no replay."""
+        """Take a message of the radio network; return whether it is a valid status: signed by its drone, and no replay."""
         try:
             if parse_key(key).kind != "status":
                 return False
@@ -70,43 +76,48 @@ class Statuses:
         return self._newest[drone]
 
     def heard(self) -> list[str]:
-        """The drones heard recently."""
+        """Return the names of the drones whose status arrived recently."""
         oldest_s = elapsed_s() - FRESH_S
         return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
 
     def clock_ahead_s(self, drone: str) -> float:
-        """By how much a drone's clock is ahead of this computer's, with the delay of its newest status."""
+        """Return the time (s) by which a drone's clock is ahead of this computer's; it includes the delay of the newest
+        status.
+        """
         return self._ahead_s[drone]
 
 
 class Tickets:
-    """Tickets of one order for its drones: all copies carry the nonces published by the time of the order, and its numbers.
+    """The tickets of one command for its drones: data from a drone's status, by which the drone refuses old or repeated commands.
 
-    Every drone therefore refuses each copy ``MAX_ORDER_AGE_NS`` after the order, for any delay on the way.
+    All copies of the command carry the nonces (random numbers) published by the time of the command, and its numbers. Every drone
+    therefore refuses each copy ``MAX_ORDER_AGE_NS`` after the command, for any delay on the way.
     """
 
     def __init__(self, statuses: Statuses, drones: Collection[str], given_s: float) -> None:
-        """``given_s``: when the order was given (``elapsed_s``)."""
+        """Take the tickets of the drones. ``given_s``: when the command was given (``elapsed_s``)."""
         self.statuses, self.drones = statuses, tuple(drones)
         self._tickets = {name: ticket for name in drones if (ticket := statuses.ticket(name, given_s)) is not None}
 
     def to(self, drones: Collection[str]) -> dict[str, Ticket]:
-        """Tickets for a copy of the order to these drones, without drones that published no ticket."""
+        """Return the tickets for a copy of the command to these drones, without drones that published no ticket."""
         return {name: self._tickets[name] for name in drones if name in self._tickets}
 
     def renumber(self, drones: Collection[str]) -> None:
-        """Number the order anew for these drones, after whatever they have carried out meanwhile."""
+        """Give the command a new number for these drones, above the number of the commands that they have carried out
+        meanwhile.
+        """
         for name, ticket in self.to(drones).items():
             newest = self.statuses.ticket(name)
             self._tickets[name] = ticket if newest is None else replace(ticket, number=newest.number)
 
     def is_overtaken(self, drone: str) -> bool:
-        """Whether a drone has carried out another order since this one was numbered."""
+        """Return whether a drone has carried out another command since this one was numbered."""
         newest, own = self.statuses.ticket(drone), self._tickets.get(drone)
         return newest is not None and own is not None and newest.number > own.number
 
     def why(self, action: Action, drone: str) -> str:
-        """The reason for a drone's refusal, in one line."""
+        """Return the probable reason why a drone has not obeyed, in one line."""
         status, ahead_s = self.statuses[drone], self.statuses.clock_ahead_s(drone)
         if drone not in self.statuses.heard():
             return f"{drone}: no longer heard"
@@ -124,7 +135,7 @@ class Tickets:
 
 
 def legible(status: Status) -> Status:
-    """A status with texts that are safe on a terminal."""
+    """Return a status with texts that are safe on a terminal, without control characters."""
     problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
     upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
     return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)

@@ -20,8 +20,10 @@ _SILENT_NS = 10_000_000_000  # readouts come five times a second
 
 
 class Camera:
-    """Its readouts without repeated ones, the detector chain, the nuclide in its spectrum, and the observer that makes entries
-    of its detections.
+    """Turns the readouts of this drone's camera into log entries, and watches the camera for faults.
+
+    A readout passes the filter for repeated readouts, the detection chain (clusters, coincidences, cones), the recognition of the
+    nuclide in the spectrum, and the observer that makes log entries of the detections.
     """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:
@@ -39,7 +41,7 @@ class Camera:
         self._is_silent = False
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """Problems of the camera, or of its view, one line each. Before a flight its driver reports a missing camera."""
+        """Return problems of the camera, or of its view, one line each. Before a flight its driver reports a missing camera."""
         if self._newest_ns is not None:
             self._newest_ns = min(self._newest_ns, now_ns)  # the clock may have been set back
             self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS
@@ -49,11 +51,11 @@ class Camera:
 
     @property
     def recognised(self) -> Recognised | None:
-        """The nuclide in its spectrum; None: no one stands out."""
+        """The nuclide recognised in the camera's spectrum; None if no nuclide stands out."""
         return self._watch.message
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
-        """The log entries of a readout."""
+        """Return the log entries that follow from a readout."""
         self._newest_ns, self._is_silent = readout.end_ns, False
         entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)

@@ -29,7 +29,10 @@ class _Doubted(Struct, frozen=True):
 
 
 class Numbering(Iterator[int]):
-    """Gives consecutive numbers, from 1 on."""
+    """Gives the sequence numbers of this drone's log entries, from 1 on, and remembers which were given at which time.
+
+    With this memory, entries made with a wrong clock can be taken back.
+    """
 
     def __init__(self) -> None:
         self._next = 1
@@ -45,7 +48,9 @@ class Numbering(Iterator[int]):
         return number
 
     def keep_time(self, now_ns: int) -> None:
-        """Look at the own clock: before numbers are given by it, or at most a moment later."""
+        """Compare the clock with the previous call, to find steps of the clock. Call it before numbers are given, or a moment
+        later.
+        """
         before_ns, self._now_ns = self._now_ns, now_ns
         step_ns = 0 if before_ns is None else now_ns - before_ns
         if before_ns is not None and step_ns < -_SET_BACK_NS:
@@ -83,10 +88,10 @@ class Numbering(Iterator[int]):
         return first
 
     def since(self, stamp_ns: int) -> tuple[int, int] | None:
-        """Return the first and the last number given since that time, or up to a second earlier; None without numbers beyond the
-        ones returned before.
+        """Return the first and the last number given since a time (ns), or up to a second earlier.
 
-        The entries are taken back with the next number, so that a localisation that jumps all the time repeats no retraction.
+        Return None if all of them have been returned before. The entries are taken back with the next number, so that a
+        localisation that jumps all the time repeats no retraction.
         """
         earlier = [number for noted_ns, number in self._noted if noted_ns <= stamp_ns]
         first, (told_first, told_next) = earlier[-1] if earlier else 1, self._told
@@ -98,8 +103,10 @@ class Numbering(Iterator[int]):
         return first, self._next - 1
 
     def wrong(self) -> tuple[int, int] | None:
-        """Return the first and the last number of the wrongly stamped entries, once, after the clock is known to be right; None
-        without any.
+        """Return the first and the last number of entries with stamps of a wrong clock, once, after the clock is known to be
+        right.
+
+        Return None without such entries.
         """
         doubted, self._doubted = self._doubted, None
         return None if doubted is None else (doubted.first, doubted.last)

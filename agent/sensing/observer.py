@@ -48,7 +48,11 @@ GONE_NS = 10_000_000_000  # after this time without data the camera is not waite
 
 
 class Observer:
-    """Turns one detector's stretches into log entries with consecutive sequence numbers."""
+    """Turns the detections of one drone's camera into log entries, with the poses that the drone had: cones, and exposures
+    (counts).
+
+    The entries have consecutive sequence numbers, and positions in the drone's local frame.
+    """
 
     def __init__(
         self,
@@ -59,7 +63,10 @@ class Observer:
         numbers: Iterator[int],
         carried: Callable[[int], CarriedFrame | None],
     ) -> None:
-        """``history``: the own poses; ``numbers``: sequence numbers of this boot's entries; ``carried``: see ``OwnPose``."""
+        """Set up the observer of one drone.
+
+        ``history``: the drone's own poses; ``numbers``: sequence numbers of this run's entries; ``carried``: see ``OwnPose``.
+        """
         self._drone = drone.id
         self._mission = mission.mission_id
         self._boot = boot
@@ -81,7 +88,10 @@ class Observer:
         self._spectrum = CoarseSpectrum()
 
     def coverage(self, stamp_ns: int, epoch: int, path_m: tuple[tuple[float, float], ...], swath_m: float) -> Coverage:
-        """The log entry of a searched path (m, horizontal); local frame of the epoch."""
+        """Return the log entry of a searched path (m, horizontal), in the local frame of the epoch (period without a jump).
+
+        swath_m: width that is covered along the path.
+        """
         return Coverage(
             stamp_ns=stamp_ns,
             drone=self._drone,
@@ -94,8 +104,9 @@ class Observer:
         )
 
     def taken_back(self, stamp_ns: int, first: int, last: int) -> Retraction:
-        """Return the log entry that takes back the entries of these numbers with stamps of a wrong clock. Later measurements at
-        the same stamps are used.
+        """Return the log entry that takes back the entries with these numbers, whose stamps are of a wrong clock.
+
+        Later measurements at these stamps are used.
         """
         self._waiting.clear()
         self._end_ns = self._unused_ns = self._elsewhere_ns = 0
@@ -103,12 +114,12 @@ class Observer:
         return self.retraction(stamp_ns, first, last)
 
     def drop_until(self, until_ns: int) -> None:
-        """Drop measurements until then that are not logged yet: this drone may have been elsewhere."""
+        """Drop measurements until a time (ns) that are not logged yet, because this drone may have been at another place."""
         self._empty()
         self._elsewhere_ns = until_ns
 
     def retraction(self, stamp_ns: int, first: int, last: int) -> Retraction:
-        """The log entry that takes back the measurements with these numbers."""
+        """Return the log entry that takes back the measurements with the numbers ``first`` to ``last``."""
         return Retraction(
             stamp_ns=stamp_ns,
             drone=self._drone,
@@ -121,20 +132,19 @@ class Observer:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Problems of the camera: one line or none."""
+        """Problems of the camera: a line if it has not seen a hit for long, else empty."""
         if self._silent_s < SILENT_S:
             return ()
         return (f"camera: no hit for {SILENT_S:g} s or more, not even background; its counts are not used",)
 
     def observe(self, detections: Detections) -> list[Entry]:
-        """Return the log entries of a stretch of detections, and of earlier stretches that have waited for their telemetry.
-        Counts are held until an exposure is full.
+        """Return the log entries of a time interval of detections, and of earlier intervals that have waited for their telemetry.
 
-        The zeros of a mute camera are not used (see ``unseen``): these are no evidence against a source. Some stretches are
-        dropped, and counted in ``dropped``: longer than the longest exposure, without a known (telemetry missing) or trusted
-        pose, or overlapping earlier ones (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of
-        more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in
-        ``withheld``.
+        Counts are held until an exposure is full. The zeros of a mute camera are not used (see ``unseen``): these are no evidence
+        against a source. Some intervals are dropped, and counted in ``dropped``: longer than the longest exposure, without a
+        known (telemetry missing) or trusted pose, or overlapping earlier ones (a backward clock step). Measurements at a wrong
+        place would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their
+        direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -197,11 +207,11 @@ class Observer:
         return span_ns[0] - HELD_NS <= start_ns and end_ns <= span_ns[1] + HELD_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
-        """Return poses for the time without usable data of the camera: exposures without live time. These carry no information on
-        the source, but without them the drone's frame could not be estimated, or published after a jump, any more.
+        """Return log entries with poses for times without usable data of the camera: exposures without live time.
 
-        The wait for a readout is as short as possible. After late poses every drone estimates all frames since then again, and
-        with them the source.
+        These carry no information on the source, but without them the drone's frame could not be estimated, or published after a
+        jump, any more. The wait for a readout is as short as possible. After late poses every drone estimates all frames since
+        then again, and with them the source.
         """
         entries: list[Entry] = []
         span_ns = self._history.span_ns

@@ -17,20 +17,20 @@ from radron.protocol.entries import CarriedFrame
 
 
 class OverGround:
-    """Places of one drone in its local frame, as its measurements state them.
+    """Corrects the heights of one drone's measurement positions by its rangefinder, as the source lies on the ground.
 
     Only for a frame that is known exactly, or continued from such a frame, over level ground. Otherwise the height is part of the
     estimate, or of the ground's shape.
     """
 
     def __init__(self, member: DroneInMission, ground: Ground, carried: Callable[[int], CarriedFrame | None]) -> None:
-        """``member``: the own one; ``carried``: see ``OwnPose``."""
+        """Set up the correction. ``member``: this drone; ``carried``: see ``OwnPose``."""
         known = member.is_exact and ground.level
         self._ground_z_m = ground.height_m(0.0, 0.0) - member.origin_m[2] if known else None  # in the frame of the launch
         self._carried = carried
 
     def placed(self, position: Vector3, state: VehicleState) -> Vector3:
-        """A position with its height by the rangefinder; ``state``: the telemetry before it."""
+        """Return a position (local frame, m) with the height by the rangefinder; ``state``: the telemetry before it."""
         if self._ground_z_m is None:
             return position
         frame_z_m = 0.0

@@ -21,7 +21,11 @@ _UNIT_TOLERANCE = 0.01  # of a direction's length; it is brought to 1
 
 
 class PositionSensors:
-    """Log entries of one drone's satellite receiver and relative sensors. Unusable measurements are counted and dropped."""
+    """Turns the measurements of one drone's satellite receiver and relative sensors into log entries, with the drone's pose at
+    their time.
+
+    Unusable measurements are counted and dropped.
+    """
 
     def __init__(
         self,
@@ -42,7 +46,7 @@ class PositionSensors:
         self._taken: dict[str, tuple[int, int]] = {}  # by target: a second, and the number taken in it
 
     def fix(self, fix: GnssFix) -> Fix | None:
-        """The log entry of a fix; None if unusable."""
+        """Return the log entry of a satellite position; None if it is unusable."""
         pose = self._history.extrapolated(fix.stamp_ns)
         if pose is None or self._refuses("fixes", "fix", fix.stamp_ns, _is_plausible_fix(fix)):
             self._counters["fixes_without_pose"] += pose is None
@@ -63,19 +67,19 @@ class PositionSensors:
         )
 
     def begin_anew(self) -> None:
-        """Begin anew: the entries with later stamps are taken back."""
+        """Start again after a clock step: the entries with later stamps are being taken back."""
         self._newest_ns = self._elsewhere_ns = 0
 
     def drop_until(self, until_ns: int) -> None:
-        """Log no sighting of before: this drone may have been elsewhere."""
+        """Log no sighting from before a time (ns), because this drone may have been at another place."""
         self._elsewhere_ns = until_ns
 
     def sighting(self, seen: SeenDrone) -> Sighting | None:
-        """Return the log entry of a relative observation, its direction in the local frame; None if unusable.
+        """Return the log entry of a relative observation of another drone, its direction in the local frame; None if unusable.
 
-        After a backward clock step the log already holds poses of this drone at these stamps. Present sightings of the others
-        would contradict their former positions. Such a sighting is ``NOT_LOGGED``, until the poses are taken back
-        (``begin_anew``). The same holds for a sighting of a time at which this drone may have been elsewhere (``drop_until``).
+        After a backward clock step the log already holds poses of this drone at these stamps. Present sightings of the other
+        drones would contradict their former positions. Such a sighting is ``NOT_LOGGED``, until the poses are taken back
+        (``begin_anew``). So is a sighting from a time at which this drone may have been at another place (``drop_until``).
         """
         if seen.target not in self._others:
             self._counters["sightings_of_nobody"] += 1

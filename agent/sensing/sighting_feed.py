@@ -23,9 +23,10 @@ _DECODER = msgspec.json.Decoder(SeenDrone)
 
 
 class SightingsFeed:
-    """Reads the feed at ``address``, reconnecting as long as it is open.
+    """Receives relative observations of other drones (sightings) from a sensor's TCP feed at ``address``, and reconnects after a
+    fault.
 
-    ``counters``: sightings, malformed, dropped_stale, and the link's.
+    ``counters``: sightings, malformed lines, sightings dropped as too old (``dropped_stale``), and connections.
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -37,11 +38,11 @@ class SightingsFeed:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The present problems, one line each."""
+        """The present problems of the feed, one line each."""
         return tuple(text for text in (self._feed.problem, self._flaw) if text is not None)
 
     async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
-        """Sightings as they come, until ``close``."""
+        """Yield sightings as they arrive, until ``close`` is called."""
         async for lines in self._feed.items():
             seen = [sighting for sighting in map(self._sighting, lines) if sighting is not None]
             self.counters["sightings"] += len(seen)
@@ -65,5 +66,5 @@ class SightingsFeed:
         return seen
 
     async def close(self) -> None:
-        """Close the link; ``sightings`` ends."""
+        """Close the link, so that ``sightings`` ends."""
         await self._feed.close()

@@ -15,14 +15,17 @@ T = TypeVar("T")
 
 
 class FaultBarrier:
-    """Contains the exceptions of handlers and background tasks. ``failures`` counts them by kind."""
+    """Keeps exceptions of message handlers and background tasks from ending the flight: they are logged, counted and reported.
+
+    ``failures``: number of exceptions by kind of handler.
+    """
 
     def __init__(self, log: Logger) -> None:
         self.failures: Counter[str] = Counter()
         self._log = log
 
     def call(self, kind: str, call: Callable[P, T], otherwise: T) -> Callable[P, T]:
-        """Return the same call, with ``otherwise`` as its result after an exception."""
+        """Return a function that makes the call, and returns ``otherwise`` after an exception. kind: name of the handler."""
 
         def contained(*args: P.args, **kwargs: P.kwargs) -> T:
             try:
@@ -46,7 +49,7 @@ class FaultBarrier:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line for each kind of failure."""
+        """A line for each kind of handler that has failed."""
         return tuple(f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
 
     def _failed(self, kind: str) -> None:

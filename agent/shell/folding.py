@@ -32,9 +32,11 @@ _ENDED = "the process that computes the source estimate has ended, and starts ag
 
 
 class Folding:
-    """Computes the tasks of a ``Deferred`` estimator; idle for any other estimator, computed in the agent's own process.
+    """Runs the process in which a slow estimator is computed: starts it, sends tasks, takes answers, and starts it again after
+    its end.
 
-    ``problem``: why new answers are missing, or None.
+    Without a ``Deferred`` estimator it does nothing, since the estimator is computed in the agent's own process. ``problem``: why
+    new answers are missing, or None.
     """
 
     def __init__(
@@ -45,7 +47,10 @@ class Folding:
         log: Logger,
         pause_s: float = PAUSE_S,
     ) -> None:
-        """``answered``: takes the answers, see ``Fusion``. ``pause_s``: before the first new start of the process."""
+        """Set up the process.
+
+        ``answered``: takes the answers, see ``Fusion``. ``pause_s``: pause before the first new start of the process.
+        """
         self._deferred = estimator if isinstance(estimator, Deferred) else None
         self._answered = answered
         self._order: Order = estimator.name, mission
@@ -54,7 +59,7 @@ class Folding:
         self.problem = _NOT_READY if self._deferred is not None else None
 
     async def run(self) -> None:
-        """Compute until cancelled."""
+        """Compute tasks of the estimator until cancelled."""
         while self._deferred is not None:
             try:
                 await self._compute(self._deferred)

@@ -22,14 +22,15 @@ _PR_SET_PDEATHSIG = 1
 
 
 class Heartbeat:
-    """Tells the supervisor that the agent is alive, and passes lines on to the service manager.
+    """Reports to the supervising process (watchdog) that the agent is alive, and passes lines on to the service manager
+    (systemd).
 
     Lines go through a pipe: an empty line is a heartbeat, any other is for the service manager. Without its supervisor the
     process ends, because a hung process would stay.
     """
 
     def __init__(self, fd: int | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
-        """``fd``: the pipe; None: not supervised, but still ended after a stall."""
+        """Set up the heartbeat. ``fd``: file descriptor of the pipe; None: not supervised, but still ended after a stall."""
         self._fd = fd
         self._now_s = now_s
         self._last_s: float | None = None
@@ -38,27 +39,29 @@ class Heartbeat:
             os.set_inheritable(fd, False)
 
     def beat(self) -> None:
-        """Report one step. The first heartbeat arms both watchdogs."""
+        """Report one step of the flight loop. The first heartbeat arms both watchdogs, the supervisor's and this
+        process's own.
+        """
         self.check()
         self._last_s = self._now_s()
         self._write(b"\n")
 
     def tell(self, line: str) -> None:
-        """Send a line to the service manager: ``READY=1``, ``STATUS=...``."""
+        """Send a line to the service manager, such as ``READY=1`` or ``STATUS=...``."""
         self._write(line.replace("\n", " ").encode()[:512] + b"\n")
 
     def check(self) -> None:
         """End the process at once if the last heartbeat is too long ago.
 
         After a stop of the process or a blocked loop, results computed before must not be sent: the autopilot is in its failsafe
-        by now. To be called before anything is sent.
+        by now. Call it before anything is sent.
         """
         if self._last_s is not None and self._now_s() - self._last_s > SILENCE_S:
             os.write(2, b"radron-agent: stalled for more than 1 s; exiting, so that nothing stale is sent\n")
             os._exit(HUNG)
 
     def rest(self) -> None:
-        """Disarm the check for stalls: no more steps follow."""
+        """Disarm this process's own watchdog, because no more steps follow."""
         self._last_s = None
 
     def _write(self, line: bytes) -> None:
@@ -79,7 +82,7 @@ class StallCheckingSelector(selectors.DefaultSelector):
         self._heartbeat = heartbeat
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Extend the base class by the check."""
+        """Wait for events as the base class does, and check for a stall."""
         events = super().select(timeout)
         self._heartbeat.check()
         return events

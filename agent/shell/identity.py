@@ -18,7 +18,9 @@ _SET_IT = "set it, such as by `chronyc makestep`"
 
 
 class DeadClockError(ConfigError):
-    """This computer's clock is before its certificate or its software. ``valid``: bounds of a plausible time."""
+    """This computer's clock shows a time before its certificate or its software was made. ``valid``: bounds of a
+    plausible time.
+    """
 
     def __init__(self, text: str, valid: Valid) -> None:
         super().__init__(text)
@@ -26,7 +28,10 @@ class DeadClockError(ConfigError):
 
 
 class Validity(NamedTuple):
-    """``fault``: why this certificate must not start a flight. ``text``: name and end of the certificate."""
+    """Whether a drone's certificate is valid for a flight.
+
+    ``fault``: reason why a flight must not start with it, or None. ``text``: name and end of the certificate.
+    """
 
     fault: str | None
     text: str
@@ -34,7 +39,7 @@ class Validity(NamedTuple):
 
     @property
     def notice(self) -> str | None:
-        """Return a reminder, from a month before the certificate's end."""
+        """A reminder to the operator from a month before the certificate's end; None before."""
         return f"certificate: {self.text}" if self.fault is None and self.left_days <= _NOTICE_DAYS else None
 
 
@@ -42,7 +47,7 @@ def own_identity(drone: DroneConfig) -> Identity | None:
     """Return the drone's certificate and key; None for unencrypted links (``insecure`` in the drone file).
 
     Raises:
-        ConfigError: neither is given, or both.
+        ConfigError: neither a certificate nor ``insecure`` is given, or both.
         IdentityError: files that cannot be used.
     """
     mesh = drone.mesh
@@ -57,13 +62,13 @@ def own_identity(drone: DroneConfig) -> Identity | None:
 
 
 def check_clock(drone: DroneConfig, now_ns: int, made_ns: int | None = None) -> None:
-    """Check that this computer's clock is not before the drone's certificate: no link would come up.
+    """Check that this computer's clock is not before the begin of the drone's certificate: no link would come up.
 
     ``made_ns``: build time of the software, UTC; None: unknown.
 
     Raises:
         DeadClockError: the clock is before the certificate or the software, as on a computer without a clock battery.
-        IdentityError: a certificate that cannot be used.
+            IdentityError: a certificate that cannot be used.
     """
     identity = own_identity(drone)
     if identity is None:

@@ -12,7 +12,9 @@ from radron.protocol.mesh.link import MeshConfig
 
 
 def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
-    """Listen at the drone's own endpoint, and dial the drones before this drone in the mission: never in both directions.
+    """Return the network settings of a drone: it listens at its own address, and connects to the drones before it in the mission.
+
+    So there is one link for each pair, never one in each direction.
 
     Raises:
         ConfigError: the drone has no endpoint, or no certificate.
@@ -31,6 +33,6 @@ def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
 
 
 def without(revoked: frozenset[str], links: MeshConfig, drone: DroneConfig) -> MeshConfig:
-    """Return the same links without the revoked members: these are not dialled either."""
+    """Return the network settings without the revoked members, which are neither accepted nor contacted."""
     left_out = {drone.mesh.endpoints.get(name) for name in revoked}
     return replace(links, revoked=revoked, connect=tuple(peer for peer in links.connect if peer not in left_out))

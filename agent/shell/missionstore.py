@@ -30,9 +30,10 @@ class _Kept(Struct, frozen=True, kw_only=True):
 
 
 class InForce(Struct, frozen=True):
-    """The mission that a drone flies. ``origin``: of an uploaded mission; None: from the mission file.
+    """The mission that a drone flies, from its mission file or uploaded by an operator.
 
-    ``fault``: why an uploaded mission cannot be used; prevents a start. ``notice``: for the operator.
+    ``origin``: of an uploaded mission; None: from the mission file. ``fault``: reason why an uploaded mission cannot be used,
+    which prevents a start. ``notice``: for the operator.
     """
 
     mission: MissionConfig
@@ -42,7 +43,7 @@ class InForce(Struct, frozen=True):
 
 
 def mission_path(drone: DroneConfig) -> Path | None:
-    """Return the file for an uploaded mission; None without a state folder."""
+    """Return the path of the file in which an uploaded mission is kept; None without a state folder."""
     return None if drone.state is None else Path(drone.state) / f"{drone.id}.mission.json"
 
 
@@ -74,12 +75,13 @@ def mission_in_force(drone: DroneConfig, filed: MissionConfig) -> InForce:
 
 
 def described(origin: Origin) -> str:
-    """Return the station and the time (UTC) of an upload, as text."""
+    """Return sender and time (UTC) of an uploaded mission as text."""
     return f"{origin.station}, {utc(origin.taken_ns):%Y-%m-%d %H:%M} UTC"
 
 
 def keep(content: bytes, mission_id: str, drone: DroneConfig, swarm: str, origin: Origin) -> None:
-    """Check an uploaded mission like a mission file, and keep it in the place of an earlier upload, or not at all.
+    """Check an uploaded mission like a mission file, and store it in place of an earlier upload; after an error nothing is
+    stored.
 
     Raises:
         RadronError: this drone cannot fly the mission; one line.

@@ -65,7 +65,7 @@ DetectorOf = Callable[[DetectorConfig], Detector | None]
 
 
 class Node:
-    """One agent, from its start to its end."""
+    """The process of one drone, from its start to its end: network, autopilot and camera are connected to the pilot program."""
 
     def __init__(
         self,
@@ -112,8 +112,8 @@ class Node:
         """Fly until cancelled, or until a new mission or a rebooted autopilot needs a new start.
 
         Raises:
-            RadronError, ProtocolError: an error for the user to fix: no vehicle, a port in use, no camera module.
-            Exception: the pilot's step failed.
+            RadronError, ProtocolError: an error for the user to fix: no vehicle, a port in use, no camera module. Exception: the
+                pilot's step failed.
         """
         try:
             await self._open()

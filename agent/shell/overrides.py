@@ -26,11 +26,11 @@ NOT_OURS = ("RADRON_SIM_", "RADRON_PKI_PASSPHRASE", "RADRON_IDENTITY")
 
 
 def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig, MissionConfig]:
-    """Read a drone file, and its mission file.
+    """Read a drone file, with overrides from environment variables, and the mission file that it names.
 
     Raises:
-        ConfigError: unreadable, not TOML, unknown keys, values out of range, in the file or in the environment; no mission
-            given; a mission without this drone, with an unknown estimator, or with unusable launch places or ground model.
+        ConfigError: unreadable, not TOML, unknown keys, values out of range, in the file or in the environment; no mission given;
+            a mission without this drone, with an unknown estimator, or with unusable launch places or ground model.
     """
     drone = load_drone_file(path, environment)
     if drone.mission is None:
@@ -41,7 +41,9 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
 
 
 def load_drone_file(path: Path, environment: Mapping[str, str]) -> DroneConfig:
-    """Read a drone file alone. Raises ConfigError for the drone file's errors of ``load_drone``."""
+    """Read a drone file, with overrides from environment variables, without its mission file. Raises ConfigError as
+    ``load_drone``.
+    """
     return _with_paths_from(path.absolute().parent, _converted(path, environment))
 
 

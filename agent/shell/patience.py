@@ -15,10 +15,13 @@ LIVE_S = 10.0  # between two signs of life during an attempt
 
 
 class Patience:
-    """Reports an obstacle: once on the error stream, and in the status line of the service manager's unit."""
+    """Waits for obstacles before a flight to go away, such as a cable that is not plugged in, and reports them.
+
+    An obstacle is reported once on the error stream, and in the status line of the service manager's unit.
+    """
 
     def __init__(self, heartbeat: Heartbeat, waits: bool = False, retry_s: float = RETRY_S) -> None:
-        """``waits``: False ends the agent at the first obstacle. ``retry_s``: between two attempts."""
+        """Set up the waiting. ``waits``: False ends the agent at the first obstacle. ``retry_s``: between two attempts."""
         self.waits = waits
         self.retry_s = retry_s
         self._heartbeat = heartbeat

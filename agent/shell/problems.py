@@ -16,7 +16,7 @@ LATE_S = 5.0  # a late step is reported for this long
 
 
 class Problems:
-    """Reports the problems of the parts around one pilot to that pilot."""
+    """Reports the problems of autopilot link, camera, network and computer to the pilot program, and logs their begin and end."""
 
     def __init__(self, pilot: Pilot | RecordedPilot, log: Logger) -> None:
         self._warnings = _Changes("warning", pilot.warn, log)
@@ -24,7 +24,10 @@ class Problems:
         self._notices = _Changes("notice", pilot.notice, log)
 
     def tell(self, warnings: Iterable[str | None], faults: Iterable[str | None], notices: Iterable[str | None]) -> None:
-        """Report all present problems; None is left out. ``faults``: prevent a start."""
+        """Report all present problems; None is left out.
+
+        ``warnings``: for the operator; ``faults``: prevent a start; ``notices``: are no problems of this flight.
+        """
         for changes, found in ((self._warnings, warnings), (self._faults, faults), (self._notices, notices)):
             changes.tell(tuple(text for text in found if text is not None))
 
@@ -51,27 +54,30 @@ class _Changes:
 
 
 class LateSteps:
-    """Late steps of the pilot in the last seconds."""
+    """Detects a computer that is too slow, by late steps of the flight loop in the last seconds."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
         self._last_s = float("-inf")
 
     def note(self, behind_s: float) -> None:
-        """Note how late the next step is."""
+        """Note how late (s) the next step is."""
         if behind_s > LATE_STEP_S:
             self._last_s = self._clock_s()
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One line or none."""
+        """A line for the operator if steps were late recently; empty otherwise."""
         if self._clock_s() - self._last_s >= LATE_S:
             return ()
         return (f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s",)
 
 
 def no_contact(drone: DroneConfig, mission: MissionConfig, alive: Collection[str]) -> list[str]:
-    """Return a line for each other member not ``alive`` on the mesh, with the endpoint that this drone dials."""
+    """Return a line for each other drone of the mission without a network contact, with the address that this drone connects to.
+
+    alive: names of the drones in contact.
+    """
     endpoints = drone.mesh.endpoints
     missing = (member.id for member in mission.drones if member.id != drone.id and member.id not in alive)
     return [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in missing]

@@ -16,9 +16,9 @@ TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: in turn, so that 
 
 
 class RevokedFile:
-    """The revocations known to one drone, in ``{folder}/{drone}.revoked``; without a folder nothing is kept.
+    """The file with the revocations (withdrawn rights of members) known to one drone, ``{folder}/{drone}.revoked``.
 
-    The file holds the revocations as signed: every reader verifies the signatures again.
+    Without a folder nothing is stored. The file holds the revocations as signed: every reader verifies the signatures again.
     """
 
     def __init__(self, folder: str | None, drone: str) -> None:
@@ -44,13 +44,15 @@ class RevokedFile:
         return found.held
 
     def passed_on(self, now_ns: int) -> tuple[Revoked, ...]:
-        """Return the revocations of the file as this drone's own ``Revoked`` message; empty without revocations."""
+        """Return the revocations of the file as a ``Revoked`` message of this drone; empty without revocations."""
         held = self.load()
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=held),) if held else ()
 
     def save(self, held: tuple[Revocation, ...]) -> None:
-        """Write changed revocations in the background. During a write, newer revocations are left to the next call. Without
-        known revocations, as when the file's signatures can no longer be verified, the file stays unchanged.
+        """Write changed revocations in the background.
+
+        While a write is running, newer revocations wait for the next call. Without known revocations, as when the file's
+        signatures can no longer be verified, the file stays unchanged.
         """
         if self.path is not None and held and held != self._saved and (self._saving is None or self._saving.done()):
             self._saved = held
@@ -73,7 +75,10 @@ class RevokedFile:
 
 
 def turn_s(index: int, count: int) -> float:
-    """Return the wait (s) of the drone with this index before its turn, among ``count`` drones."""
+    """Return the wait (s) of the drone with this index before its turn, among ``count`` drones.
+
+    Drones reopen their links one after the other, so that most of the swarm stays linked.
+    """
     return index * min(TURN_S, TURNS_S / count)
 
 
@@ -83,7 +88,7 @@ async def exclude(
     reopen: Callable[[frozenset[str]], Awaitable[None]],
     wait_s: float,
 ) -> None:
-    """Open the session anew after each change of the revoked members, until cancelled. A failed attempt is repeated.
+    """Open the network session again after each change of the revoked members, until cancelled. A failed attempt is repeated.
 
     Args:
         revoked: names of the revoked members.

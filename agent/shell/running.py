@@ -32,9 +32,11 @@ USER_ERROR = 2
 def run_agent(
     path: str, verbose: bool, heartbeat: Heartbeat, detector_of: DetectorOf = open_detector, patience: Patience | None = None
 ) -> int:
-    """Run until SIGTERM. Returns 0; 2 after one line about an error of the user; 70 after the pilot failed; 75 to begin anew.
+    """Run the agent until SIGTERM, and return the exit code of the process.
 
-    ``patience``: if it ``waits``, an error of the user is reported as an obstacle and the start is tried again.
+    0: stopped on request; 2 after one line about an error that the user can fix; 70 after the pilot program failed; 75 to be
+    started again. ``path``: of the drone file. ``patience``: if it ``waits``, an error of the user is reported as an obstacle and
+    the start is tried again.
     """
     patience = patience or Patience(heartbeat)
     while True:

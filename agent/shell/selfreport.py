@@ -34,31 +34,33 @@ CAMERA_S = 10.0  # between two readouts of a camera that works
 
 
 def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the folder for reports to this computer, named by the service manager; None without one."""
+    """Return the folder in which the agent reports to its own computer, as named by the service manager (systemd); None without
+    one.
+    """
     folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     return Path(folder) if folder else None
 
 
 class SelfReport:
-    """Writes the reports of one run of the agent."""
+    """Writes a report on the agent's state for other programs of its computer, once a second."""
 
     def __init__(self, folder: Path | None, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """``folder``: for the report; None: no reports."""
+        """Set up the reports. ``folder``: for the report file; None: no reports."""
         self._file = folder / REPORT_FILE if folder is not None else None
         self._clock_s = clock_s
         self._readout_s = float("-inf")
 
     @classmethod
     def here(cls, environment: Mapping[str, str] = os.environ) -> SelfReport:
-        """Return a reporter into the service manager's folder."""
+        """Return a reporter that writes into the service manager's folder."""
         return cls(runtime_folder(environment))
 
     def readout(self) -> None:
-        """Note a readout of the camera."""
+        """Note that the camera has delivered a readout."""
         self._readout_s = self._clock_s()
 
     async def run(self, present: Callable[[], Report]) -> None:
-        """Report until cancelled. ``present``: makes the report; time, version and camera are filled in here."""
+        """Write reports until cancelled. ``present``: makes the report; time, version and camera are filled in here."""
         release = version("radron")
         try:
             while self._file is not None:
@@ -81,7 +83,7 @@ class SelfReport:
 
 
 def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4Vehicle) -> Report:
-    """Return the report of one run, without time, version and camera (``SelfReport``). ``boot``: the run's id."""
+    """Return the report on one run of the agent, without time, version and camera (``SelfReport``). ``boot``: the run's id."""
     differing = (text.partition(" ")[0] for text in mesh.differing)  # drones of another protocol version are heard, too
     telemetry, px4 = vehicle.telemetry, vehicle.messages.version
     return Report(
@@ -99,10 +101,10 @@ def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4V
 
 
 class Updates:
-    """Messages of this computer's updater, read on the ground only: no disk delays a flight."""
+    """Messages of this computer's updater for the operator, read on the ground only, so that no disk delays a flight."""
 
     def __init__(self, folder: str | None) -> None:
-        """``folder``: of the updater; None: no updater on this computer."""
+        """Set up the messages. ``folder``: of the updater; None: no updater on this computer."""
         self._records = Records(Path(folder)) if folder is not None else None
         self.notice: str | None = None  # a failed update, and the release that runs instead
         self.problem: str | None = None  # an update on trial: this computer may start anew at any moment

@@ -11,11 +11,11 @@ from radron.agent.terrain.ground import Ground
 
 
 def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
-    """Check that a mission can be flown, and names this drone.
+    """Check by its files that a mission can be flown, and names this drone.
 
     Raises:
         ConfigError: an unknown estimator, unusable launch places or ground model, or a mission
-            without this drone; names ``where``.
+            without this drone; ``where`` (the file's name) begins the text.
     """
     check_estimator(mission.fusion.estimator, f"{where}: fusion.estimator")
     check_launch_places(mission, where)
@@ -26,7 +26,7 @@ def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
 
 
 def camera_missing(drone: DroneConfig, mission: MissionConfig) -> str | None:
-    """Return why this drone cannot search, if the mission needs a camera and none is configured; else None."""
+    """Return the reason why this drone cannot search, if the mission needs a camera and none is configured; else None."""
     if drone.detector.driver != "none" or mission.fusion.estimator == "given":
         return None
     return 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'

@@ -21,13 +21,13 @@ PROBE_S = 30.0  # interval of writes without a change, as on the ground: a full 
 
 
 class State(Struct, frozen=True, kw_only=True):
-    """The pilot's state, and the launch place: the local frame in the autopilot's frame."""
+    """The state from which an agent continues that is restarted in flight: the pilot's state, and the launch place."""
 
     memory: Memory | None = None
     launch: LaunchPlace | None = None
 
     def launch_in(self, mission: str) -> LaunchPlace | None:
-        """Return the launch place for this mission: for another mission it is measured again once the vehicle stands."""
+        """Return the launch place for this mission; for another mission it is measured again once the vehicle stands."""
         if self.launch is None or self.launch.mission == mission:
             return self.launch
         return replace(self.launch, flown=False)
@@ -50,13 +50,13 @@ class _Kept(_Written, frozen=True, kw_only=True):
 
 
 def encode_state(state: State) -> bytes:
-    """Return the content of the state file."""
+    """Return the content of a state file."""
     memory, launch = Raw(msgspec.json.encode(state.memory)), Raw(msgspec.json.encode(state.launch))
     return msgspec.json.encode(_Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state))))
 
 
 def decode_state(content: bytes) -> State:
-    """Read the content of a state file; raises msgspec.MsgspecError for damaged content or anything else than a state."""
+    """Decode the content of a state file; raises msgspec.MsgspecError if it is damaged, or not a state."""
     try:
         kept = msgspec.json.decode(content, type=_Kept)
         written = msgspec.json.encode(_Written(memory=kept.memory, launch=kept.launch))
@@ -69,13 +69,13 @@ def decode_state(content: bytes) -> State:
 
 
 class StateFile:
-    """The state of one drone in ``path``, ``{folder}/{drone}.json``."""
+    """The file with the state of one drone for a restarted agent, ``{folder}/{drone}.json``."""
 
     def __init__(self, folder: str, drone: str) -> None:
         self.path = Path(folder) / f"{drone}.json"
 
     def load(self) -> State:
-        """Return the state of the previous agent; an empty state without a file.
+        """Return the state that the previous agent stored; an empty state without a file.
 
         Raises:
             OSError: the file exists and cannot be read.
@@ -87,7 +87,7 @@ class StateFile:
             return State()
 
     def save(self, state: State) -> None:
-        """Replace the file atomically and durably: a power cut leaves the older or the newer one. Raises OSError."""
+        """Replace the file: a power cut leaves the old or the new state, never a part. Raises OSError."""
         write_durably(self.path, encode_state(state))
 
 
@@ -96,13 +96,13 @@ def _check(written: bytes) -> str:
 
 
 def unreadable(file: StateFile, error: Exception) -> str:
-    """Return the operator's message about an unreadable state file."""
+    """Return the message to the operator about a state file that cannot be read."""
     reason = error.strerror if isinstance(error, OSError) else error
     return f"{file.path} is not a readable state file ({reason}): a flight could not be resumed after a restart; move it away"
 
 
 class StateStore:
-    """Loads and saves the state of one agent; without a folder for it, nothing is saved."""
+    """Loads the state of the previous agent, and saves the present state in the background; without a folder nothing is saved."""
 
     def __init__(self, folder: str | None, drone: str, log: Logger) -> None:
         self._file = None if folder is None else StateFile(folder, drone)
@@ -114,7 +114,7 @@ class StateStore:
 
     @property
     def problem(self) -> str | None:
-        """Why the state could not be saved, or that the disk does not respond; else None."""
+        """The reason why the state could not be saved, or a line if the disk does not respond; None without a problem."""
         if self._saving is not None and not self._saving.done() and time.monotonic() - self._saving_s > SLOW_S:
             return "state not saved (the disk is too slow): an agent that is restarted in flight will not rejoin it"
         return self._failure
@@ -131,8 +131,9 @@ class StateStore:
         return State()
 
     def save(self, state: State) -> None:
-        """Write a changed state in the background, and an unchanged state every ``PROBE_S``. During a write, a newer state is
-        left to the next call.
+        """Write a changed state in the background, and an unchanged state every ``PROBE_S``.
+
+        While a write is running, a newer state waits for the next call.
         """
         is_due = state != self._saved or time.monotonic() - self._saving_s > PROBE_S
         if self._file is not None and is_due and (self._saving is None or self._saving.done()):
