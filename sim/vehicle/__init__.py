@@ -1,1 +1,1 @@
-"""Multirotor dynamics and PX4's behaviour."""
+"""Simulated multirotors: their dynamics, and the behaviour of the autopilot PX4."""

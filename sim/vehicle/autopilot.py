@@ -1,8 +1,8 @@
-"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and failsafes; with the handling of requests by the driver on
-board.
+"""Simplified PX4 autopilot for flights in lockstep: arming, takeoff, flight modes, landing, and failsafes.
 
-Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. Like the driver
-(``radron.agent.vehicle.requests``), it does not repeat a fulfilled request after another mode was chosen, not by the agent.
+It also handles requests as the driver on board does. Positions are the vehicle's own estimates in its local frame (ENU), as in
+PX4. Like the driver (``radron.agent.vehicle.requests``), it does not repeat a fulfilled request after another mode was chosen,
+not by the agent.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ ACTS_AFTER_S = 5.0  # COM_FAIL_ACT_T: time in hold before the failsafe of an emp
 
 
 class Autopilot:
-    """The flight-mode logic of one vehicle, advanced in fixed steps.
+    """Simulates the flight-mode logic of one vehicle's autopilot in fixed time steps.
 
-    Set by faults: ``hears_requests``, ``hears_setpoints``: messages of this step arrive. ``refuses``: mode changes by the
-    agent are refused. ``knows_position``: the filter's position is known.
+    Set by faults: ``hears_requests``, ``hears_setpoints``: messages of this step arrive. ``refuses``: mode changes by the agent
+    are refused. ``knows_position``: the filter's position is known.
     """
 
     def __init__(
@@ -73,31 +73,31 @@ class Autopilot:
 
     @property
     def target(self) -> Target:
-        """Return the target that the vehicle follows now."""
+        """The target (position, velocity, heading) that the vehicle follows now."""
         return self._guidance.target
 
     @property
     def setpoint_age_s(self) -> float | None:
-        """Return the age of the setpoint that the vehicle follows, s; None without a setpoint."""
+        """Age of the setpoint that the vehicle follows, seconds; None if it follows none."""
         return self._setpoint_age if self.mode is FlightMode.OFFBOARD else None
 
     @property
     def piloted(self) -> bool:
-        """Return whether a safety pilot flies by hand: agent and battery failsafe have no effect then."""
+        """Whether a safety pilot flies by hand; the agent and the battery failsafe then have no effect."""
         return self._piloted
 
     @property
     def descends(self) -> bool:
-        """Return whether the vehicle descends to land, also at the end of a return."""
+        """Whether the vehicle descends to land, also at the end of a return."""
         return self.mode is FlightMode.LAND or self._comes_down
 
     @property
     def grounded(self) -> bool:
-        """Return whether the vehicle is on the ground with idling or stopped rotors."""
+        """Whether the vehicle is on the ground with idling or stopped rotors."""
         return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)
 
     def command(self, command: VehicleCommand) -> None:
-        """Apply the pilot's command of this step."""
+        """Apply the command that the agent has given in this time step."""
         setpoint = command.setpoint if self.hears_setpoints else None
         if setpoint is not None:
             self._setpoint_age = 0.0
@@ -112,8 +112,9 @@ class Autopilot:
             )
 
     def take_over(self, mode: FlightMode) -> None:
-        """Begin a manual override: a safety pilot chooses a mode; in manual the pilot hovers, and the agent's requests have
-        no effect.
+        """Begin a manual override: a safety pilot chooses a mode.
+
+        In manual mode the pilot hovers, and the agent's requests have no effect.
         """
         if self.armed and not self._failed:
             self._piloted = mode is FlightMode.MANUAL
@@ -121,31 +122,31 @@ class Autopilot:
             self._choose(mode)
 
     def give_back(self) -> None:
-        """End the manual override in hold; a descent or a failsafe continues."""
+        """End the manual override: the vehicle holds, unless it is in a descent or a failsafe."""
         if self._piloted or (self._yielded and not (self.descends or self.failsafe)):
             self._piloted = False
             self._choose(FlightMode.HOLD)
 
     def fail(self) -> None:
-        """Fail the motors: the vehicle descends, is disarmed on the ground, and does not fly again."""
+        """Let the motors fail: the vehicle descends, is disarmed on the ground, and does not fly again."""
         self._failed, self._acts, self._intended = True, None, None
         if self.armed:
             self._switch(FlightMode.LAND)
         self.failsafe = True
 
     def save_battery(self, mode: FlightMode) -> None:
-        """React to a nearly empty battery: that mode is flown after some seconds in hold, unless another mode is chosen."""
+        """React to a nearly empty battery: fly this mode after some seconds in hold, unless another mode is chosen."""
         if self.armed and not self._failed and not self._piloted and self.mode not in (mode, FlightMode.LAND):
             waited = self.failsafe
             self._choose(mode if waited else FlightMode.HOLD)
             self._acts, self.failsafe = None if waited else (mode, ACTS_AFTER_S), True
 
     def reframe(self, frame: Reframing) -> None:
-        """Note a reported jump of the vehicle's local frame."""
+        """Adapt to a reported jump of the vehicle's local frame."""
         self._guidance.reframe(frame)
 
     def step(self, position: Vector3, ground_m: float | None = None, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Advance the mode logic by one step.
+        """Simulate the mode logic for one time step.
 
         ``position``, ``velocity``: the vehicle's own estimates; ``ground_m``: z of the ground below it (None: as at home), at
         which the rotors are unloaded.
@@ -273,8 +274,9 @@ class Autopilot:
 
 
 def autopilots(mission: MissionConfig, homes: Iterable[Vector3], yaws: Array, step_s: float) -> list[Autopilot]:
-    """Return the autopilots of a mission's drones. ``homes``: in their local frames; ``yaws``: (N,) rad, of these in the
-    mission's.
+    """Return the simulated autopilots of all drones of a mission.
+
+    ``homes``: launch places in the drones' local frames. ``yaws``: (N,) headings of these frames in the mission frame, radians.
     """
     places = zip(homes, yaws.tolist(), mission.return_heights_m, mission.drones, strict=True)
     mode = FlightMode(mission.safety.agent_lost)

@@ -34,7 +34,7 @@ _OUTPUTS = 4  # speed setpoint and thrust setpoint, when the new setpoint takes 
 
 
 class Axis(NamedTuple):
-    """Gains of one axis in 1/s; of the integrator in 1/s2; the derivative's is dimensionless."""
+    """Controller gains of one axis of a vehicle in 1/s; of the integrator in 1/s2; the derivative's is dimensionless."""
 
     position_gain: float
     velocity_gain: float
@@ -45,12 +45,12 @@ class Axis(NamedTuple):
 
     @property
     def stable(self) -> bool:
-        """Whether the closed loop is stable."""
+        """Whether the closed loop of controllers and vehicle is stable on this axis."""
         return bool(np.linalg.eigvals(_motion(self)[:_STATES, :_STATES]).real.max() < 0.0)
 
 
 class Limits(NamedTuple):
-    """Limits of speed setpoints, m/s, and of the horizontal and vertical thrust setpoint, m/s2."""
+    """Limits of the speed setpoints, m/s, and of the horizontal and vertical thrust setpoint, m/s2, of a vehicle."""
 
     horizontal_mps: float
     up_mps: float
@@ -60,7 +60,10 @@ class Limits(NamedTuple):
 
 
 class Cascade:
-    """N vehicles with three axes each. ``state``: (N, 3, 5)."""
+    """Simulates PX4's cascade of controllers (position, velocity, thrust) for N vehicles with three axes each.
+
+    ``state``: (N, 3, 5), the five states of each axis.
+    """
 
     def __init__(self, count: int, step_s: float, delay_s: float) -> None:
         """The gains are set afterwards, by ``equip``."""
@@ -80,11 +83,11 @@ class Cascade:
 
     @property
     def state(self) -> Array:
-        """(N, 3, 5), writable."""
+        """(N, 3, 5) states of all axes: position, velocity, thrust, integrator, and filtered velocity; writable."""
         return self._all[:, :, :_STATES]
 
     def equip(self, vehicle: int, horizontal: Axis, vertical: Axis, limits: Limits) -> None:
-        """Set a vehicle's gains and limits."""
+        """Set the controller gains and limits of a vehicle."""
         self._limits[vehicle] = limits
         up = min(limits.up_mps, limits.down_mps)
         level = np.array([limits.horizontal_mps] * 2 + [limits.horizontal_mps2] * 2) / 2.0**0.5
@@ -98,7 +101,7 @@ class Cascade:
         self._forced[vehicle] = np.where(self._steered[vehicle, :, None, None], self._exact[1, vehicle], self._exact[0, vehicle])
 
     def step(self, setpoint: Array, errors: Array, gust: Array, steered: NDArray[np.bool_]) -> None:
-        """Advance one time step.
+        """Simulate controllers and motion of all vehicles for one time step.
 
         Args:
             setpoint: (N, 3, 3), position, velocity and acceleration of each axis.
@@ -148,7 +151,7 @@ class Cascade:
 
 
 def in_steps(delay_s: float, step_s: float) -> tuple[int, float]:
-    """Whole steps, and the remainder (s)."""
+    """Split a delay into whole time steps and the remainder (s)."""
     whole = int(round(delay_s / step_s, 9))
     return whole, max(0.0, delay_s - whole * step_s)
 

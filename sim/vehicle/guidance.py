@@ -1,6 +1,6 @@
-"""Autonomous flight of an autopilot: climbing, returning home, descending.
+"""Autonomous flight of a simulated autopilot: climbing, returning home, descending.
 
-The target moves and the vehicle follows it. Positions are the vehicle's own estimates in its local frame (ENU).
+A target moves, and the vehicle follows it. Positions are the vehicle's own estimates in its local frame (ENU).
 """
 
 from __future__ import annotations
@@ -24,19 +24,22 @@ CONE_M, CONE_DEG, LOWEST_RETURN_M = 10.0, 45.0, 2.0  # a return that begins near
 
 
 class Reframing(NamedTuple):
-    """``new from old`` of a local frame that jumped: yaw about up, then translation, metres."""
+    """Transform from the old to the new local frame of a vehicle after a jump.
+
+    It is a rotation about the vertical axis, followed by a translation (m).
+    """
 
     yaw_rad: float
     translation_m: Vector3
 
     def point(self, place: Vector3) -> Vector3:
-        """A point of the old frame, in the new one."""
+        """Convert a point from the old to the new frame."""
         x, y, z = self.direction(place)
         u, v, w = self.translation_m
         return x + u, y + v, z + w
 
     def direction(self, vector: Vector3) -> Vector3:
-        """A velocity of the old frame, in the new one."""
+        """Convert a velocity from the old to the new frame."""
         c, s = cos(self.yaw_rad), sin(self.yaw_rad)
         x, y, z = vector
         return c * x - s * y, s * x + c * y, z
@@ -44,7 +47,7 @@ class Reframing(NamedTuple):
 
 @dataclass(slots=True)
 class Target:
-    """The setpoint of the vehicle's controllers, local frame; velocity, acceleration and yaw rate are fed forward."""
+    """Setpoint of the vehicle's controllers in its local frame; velocity, acceleration and yaw rate are fed forward."""
 
     position: Vector3
     velocity: Vector3
@@ -54,19 +57,21 @@ class Target:
 
 
 def stopping_m(speed_mps: float) -> float:
-    """Return how far ahead a PX4 places its stop in hold or landing, m (``computeBrakingDistanceFromVelocity``)."""
+    """Return how far ahead a PX4 places its stopping point in hold or landing, m (``computeBrakingDistanceFromVelocity``)."""
     return speed_mps * (speed_mps / (2.0 * ACCELERATION_MPS2) + LATE_S)
 
 
 def fastest_mps(distance_m: float) -> float:
-    """Return the speed of a PX4's setpoint on its approach at this distance, m/s (``computeMaxSpeedFromDistance``)."""
+    """Return the speed (m/s) of a PX4's setpoint at this distance before its goal (``computeMaxSpeedFromDistance``)."""
     ramp_mps = 2.0 * ACCELERATION_MPS2**2 / JERK_MPS3
     return sqrt(ramp_mps**2 + 2.0 * ACCELERATION_MPS2 * distance_m) - ramp_mps
 
 
 def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CONE_M, angle_deg: float = CONE_DEG) -> float:
-    """Return the height above home of a PX4's return from this distance, m: nearer than ``within_m`` (RTL_MIN_DIST) no higher
-    than a cone about home (RTL_CONE_ANG, deg: its half-angle).
+    """Return the height above home at which a PX4 returns from this distance, metres.
+
+    Nearer than ``within_m`` (RTL_MIN_DIST) the height is limited by a cone about home (``angle_deg``: RTL_CONE_ANG, its
+    half-angle).
     """
     if distance_m >= within_m:
         return highest_m
@@ -74,14 +79,14 @@ def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CO
 
 
 def descent_mps(height_m: float, fastest_mps: float, landing_mps: float) -> float:
-    """Return a PX4's descent speed at a height, m/s: from MPC_Z_V_AUTO_DN it slows down to MPC_LAND_SPEED."""
+    """Return a PX4's descent speed (m/s) at a height: it slows down from MPC_Z_V_AUTO_DN to MPC_LAND_SPEED near the ground."""
     high_m, low_m = SLOWING_M
     share = max(0.0, min((height_m - low_m) / (high_m - low_m), 1.0))
     return landing_mps + share * (fastest_mps - landing_mps)
 
 
 class Guidance:
-    """A target that moves in fixed steps. ``home``: takeoff place."""
+    """Moves the target of an autonomous flight in fixed time steps. ``home``: place of the takeoff."""
 
     def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
         self.home = home
@@ -90,13 +95,14 @@ class Guidance:
         self._rest(home)
 
     def stay(self, position: Vector3) -> None:
-        """Stay at ``position`` with the present heading."""
+        """Set the target to ``position``, at rest, with the present heading."""
         self.target = Target(position, REST, self.target.yaw)
         self._rest(position)
 
     def brake(self, position: Vector3, velocity: Vector3, acceleration: Vector3 = REST, *, back: bool = False) -> None:
-        """Come to rest ahead, at the height of ``position``, from this velocity and acceleration on; ``back``: and fly back to
-        it.
+        """Bring the target to rest at the height of ``position``, starting with this velocity and acceleration.
+
+        ``back``: then fly back to ``position``.
         """
         self.stay(position)
         (x, y, z), (u, v, _), speed = position, velocity, hypot(velocity[0], velocity[1])
@@ -109,7 +115,7 @@ class Guidance:
             self._place = x + ahead_s * u, y + ahead_s * v, z
 
     def hover(self) -> None:
-        """Brake, or stay."""
+        """Continue braking, or stay at rest."""
         (x, y), z = self._across(), self.target.position[2]
         self._go((x, y, z))
 
@@ -128,12 +134,15 @@ class Guidance:
         )
 
     def climb(self, height_m: float, speed_mps: float) -> None:
-        """Climb, up to ``height_m`` above home."""
+        """Move the target up for one time step, at most to ``height_m`` above home."""
         (x, y), z = self._across(), self.target.position[2]
         self._go((x, y, min(self.home[2] + height_m, z + speed_mps * self._step_s)))
 
     def go_home(self, height_m: float, climb_mps: float, speed_mps: float) -> bool:
-        """Return home at ``height_m`` above it or higher, first up and then across; True once the target has arrived."""
+        """Move the target towards home for one time step, first up to ``height_m`` above home, then across.
+
+        Return True once the target has arrived.
+        """
         x, y, z = self.target.position
         height = self.home[2] + height_m
         if z < height - 1e-6 and hypot(x - self.home[0], y - self.home[1]) > ARRIVED_M:
@@ -149,7 +158,7 @@ class Guidance:
         return False
 
     def descend(self, speed_mps: float, height_m: float = -BELOW_GROUND_M) -> None:
-        """Descend, down to ``height_m`` above home."""
+        """Move the target down for one time step, at most to ``height_m`` above home."""
         (x, y), z = self._across(), self.target.position[2]
         self._go((x, y, max(self.home[2] + height_m, z - speed_mps * self._step_s)))
 

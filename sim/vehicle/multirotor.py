@@ -1,4 +1,4 @@
-"""True motion of multirotors flown by PX4: the cascade for each axis, heading, wind, and contact with the ground."""
+"""True motion of multirotors flown by PX4: controllers of each axis, heading, wind, and contact with the ground."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ SPIN_RPS = 6.0
 
 
 class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """True parameters of a vehicle. Defaults: PX4's default gains and the values recorded with them (quadrotor of PX4's own
-    simulator, 1 kg, drag 1 N/(m/s)).
+    """True parameters of a simulated multirotor and its controllers.
+
+    Defaults: PX4's default gains and the values recorded with them (quadrotor of PX4's own simulator, 1 kg, drag 1 N/(m/s)).
     """
 
     position_gain_ps: Gain = 0.95  # MPC_XY_P
@@ -52,7 +53,7 @@ class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def horizontal(self) -> Axis:
-        """Gains of the axes east and north."""
+        """Controller gains of the axes east and north."""
         return Axis(
             self.position_gain_ps,
             self.velocity_gain_ps,
@@ -64,7 +65,7 @@ class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def vertical(self) -> Axis:
-        """Gains of the axis up."""
+        """Controller gains of the vertical axis."""
         return Axis(
             self.climb_position_gain_ps,
             self.climb_velocity_gain_ps,
@@ -81,7 +82,7 @@ class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return Limits(self.maximum_speed_mps, self.maximum_climb_mps, self.maximum_descent_mps, tilted_mps2, GRAVITY_MPS2)
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where the vehicle would be unstable (a pole of one of its axes with a positive real part)."""
+        """Raise ConfigError if the controlled vehicle would be unstable (a pole of one of its axes with a positive real part)."""
         for name, axis in (("horizontal", self.horizontal), ("vertical", self.vertical)):
             if not axis.stable:
                 raise ConfigError(
@@ -91,7 +92,10 @@ class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Setpoints(NamedTuple):
-    """Setpoints of N vehicles, world frame (ENU). Positions without position control are ignored; a heading of NaN is free."""
+    """Setpoints of N vehicles in the world frame (ENU).
+
+    Positions of axes without position control are ignored; a heading of NaN is free.
+    """
 
     position_m: Array  # (N, 3)
     velocity_mps: Array  # (N, 3)
@@ -101,7 +105,7 @@ class Setpoints(NamedTuple):
 
 
 class Multirotors:
-    """N vehicles, true motion in the world frame (ENU). yaw_rad: (N,)."""
+    """Simulates the true motion of N multirotors in the world frame (ENU). yaw_rad: (N,) headings."""
 
     def __init__(
         self,
@@ -137,24 +141,27 @@ class Multirotors:
 
     @property
     def position_m(self) -> Array:
-        """(N, 3), world, metres."""
+        """(N, 3) true positions in the world, metres."""
         position: Array = self._state[..., POSITION]
         return position
 
     @property
     def velocity_mps(self) -> Array:
-        """(N, 3), world."""
+        """(N, 3) true velocities in the world, m/s."""
         velocity: Array = self._state[..., VELOCITY]
         return velocity
 
     @property
     def thrust_mps2(self) -> Array:
-        """(N, 3), world: acceleration by the rotors beyond gravity's, which determines the attitude. Drag is not included."""
+        """(N, 3) accelerations by the rotors in the world, in excess of gravity, m/s2.
+
+        They determine the attitudes. Drag is not included.
+        """
         thrust: Array = self._state[..., THRUST]
         return thrust
 
     def vehicle(self, drone: int) -> MultirotorTruth:
-        """The parameters of one vehicle, as given at first."""
+        """Return the parameters of one vehicle, as given at first."""
         return self._truths[drone]
 
     def equip(self, drone: int, truth: MultirotorTruth) -> None:
@@ -175,10 +182,11 @@ class Multirotors:
         velocity_error_mps: Array,
         unsteered: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Advance one time step towards the setpoints; grounded vehicles stay where they are, and their integrators are reset.
+        """Simulate the motion for one time step towards the setpoints.
 
-        position_error_m, velocity_error_mps: (N, 3), world, estimated minus true: a vehicle controls its estimate. Headings are
-        the true ones. unsteered: (N, 3), axes with velocity control only.
+        Grounded vehicles stay where they are, and their integrators are reset. position_error_m, velocity_error_mps: (N, 3),
+        world, estimated minus true: a vehicle controls its estimate. Headings are the true ones. unsteered: (N, 3), axes with
+        velocity control only.
         """
         self._gust *= self._gust_keep
         self._gust += self._gust_kick * self._rng.standard_normal(self._gust.shape)
@@ -199,7 +207,7 @@ class Multirotors:
             self._state[grounded, :, POSITION] = resting
 
     def fail(self, drone: int, descent_mps: float) -> None:
-        """Fail a vehicle's motors for good: it slows down by drag, sinks at this speed and spins."""
+        """Let a vehicle's motors fail for good: it slows down by drag, sinks at this speed and spins."""
         self._falling[drone] = descent_mps
 
     @property
@@ -252,7 +260,7 @@ class Multirotors:
         self._state[:, 0, THRUST], self._state[:, 1, THRUST] = c * x - s * y, s * x + c * y
 
     def rest_on(self, ground_m: Array) -> None:
-        """Keep vehicles above the ground (N,), heights in the world."""
+        """Keep all vehicles above the ground. ``ground_m``: (N,) heights of the ground in the world."""
         up = self._state[:, 2]
         below = up[:, POSITION] < ground_m
         if below.any():
@@ -261,7 +269,7 @@ class Multirotors:
                 up[below, row] = np.maximum(up[below, row], 0.0)
 
     def quaternion(self, drone: int) -> tuple[float, float, float, float]:
-        """World-from-body attitude (w, x, y, z): heading, and the tilt that points the thrust."""
+        """Return a vehicle's attitude, which rotates from body to world (w, x, y, z): its heading, and the tilt of its thrust."""
         ax, ay, az = self.thrust_mps2[drone].tolist()
         return attitude(float(self.yaw_rad[drone]), ax, ay, az)
 
@@ -273,8 +281,9 @@ def _shorter_way(angle: Array) -> Array:
 
 
 def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float, float, float]:
-    """Quaternion (w, x, y, z) of a multirotor with this heading whose thrust gives this acceleration beyond gravity's (ENU,
-    m/s2).
+    """Return the attitude (w, x, y, z) of a multirotor with this heading whose thrust gives an acceleration.
+
+    ``ax``, ``ay``, ``az``: acceleration in excess of gravity (ENU, m/s2).
     """
     forward = ax * cos(yaw) + ay * sin(yaw)
     left = -ax * sin(yaw) + ay * cos(yaw)

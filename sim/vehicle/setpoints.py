@@ -1,4 +1,4 @@
-"""The targets of autopilots, each in the vehicle's local frame, as setpoints of their vehicles in the world frame."""
+"""Conversion of the autopilots' targets from the vehicles' local frames to setpoints in the world frame."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from radron.sim.world.frame import LocalFrames
 
 
 def in_world(targets: Sequence[Target], places: Sequence[Vector3], frames: LocalFrames, yaw_error_rad: Array) -> Setpoints:
-    """Setpoints of N vehicles, world frame (ENU).
+    """Convert the targets of N autopilots to setpoints in the world frame (ENU).
 
-    places: positions of the targets, m, local frames. yaw_error_rad: (N,), of the headings that the autopilots control.
+    places: positions of the targets, m, in the local frames. yaw_error_rad: (N,) errors of the headings that the autopilots
+    control.
     """
     turned = frames.to_world([(place, one.velocity, one.acceleration) for one, place in zip(targets, places, strict=True)])
     yaws = np.array([(one.yaw, one.yaw_rate) for one in targets])

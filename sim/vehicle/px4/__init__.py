@@ -1,1 +1,1 @@
-"""Emulated PX4: N vehicles with their MAVLink links, all in one process."""
+"""Emulation of PX4 for live flights: N vehicles with their MAVLink links, all in one process."""

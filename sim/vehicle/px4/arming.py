@@ -1,4 +1,4 @@
-"""Arming checks of a vehicle."""
+"""Checks that an emulated PX4 makes before it starts the rotors (arming)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ CHECKED_S = 2.5  # time after the start of the first checks
 
 
 class Readiness(NamedTuple):
-    """Inputs of the checks. mode: present mode; stream: whether offboard targets arrive."""
+    """State of a vehicle that the arming checks need.
+
+    mode: present mode. stream: whether offboard targets arrive. at_the_sticks: a pilot uses the remote control.
+    """
 
     armed: bool
     mode: Mode
@@ -32,7 +35,7 @@ class Readiness(NamedTuple):
 
 
 class ArmingChecks:
-    """Arming checks of one vehicle. ``unhealthy``: a check that never passes."""
+    """Emulates PX4's checks before arming (start of the rotors) of one vehicle. ``unhealthy``: a check that never passes."""
 
     def __init__(
         self,
@@ -48,11 +51,11 @@ class ArmingChecks:
 
     @property
     def running(self) -> bool:
-        """Whether the checks have been run yet."""
+        """Whether the checks have begun; they do so some seconds after the start."""
         return self._time_s >= CHECKED_S
 
     def step(self, time_s: float, fixless: bool) -> None:
-        """Advance to ``time_s`` after the start. ``fixless``: it stands disarmed without satellites."""
+        """Update the checks at ``time_s`` after the start. ``fixless``: the vehicle is disarmed without satellites."""
         before, self._time_s = self._time_s, time_s
         if before < CHECKED_S <= time_s:
             self._announce(events.HEADING_UNSTABLE)
@@ -64,7 +67,7 @@ class ArmingChecks:
         self._fixless = fixless
 
     def failure(self, now: Readiness) -> str | None:
-        """Return the reason for a denied arming, in PX4's words; None if it is allowed."""
+        """Return why arming is denied, in PX4's words; None if it is allowed."""
         found = (
             (self._time_s < self._stable_s, HEADING),
             (self._unhealthy is not None, self._unhealthy),

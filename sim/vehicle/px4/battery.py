@@ -1,4 +1,4 @@
-"""Battery model: drained by hovering or by the electronics alone, or as in PX4's simulator on request."""
+"""Battery model of an emulated vehicle: drained by hovering or by the electronics, or as in PX4's simulator on request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DRAINS_BELOW = 50.0  # SIM_BAT_MIN_PCT's default: down to there this battery la
 
 
 class Warning(IntEnum):
-    """Warning levels."""
+    """Battery warning levels of PX4, from none to emergency."""
 
     NONE = 0
     LOW = 1
@@ -29,7 +29,7 @@ _LEVELS = (
 
 
 class Battery:
-    """One vehicle's battery, advanced in fixed steps. dead: empty at once, by an injected failure."""
+    """Simulates one vehicle's battery in fixed time steps. dead: empty at once, by an injected failure."""
 
     def __init__(self, parameters: Parameters, step_s: float) -> None:
         self.cells = int(parameters["BAT1_N_CELLS"])
@@ -44,7 +44,7 @@ class Battery:
         self._below_s = [0.0] * len(_LEVELS)
 
     def step(self, armed: bool, flying: bool) -> None:
-        """Draw current for one step."""
+        """Draw current from the battery for one time step."""
         self.current_a = HOVER_A if flying else IDLE_A
         used_mah = self.used_mah + self.current_a * self._step_s / 3.6
         least = self._parameters["SIM_BAT_MIN_PCT"]
@@ -69,7 +69,7 @@ class Battery:
 
     @property
     def remaining(self) -> float:
-        """Remaining charge, 0 .. 1."""
+        """Remaining charge, from 0 to 1."""
         return 1.0 - self.used_mah / self.capacity_mah
 
     @property

@@ -1,4 +1,4 @@
-"""PX4's commander: arming, modes, failsafes, landing. Its result in each step is the target that the vehicle flies.
+"""Emulation of PX4's commander: arming, modes, failsafes, landing. It decides the target that the vehicle flies to.
 
 There are two modes: the intended one, which was chosen last, and the one being flown; a failsafe makes them differ until its
 cause ends. Positions are the vehicle's own estimates, local frame ENU. Times are measured ones of a real PX4.
@@ -38,12 +38,11 @@ Reply = Callable[[int], None]
 
 
 class Commander:
-    """The commander of one vehicle, advanced in fixed steps.
+    """Emulates the commander (mode logic) of one PX4 vehicle in fixed time steps.
 
     To be set before each step: knows_position, in its local frame; has_home, on the globe; home_altitude_m, above the sea;
-    fixless, without the satellites that it needs; station_lost and station_missing, the ground station; battery.
-
-    armed_s: when it was armed last.
+    fixless, without the satellites that it needs; station_lost and station_missing, the ground station; battery. armed_s: time of
+    the last arming.
     """
 
     def __init__(
@@ -86,21 +85,25 @@ class Commander:
     # Requests of the links
 
     def ask(self, command: Callable[[], int], reply: Reply) -> None:
-        """Execute a command within the next step; ``reply`` gets its MAV_RESULT."""
+        """Execute a command within the next time step; ``reply`` gets its MAV_RESULT."""
         self._waiting.append((command, reply))
 
     def follow(self, target: OffboardTarget) -> None:
-        """Take a new offboard target; it counts for the stream in every mode, and is flown in offboard."""
+        """Accept a new offboard target (setpoint of a companion computer).
+
+        The target counts as a sign of life in every mode, and is flown to in offboard mode.
+        """
         self._steering.offboard, self._offboard_s = target, self._time_s
 
     def reframe(self, frame: Reframing) -> None:
-        """Note a jump of the local frame. PX4's autonomous modes take it into account; offboard targets are left to the
-        companion.
+        """Adapt to a jump of the local frame.
+
+        PX4's autonomous modes take it into account; offboard targets are left to the companion computer.
         """
         self._guidance.reframe(frame)
 
     def set_mode(self, mode: Mode) -> int:
-        """Choose a mode; returns the MAV_RESULT."""
+        """Choose a flight mode; return the MAV_RESULT."""
         if mode is Mode.TAKEOFF:
             return self.take_off(None)
         if self.armed and mode is Mode.OFFBOARD and not self._stream_fresh:
@@ -113,7 +116,7 @@ class Commander:
         return ACCEPTED
 
     def land(self) -> int:
-        """Land at the present position."""
+        """Begin to land at the present position; return the MAV_RESULT."""
         result = self.set_mode(Mode.LAND)
         if result == ACCEPTED:
             self._announce(events.LANDING_HERE)
@@ -125,11 +128,14 @@ class Commander:
         self._choose(Mode.POSITION)
 
     def fail(self) -> None:
-        """Fail the motors: the vehicle descends in any mode, is disarmed on the ground, and never armed again."""
+        """Let the motors fail: the vehicle descends in any mode, is disarmed on the ground, and never armed again."""
         self._failed = True
 
     def take_off(self, height_m: float | None) -> int:
-        """Take off to ``height_m`` above the present place, or to MIS_TAKEOFF_ALT; once it is armed."""
+        """Begin a takeoff to ``height_m`` above the present place, or to MIS_TAKEOFF_ALT, once the vehicle is armed.
+
+        Return the MAV_RESULT.
+        """
         if self.armed and not self._is_possible(Mode.TAKEOFF):
             return TEMPORARILY_REJECTED
         self._steering.takeoff_m = self._parameters["MIS_TAKEOFF_ALT"] if height_m is None else height_m
@@ -139,7 +145,7 @@ class Commander:
         return ACCEPTED
 
     def arm(self, force: bool) -> int:
-        """Start the rotors."""
+        """Start the rotors; return the MAV_RESULT. ``force``: without the checks."""
         if self.armed:
             return ACCEPTED
         if self._failed or (self.preflight_failure is not None and not force):
@@ -155,7 +161,7 @@ class Commander:
         return ACCEPTED
 
     def disarm(self, force: bool) -> int:
-        """Stop the rotors; in the air only by force, and then it falls."""
+        """Stop the rotors; return the MAV_RESULT. In the air only by ``force``, and then the vehicle falls."""
         if self.armed and not self.landed and not force:
             self._announce(events.DISARMING_DENIED)
             return TEMPORARILY_REJECTED
@@ -167,12 +173,12 @@ class Commander:
 
     @property
     def landed(self) -> bool:
-        """Whether the land detector reports it on the ground."""
+        """Whether the land detector reports that the vehicle is on the ground."""
         return self._ground.landed
 
     @property
     def preflight_failure(self) -> str | None:
-        """Return the reason for a denied arming, in PX4's words; None if it is allowed."""
+        """Why arming is denied, in PX4's words; None if it is allowed."""
         if self._failed:
             return MOTOR_FAILED
         return self.checks.failure(
@@ -190,7 +196,7 @@ class Commander:
 
     @property
     def system_status(self) -> int:
-        """MAV_STATE."""
+        """State of the vehicle as a number of MAVLink's MAV_STATE."""
         if self.fallback.active:
             return int(mavlink.MAV_STATE_CRITICAL)
         if self.armed:
@@ -200,7 +206,7 @@ class Commander:
 
     @property
     def landed_state(self) -> int:
-        """MAV_LANDED_STATE."""
+        """State of takeoff and landing as a number of MAVLink's MAV_LANDED_STATE."""
         if self.landed:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
         if self._taking_off:
@@ -209,23 +215,23 @@ class Commander:
 
     @property
     def home(self) -> Vector3:
-        """Return the place of the last arming, or the present one before it."""
+        """Place of the last arming, or the present place before any."""
         return self._guidance.home if self.armed else self._position
 
     @property
     def target(self) -> Target:
-        """Return the target that the vehicle follows now; with a position of NaN only the velocity counts."""
+        """The target that the vehicle flies to now; if its position is NaN, only the velocity counts."""
         return self._guidance.target
 
     @property
     def grounded(self) -> bool:
-        """Whether it stands, with rotors that are stopped or do not lift it."""
+        """Whether the vehicle stands on the ground, with rotors that are stopped or do not lift it."""
         return self._ground.standing
 
     # One step
 
     def step(self, time_s: float, position: Vector3, velocity: Vector3, contact: bool) -> None:
-        """Advance to ``time_s``; ``contact``: the vehicle touches the ground."""
+        """Emulate the commander for the time step until ``time_s``. ``contact``: the vehicle touches the ground."""
         self._follow_motion(time_s, position, velocity)
         self._drifting = hypot(velocity[0], velocity[1]) > DRIFTING_MPS
         self.checks.step(time_s, self.fixless and not self.armed)

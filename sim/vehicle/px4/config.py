@@ -10,7 +10,10 @@ Address = tuple[str, int]
 
 
 class Datum(Struct, frozen=True, kw_only=True):
-    """The world's origin on the WGS 84 ellipsoid; altitude above it. The default is SIH's home near Zurich."""
+    """Origin of the simulated world on the WGS 84 ellipsoid, with the altitude above it.
+
+    The default is the home place of PX4's simulator (SIH) near Zurich.
+    """
 
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
@@ -18,7 +21,10 @@ class Datum(Struct, frozen=True, kw_only=True):
 
 
 class Faults(Struct, frozen=True, kw_only=True):
-    """Injected faults of a vehicle. In flight, links are cut by ``Px4Face.cut_links``, satellites by ``lose_satellites``."""
+    """Faults of an emulated vehicle that are configured from the start.
+
+    In flight, links are cut by ``Px4Face.cut_links``, satellites by ``lose_satellites``.
+    """
 
     boot_s: float = 0.0  # additional boot time: no message before
     silent: bool = False  # neither sends nor receives
@@ -27,12 +33,11 @@ class Faults(Struct, frozen=True, kw_only=True):
 
 
 class Px4Config(Struct, frozen=True, kw_only=True):
-    """One vehicle.
+    """Configuration of one emulated vehicle.
 
-    onboard: where it sends its onboard link, ("127.0.0.1", 14540 + i) by PX4's custom; answers return to the sending socket.
-    ground_station: likewise for the ground-station link, 14550 for all vehicles; None: no such link.
-    parameters: values that replace ``parameters.DEFAULTS``.
-    release: version of PX4.
+    onboard: address to which it sends its onboard link, ("127.0.0.1", 14540 + i) by PX4's custom; answers return to the sending
+    socket. ground_station: address for the ground-station link, 14550 for all vehicles; None: no such link. parameters: values
+    that replace ``parameters.DEFAULTS``. release: version of PX4.
     """
 
     onboard: Address

@@ -21,9 +21,10 @@ _NO_MODE_NO_COMPONENT = bytes.fromhex("ffffffff")  # of arming checks: the modes
 
 
 class Announcement(NamedTuple):
-    """number: of the event; None: text only. levels: the event's, internal and external.
+    """Something that PX4 announces: an event, a text, or both.
 
-    text: for ground stations; PX4 ends those with a tab that its events report as well.
+    number: number of the event; None: text only. levels: the event's levels, internal and external. text: for ground stations;
+    PX4 ends a text with a tab if an event reports the announcement as well.
     """
 
     number: int | None
@@ -34,7 +35,7 @@ class Announcement(NamedTuple):
 
 
 class Action(IntEnum):
-    """Actions of a failsafe, numbered as in its events."""
+    """What a failsafe of PX4 does, numbered as in its events."""
 
     HOLD = 5
     RETURN = 6
@@ -43,7 +44,7 @@ class Action(IntEnum):
 
 
 class Cause(IntEnum):
-    """Causes of a failsafe, numbered as in its events; causes without a number of their own are generic."""
+    """Why a failsafe of PX4 acts, numbered as in its events; causes without a number of their own are generic."""
 
     GENERIC = 0
     GROUND_STATION_LOST = 2
@@ -52,7 +53,7 @@ class Cause(IntEnum):
 
 
 class By(IntEnum):
-    """Cause of an arming or disarming, numbered as in the events."""
+    """Why a vehicle was armed or disarmed, numbered as in PX4's events."""
 
     COMMAND = 4
     LANDING = 6
@@ -135,49 +136,49 @@ NAMES: dict[int, str] = {
 
 
 def armed() -> Announcement:
-    """Armed by a command."""
+    """Return the announcement that the vehicle was armed by a command."""
     return Announcement(0x190CAF3, 0x66, bytes([By.COMMAND]), _INFO, f"Armed by {_BY[By.COMMAND]}\t")
 
 
 def disarmed(by: By) -> Announcement:
-    """Disarmed, with the cause."""
+    """Return the announcement that the vehicle was disarmed, with the cause."""
     return Announcement(0x1F46777, 0x66, bytes([by]), _INFO, f"Disarmed by {_BY[by]}\t")
 
 
 def log_opened(utc: tuple[int, int, int, int, int, int]) -> Announcement:
-    """The flight's log file was opened: year, month, day, hours, minutes, seconds."""
+    """Return the announcement that the flight's log file was opened. ``utc``: year, month, day, hours, minutes, seconds."""
     year, month, day, hours, minutes, seconds = utc
     file = f"./log/{year}-{month:02}-{day:02}/{hours:02}_{minutes:02}_{seconds:02}.ulg"
     return Announcement(0x1125BEF, 0x66, struct.pack("<HBBBBB", *utc), _INFO, f"[logger] {file}\t")
 
 
 def takeoff_height(height_m: float) -> Announcement:
-    """A takeoff without a commanded height."""
+    """Return the announcement of a takeoff to the default height, as none was commanded."""
     text = f"Using default takeoff altitude: {height_m:.1f} m\t"
     return Announcement(0x13B2FC7, 0x66, struct.pack("<f", height_m), _INFO, text)
 
 
 def unavailable(mode: Mode) -> Announcement:
-    """A mode that is unavailable because something is missing."""
+    """Return the announcement that a mode cannot be chosen now, because something is missing."""
     text = f"Switching to {mode.name.title()} is currently not available\t"
     number = {Mode.POSITION: 2, Mode.ALTITUDE: 1, Mode.STABILIZED: 8}.get(mode, 0)
     return Announcement(0x1A04397, 0x62, struct.pack("<IB", mode.custom_mode, number), _CRITICAL, text)
 
 
 def unhealthy(reason: str) -> Announcement:
-    """A check of the vehicle that never passes: there is no single event for these."""
+    """Return the announcement of a check that never passes; PX4 has no single event for these."""
     return Announcement(None, 0, b"", _CRITICAL, f"Preflight Fail: {reason}")
 
 
 def return_begins(altitude_m: float, above_m: float) -> Announcement:
-    """A return begins: altitude above the sea, and above the place that it returns to."""
+    """Return the announcement that a return begins, with the altitude above the sea and above the destination, metres."""
     altitude, above = round(altitude_m), round(above_m)
     text = f"RTL: start return at {altitude} m ({above} m above destination)\t"
     return Announcement(0x1522694, 0x66, struct.pack("<ib", altitude, max(-128, min(above, 127))), _INFO, text)
 
 
 def hold_first(intended: Mode, action: Action, seconds: float, cause: Cause) -> Announcement:
-    """A failsafe that holds before it acts."""
+    """Return the announcement of a failsafe that holds for some seconds before it acts."""
     text = f"Failsafe activated: entering Hold for {seconds:.0f} seconds\t"
     arguments = struct.pack("<IBH", intended.custom_mode, action, round(seconds))
     if cause is Cause.GENERIC:
@@ -186,7 +187,7 @@ def hold_first(intended: Mode, action: Action, seconds: float, cause: Cause) -> 
 
 
 def failsafe(intended: Mode, action: Action, cause: Cause) -> Announcement:
-    """A failsafe that acts."""
+    """Return the announcement of a failsafe that acts."""
     arguments, text = struct.pack("<IB", intended.custom_mode, action), "Failsafe activated\t"
     if action is Action.DESCEND:
         return Announcement(0x1C2DC72, 0x42, arguments, _CRITICAL, text)

@@ -1,4 +1,4 @@
-"""One emulated vehicle: commander, parameters, battery and links put together."""
+"""One emulated PX4 vehicle as other programs see it: commander, parameters, battery and links put together."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ORIGIN_RESETS = 2  # step of the reset counter that reports a moved origin
 
 
 class Px4Face:
-    """Vehicle ``index``, MAVLink system id ``index`` + 1; ``fleet.Px4Fleet`` steps it."""
+    """Emulates vehicle ``index`` with the MAVLink system id ``index`` + 1; ``fleet.Px4Fleet`` steps it."""
 
     def __init__(
         self,
@@ -98,29 +98,29 @@ class Px4Face:
 
     @property
     def target(self) -> Target:
-        """The target that it follows, local ENU; velocity only along an axis whose position is NaN."""
+        """The target that the vehicle flies to, local ENU; only the velocity counts along an axis whose position is NaN."""
         return self.commander.target
 
     @property
     def grounded(self) -> bool:
-        """Whether it stands, with rotors that are stopped or idle."""
+        """Whether the vehicle stands on the ground, with rotors that are stopped or idle."""
         return self.commander.grounded
 
     def cut_links(self, duration_s: float) -> None:
-        """Cut the links in both directions from now on, for this long."""
+        """Cut the vehicle's links in both directions from now on, for this long."""
         self._cut_until_s = max(self._cut_until_s, self._state.boot_s + self._boot_s + duration_s)
 
     def lose_satellites(self, duration_s: float) -> None:
-        """Block its satellite reception from now on, for this long."""
+        """Block the vehicle's satellite reception from now on, for this long."""
         self._dark_until_s = max(self._dark_until_s, self._state.boot_s + duration_s)
 
     def disarm_before_takeoff(self) -> None:
-        """Disarm by a person on site as soon as the heartbeat shows it armed, unless it is in the air by then."""
+        """Let a person on site disarm the vehicle as soon as the heartbeat shows it armed, unless it is in the air by then."""
         self._to_be_disarmed = True
 
     @property
     def battery(self) -> Battery:
-        """The battery that it reports, and that its failsafes act on."""
+        """The battery that the vehicle reports, and on which its failsafes act."""
         return self._state.battery
 
     @battery.setter
@@ -129,7 +129,7 @@ class Px4Face:
 
     @property
     def refuses(self) -> bool:
-        """Whether it refuses all changes of its mode, and arming."""
+        """Whether the vehicle refuses arming and all changes of its mode."""
         return self._requests.refuses
 
     @refuses.setter
@@ -138,13 +138,13 @@ class Px4Face:
 
     @property
     def in_sight(self) -> bool:
-        """Whether its receiver can see satellites."""
+        """Whether the vehicle's receiver can see satellites."""
         lost, now_s = self._faults.satellites_lost_s, self._state.boot_s
         fault = lost is not None and lost[0] <= now_s < lost[0] + lost[1]
         return self.parameters["SIM_GPS_USED"] > 0.0 and now_s >= self._dark_until_s and not fault
 
     async def start(self) -> None:
-        """Open the links on the running loop."""
+        """Open the links in the running event loop."""
         for link in self.links:
             await link.start()
 
@@ -155,16 +155,19 @@ class Px4Face:
 
     @property
     def boot_us(self) -> int:
-        """Its clock at the latest step."""
+        """The vehicle's clock at the latest time step, microseconds since its start."""
         return self._state.boot_us
 
     @property
     def by_satellites(self) -> bool:
-        """Whether its filter uses satellites."""
+        """Whether the vehicle's filter uses satellites."""
         return self.parameters["EKF2_GPS_CTRL"] != 0.0
 
     def receive_satellites(self, receiver: bool, reading: Reading | None) -> None:
-        """Take the reading of the receiver on board, if there is one."""
+        """Process the reading of the satellite receiver.
+
+        ``receiver``: there is one on board. ``reading``: None without reception.
+        """
         state = self._state
         if reading is not None:
             self._read_s = state.boot_s
@@ -175,32 +178,38 @@ class Px4Face:
         state.has_origin = state.has_origin or begun
 
     def reckon(self, by_vision: bool) -> Array | None:
-        """Advance its filter with the present satellites; returns the position jump (3,), world axes, or None."""
+        """Emulate the vehicle's filter for one time step with the present satellites.
+
+        Return the jump (3,) of the position in world axes, or None.
+        """
         state = self._state
         needs_them = self.by_satellites and state.has_origin and not by_vision and not self.vision.wanted
         return self.reckoning.step(not needs_them or state.reading is not None, self.commander.armed)
 
     def align_heading(self) -> float | None:
-        """Return the angle (rad) of a heading reset by its filter now, and nothing else; None without a reset."""
+        """Return the angle (rad) by which the vehicle's filter resets its heading now; None without a reset."""
         if self._alignment is None or self.vision.wanted or not self.by_satellites:
             return None
         return self._alignment.step(self.commander.landed, self._state.now.position_enu_m[2])
 
     def take_external_places(self) -> tuple[Geodetic | None, Geodetic | None]:
-        """Return position and local origin sent by an external source, each once."""
+        """Return the vehicle's position and the origin of its local frame if an external source has sent them; each only once."""
         requests = self._requests
         told = (requests.told, requests.external_origin)
         requests.told = requests.external_origin = None
         return told
 
     def move_origin(self, origin: Geodetic, frame: Reframing) -> None:
-        """Move the origin of its local frame, and report it at once."""
+        """Move the origin of the vehicle's local frame, and report it at once."""
         self._state.origin = origin
         self.reset(frame, ORIGIN_RESETS)
         self._origin_announced = False
 
     def look(self, time_s: float, estimate: Estimate, yaw_rad: float, step_s: float) -> list[Correction]:
-        """Process the vision's poses, if any: return corrections of the latest estimate, whose heading is ``yaw_rad`` (ENU)."""
+        """Process the poses of an external vision system, and return corrections of the latest estimate.
+
+        ``yaw_rad``: heading of the estimate (ENU).
+        """
         if not self.vision.wanted:
             return []
         now = Pose(max(0.0, time_s - self._boot_s), estimate.position_enu_m, yaw_rad)
@@ -212,11 +221,11 @@ class Px4Face:
         self._state.knows_position = vision.knows_position(boot_s) if by_vision else self.reckoning.known
 
     def set_truth_source(self, truth: Callable[[], Estimate]) -> None:
-        """Set the source of the true state, for requests of it."""
+        """Set the function that gives the true state, which can be requested from a simulated vehicle."""
         self._state.truth = truth
 
     def claim(self, horizontal_m: float) -> None:
-        """Set the 1-sigma horizontal accuracy that its filter reports."""
+        """Set the 1-sigma horizontal accuracy that the vehicle's filter reports, metres."""
         self._claimed_m = horizontal_m
 
     def reset(self, frame: Reframing, resets: int = 1) -> None:
@@ -225,7 +234,7 @@ class Px4Face:
         self.commander.reframe(frame)
 
     def step(self, time_s: float, estimate: Estimate, contact: bool) -> None:
-        """Process the latest estimate and decide the target; ``contact``: on the ground."""
+        """Process the latest estimate, and decide the target for one time step. ``contact``: the vehicle is on the ground."""
         state, commander = self._state, self.commander
         state.boot_s = max(0.0, time_s - self._boot_s)
         state.utc_ns = self._stepped_ns = self._clock_ns()

@@ -1,8 +1,7 @@
-"""PX4's failsafes: lost offboard stream, lost ground station, geofence, battery, lost position. Times are measured ones of a real
-PX4.
+"""Emulation of PX4's failsafes: lost offboard stream, lost ground station, geofence, battery, lost position.
 
-Failsafes caused by a stream or the position end with their cause, and the intended mode is flown again; the others last until a
-mode is chosen or the vehicle is disarmed, and hold for COM_FAIL_ACT_T before they act.
+Times are measured ones of a real PX4. Failsafes caused by a stream or the position end with their cause, and the intended mode is
+flown again; the others last until a mode is chosen or the vehicle is disarmed, and hold for COM_FAIL_ACT_T before they act.
 """
 
 from __future__ import annotations
@@ -37,7 +36,10 @@ _WARNINGS = {
 
 
 class Situation(NamedTuple):
-    """Inputs of the failsafes. offboard_silent_s: since the last target, 0 unless offboard is intended. Positions are local."""
+    """State of a vehicle that the failsafes need. Positions are local.
+
+    offboard_silent_s: time since the last offboard target, 0 unless offboard is intended.
+    """
 
     offboard_silent_s: float
     position: Vector3
@@ -50,9 +52,9 @@ class Situation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fallback:
-    """Activity of a failsafe, and its mode; None: unchanged.
+    """Decision of the failsafes: whether one is active, and the mode to fly; None: unchanged.
 
-    here: it holds at its begin, not at the stopping point.
+    here: the vehicle holds where the failsafe began, not at its stopping point.
     """
 
     active: bool = False
@@ -67,9 +69,9 @@ class _Reason(NamedTuple):
 
 
 class Failsafes:
-    """The failsafes of one vehicle while it is armed. Terminating ones are not emulated: they do nothing.
+    """Emulates the failsafes of one PX4 vehicle while it is armed. Failsafes that terminate the flight are left out.
 
-    beyond_fence: at the latest step.
+    beyond_fence: the vehicle was outside the geofence at the latest step.
     """
 
     def __init__(self, parameters: Parameters, step_s: float, announce: Callable[[Announcement], None]) -> None:
@@ -83,7 +85,7 @@ class Failsafes:
         self._shown: tuple[Action, bool] | None = None
 
     def mode_chosen(self) -> None:
-        """A mode was chosen: present causes no longer count until they occur again."""
+        """Take into account that a mode was chosen: present causes no longer count until they occur again."""
         still = self._lasting.keys() & self._present
         if still:
             self._announce(events.OVERRULED)
@@ -91,13 +93,13 @@ class Failsafes:
         self._lasting.clear()
 
     def end(self) -> None:
-        """The vehicle has been disarmed."""
+        """Reset the failsafes, as the vehicle has been disarmed."""
         self._lasting.clear()
         self._overruled.clear()
         self._shown = None
 
     def check(self, now: Situation, intended: Mode) -> Fallback:
-        """The failsafe's decision for this step."""
+        """Return the failsafes' decision for this time step."""
         self._watch_fence(now)
         self._watch_battery(now.battery)
         found = self._found(now)
@@ -116,7 +118,7 @@ class Failsafes:
         return self._act(max(reasons), intended, now.has_home)
 
     def warn(self, battery: Warning) -> None:
-        """Battery warnings of a disarmed vehicle."""
+        """Announce battery warnings of a disarmed vehicle."""
         self._watch_battery(battery)
 
     def _act(self, reason: _Reason, intended: Mode, has_home: bool) -> Fallback:

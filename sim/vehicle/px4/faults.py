@@ -1,6 +1,6 @@
-"""Faults of emulated vehicles: gusts, a failed motor, a low or misreported battery, refusals, position jumps, heading resets,
-silence, and disarming.
+"""Faults of emulated vehicles in live flights.
 
+They are gusts, a failed motor, a low or misreported battery, refusals, position jumps, heading resets, silence, and disarming.
 They correspond to ``radron.sim.faults.vehicles`` in lockstep, except for the emulation's own behaviour: its failsafes react to
 the battery.
 """
@@ -37,7 +37,7 @@ _ONLY_WARN = 0.0  # as on the link, where an integer is sent as its bits
 
 
 class EmulatedFaults:
-    """The faults of the vehicles of a fleet."""
+    """Plays the faults of all emulated vehicles of a live flight."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class EmulatedFaults:
                 self._jump(drone, -shift_m, -turn_rad)
 
     def step(self) -> None:
-        """Advance one step: discharge of batteries by faults."""
+        """Discharge batteries for one time step, as faults demand."""
         for drone, fault in self._active:
             if not isinstance(fault, Battery):
                 continue

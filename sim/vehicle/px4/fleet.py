@@ -43,7 +43,7 @@ CONTACT_M = 0.02
 
 @dataclass(frozen=True, slots=True)
 class VehicleReport:
-    """An observer's view of one vehicle, besides its true motion."""
+    """What an observer sees of one vehicle, besides its true motion."""
 
     mode: str
     armed: bool
@@ -57,10 +57,10 @@ class VehicleReport:
 
 
 class Px4Fleet:
-    """The vehicles 0 .. N-1, MAVLink system ids 1 .. N.
+    """Emulates N PX4 vehicles with the MAVLink system ids 1 to N, and moves them.
 
-    Each has its own local NED frame with an origin some tens of metres from its start; with vision, the frame is the
-    vision's. Drift and jumps of its localisation (``localized``) move this frame too.
+    Each has its own local NED frame with an origin some tens of metres from its start; with vision, the frame is the vision's.
+    Drift and jumps of its localisation (``localized``) move this frame too.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Px4Fleet:
         self._equipped = [-1] * count  # count of parameter changes that each is equipped with
 
     async def start(self) -> None:
-        """Open the links on the running loop.
+        """Open the links in the running event loop.
 
         Raises:
             VehicleError: a companion's host name that cannot be resolved.
@@ -123,11 +123,14 @@ class Px4Fleet:
             await face.start()
 
     def begin(self) -> None:
-        """Start of the mission: scheduled events of a localisation count from now."""
+        """Mark the start of the mission: times of localisation events count from now."""
         self._went_s = self.time_s
 
     def step(self) -> None:
-        """Advance by one step: estimate, modes, motion, errors; then send what is due. Never blocks."""
+        """Emulate all vehicles for one time step (estimate, modes, motion, errors), then send the messages that are due.
+
+        The call never blocks.
+        """
         self._steps += 1
         contact = (self._motion.position_m[:, 2] <= self._ground_m() + CONTACT_M).tolist()
         estimates = self._estimator.step()
@@ -141,7 +144,7 @@ class Px4Fleet:
 
     @property
     def time_s(self) -> float:
-        """Simulated seconds since the start: the vehicles' boot time."""
+        """Simulated seconds since the start, which is the vehicles' boot time."""
         return self._steps * self._step_s
 
     def switch_satellites(self, drone: int, received: bool) -> None:
@@ -150,7 +153,7 @@ class Px4Fleet:
         self.faces[drone].parameters.set("SIM_GPS_USED", float(number.view(np.float32)))
 
     def take_over(self, drone: int, mode: str) -> None:
-        """Override a vehicle as a safety pilot by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+        """Override a vehicle as a safety pilot does by remote control. ``mode``: ``manual``, ``hold``, ``return`` or ``land``."""
         commander = self.faces[drone].commander
         if mode == "manual":
             commander.take_over()
@@ -166,11 +169,11 @@ class Px4Fleet:
         self._faults.end(drone, fault)
 
     def reports(self) -> list[VehicleReport]:
-        """Return a report for each vehicle."""
+        """Return what an observer sees of each vehicle."""
         return [_report(face) for face in self.faces]
 
     def close(self) -> None:
-        """Close the links."""
+        """Close the links of all vehicles."""
         for face in self.faces:
             face.close()
 

@@ -1,4 +1,4 @@
-"""From PX4's present parameters to a vehicle's gains, limits and the drag of PX4's own simulator."""
+"""Conversion of PX4's present parameters to a vehicle's gains, limits and the drag of PX4's own simulator."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FIELDS = {
 
 
 def equipped(vehicle: MultirotorTruth, parameters: Parameters) -> MultirotorTruth:
-    """The vehicle with each parameter that differs from PX4's default applied; other values are kept."""
+    """Return a vehicle's true parameters with each PX4 parameter applied that differs from PX4's default."""
     changed = {}
     for name, field in _FIELDS.items():
         value = parameters[name]

@@ -1,4 +1,4 @@
-"""Vehicles flown elsewhere, such as by PX4's own simulation, observed through their ground-station links."""
+"""Vehicles that are flown by other programs, such as PX4's own simulation, observed through their ground-station links."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ class _Received:
 
 
 class GroundStation:
-    """Listens to vehicles 0 .. N-1, MAVLink system ids 1 .. N, and replaces ``Px4Fleet`` and its motion in the world.
+    """Observes vehicles flown by other programs, in place of ``Px4Fleet``. MAVLink system ids 1 to N.
 
-    PX4's own simulation is asked for its true state (HIL_STATE_QUATERNION), which serves as truth. For other vehicles, such
-    as real ones, the truth is their own estimate. A vehicle stands on its launch place until it is first armed.
+    PX4's own simulation is asked for its true state (HIL_STATE_QUATERNION), which serves as truth. For other vehicles, such as
+    real ones, the truth is their own estimate. A vehicle stands on its launch place until it is first armed.
 
-    A vehicle forwards messages of its other links: heartbeats of companions, which may all call themselves system 1, and of
-    other ground stations. Only messages of the autopilots, component 1 of their systems, are used.
+    A vehicle forwards messages of its other links: heartbeats of companions, which may all call themselves system 1, and of other
+    ground stations. Only messages of the autopilots, component 1 of their systems, are used.
 
     position_m, velocity_mps: (N, 3), world ENU.
     """
@@ -111,22 +111,22 @@ class GroundStation:
 
     @property
     def position_m(self) -> Array:
-        """(N, 3)."""
+        """(N, 3) positions in the world, metres."""
         return np.array([self._place(drone) for drone in range(len(self._heard))])
 
     @property
     def velocity_mps(self) -> Array:
-        """(N, 3)."""
+        """(N, 3) velocities in the world, m/s."""
         return np.array([_enu(heard.track.velocity) for heard in self._heard])
 
     def quaternion(self, drone: int) -> Quaternion:
-        """World-from-body attitude (w, x, y, z), FLU in ENU."""
+        """Return a vehicle's attitude (w, x, y, z), which rotates from the body (FLU) to the world (ENU)."""
         w, x, y, z = self._heard[drone].track.attitude
         qx, qy, qz, qw = (_ENU_FROM_NED * Rotation.from_quat([x, y, z, w]) * _FRD_FROM_FLU).as_quat().tolist()
         return qw, qx, qy, qz
 
     async def start(self) -> None:
-        """Listen on the running loop.
+        """Listen to the vehicles in the running event loop.
 
         Raises:
             VehicleError: the port is in use.
@@ -144,19 +144,19 @@ class GroundStation:
 
     @property
     def address(self) -> Address:
-        """The listening address."""
+        """Address at which this object listens."""
         assert self._socket is not None
         host, port = self._socket.getsockname()
         return host, port
 
     def begin(self) -> None:
-        """Start of the mission: no events are scheduled for these vehicles."""
+        """Do nothing at the start of the mission, as no events are scheduled for these vehicles."""
 
     def step(self) -> None:
-        """Does nothing: the vehicles fly by themselves."""
+        """Do nothing, as the vehicles fly by themselves."""
 
     def reports(self) -> list[VehicleReport]:
-        """One for each vehicle; setpoints are not seen on this link and count as none."""
+        """Return what an observer sees of each vehicle; setpoints are not seen on this link and count as none."""
         return [
             VehicleReport(
                 mode=heard.mode.name.lower() if heard.mode is not None else "unknown",
@@ -172,20 +172,20 @@ class GroundStation:
         ]
 
     def switch_satellites(self, drone: int, received: bool) -> None:
-        """Switch the satellite reception of a simulated vehicle; others ignore it."""
+        """Switch the satellite reception of a simulated vehicle; other vehicles ignore it."""
         number = SATELLITES if received else 0
         (bits,) = struct.unpack("<f", struct.pack("<i", number))  # PX4 sends an integer's bits in the float
         kind = mavlink.MAV_PARAM_TYPE_INT32
         self._send(drone, mavlink.MAVLink_param_set_message(drone + 1, _AUTOPILOT, b"SIM_GPS_USED", bits, kind))
 
     def take_over(self, drone: int, mode: str) -> None:
-        """Vehicles elsewhere have their own pilots."""
+        """Do nothing, as vehicles flown by other programs have their own pilots."""
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """Vehicles elsewhere have their own faults."""
+        """Do nothing, as vehicles flown by other programs have their own faults."""
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """Vehicles elsewhere have their own faults."""
+        """Do nothing, as vehicles flown by other programs have their own faults."""
 
     def close(self) -> None:
         """Stop listening."""

@@ -1,4 +1,4 @@
-"""PX4's land detector: takeoff and landing are noticed late, and landing sometimes never."""
+"""Emulation of PX4's land detector: takeoff and landing are noticed late, and landing sometimes never."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NOTICED_DESCENDING_S = (1.0, 4.5)
 
 
 class LandDetector:
-    """Land detector of one vehicle.
+    """Emulates the land detector of one PX4 vehicle.
 
-    landed: its result. climbing_s: since its takeoff was noticed. standing: truly on the ground. flown: since it was armed.
-    landed_s: when the last landing was noticed.
+    landed: its result. climbing_s: time since it noticed the takeoff. standing: truly on the ground. flown: a flight has begun
+    since the last arming. landed_s: time at which the last landing was noticed.
     """
 
     def __init__(self, step_s: float, rng: np.random.Generator) -> None:
@@ -35,13 +35,14 @@ class LandDetector:
         self._detect_s = self._notice_s = 0.0
 
     def arm(self) -> None:
-        """The rotors start."""
+        """Prepare for a takeoff, as the rotors start."""
         self.flown = False
         self._wanted_s = 0.0
 
     def rise(self, wants_up: bool) -> bool:
-        """Advance an armed vehicle in the landed state by one step; ``wants_up``: the rotors turn, and its target is above.
-        Return True when the takeoff is noticed.
+        """Emulate one time step of an armed vehicle that counts as landed; return True when the takeoff is noticed.
+
+        ``wants_up``: the rotors turn, and the target is above the vehicle.
         """
         if not wants_up:
             self._wanted_s = 0.0
@@ -55,7 +56,7 @@ class LandDetector:
         return True
 
     def fly(self, contact: bool, wants_down: bool, noticeable: bool, mode: Mode) -> None:
-        """Advance a vehicle in the flying state by one step.
+        """Emulate one time step of a vehicle that counts as flying.
 
         wants_down: its target is below. noticeable: it descends in the way that the detector expects of a landing.
         """
@@ -71,7 +72,7 @@ class LandDetector:
         self._contact_s += self._step_s
 
     def notice(self, time_s: float, armed: bool) -> bool:
-        """Return True when a landing is noticed."""
+        """Return True when the landing is noticed."""
         if self._contact_s <= (self._notice_s if armed else DISARMED_S):
             return False
         self.landed, self.standing, self.landed_s = True, True, time_s

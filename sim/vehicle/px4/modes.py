@@ -8,8 +8,9 @@ _CUSTOM, _AUTO, _GUIDED, _STABILIZE, _MANUAL, _ARMED = 1, 4, 8, 16, 64, 128
 
 
 class Mode(Enum):
-    """Main mode, sub mode, the base_mode flags of a disarmed vehicle, and MAVLink's number of the standard mode.
+    """A flight mode of PX4, with its numbers in MAVLink messages.
 
+    The values are main mode, sub mode, the base_mode flags of a disarmed vehicle, and MAVLink's number of the standard mode.
     DESCEND is flown without a position: the heartbeat shows it as LAND, and it cannot be chosen.
     """
 
@@ -26,30 +27,30 @@ class Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """The heartbeat's custom_mode."""
+        """Number of this mode in the field custom_mode of a heartbeat."""
         main, sub, _, _ = self.value
         return main << 16 | sub << 24
 
     @property
     def standard_mode(self) -> int:
-        """MAV_STANDARD_MODE; 0: none of them."""
+        """Number of this mode in MAVLink's MAV_STANDARD_MODE; 0: none of them."""
         return self.value[3]
 
     def base_mode(self, armed: bool) -> int:
-        """The heartbeat's flags: 0x1d disarmed and 0x9d armed in autonomous modes, 0x91 armed in offboard."""
+        """Return the base_mode flags of a heartbeat: 0x1d disarmed and 0x9d armed in autonomous modes, 0x91 armed in offboard."""
         return self.value[2] | (_ARMED if armed else 0)
 
     @property
     def by_hand(self) -> bool:
-        """Whether the mode needs a pilot at the sticks."""
+        """Whether this mode needs a pilot at the sticks."""
         return bool(self.value[2] & _MANUAL)
 
     @property
     def prevents_arming(self) -> bool:
-        """Whether PX4 denies arming in this mode, as in all that end on the ground."""
+        """Whether PX4 denies arming in this mode, as in all modes that end on the ground."""
         return self in (Mode.RETURN, Mode.LAND, Mode.DESCEND)
 
     @classmethod
     def of(cls, main: int, sub: int) -> Mode | None:
-        """The mode with these numbers; None if this vehicle lacks it."""
+        """Return the mode with these numbers; None if this vehicle does not have it."""
         return next((mode for mode in cls if mode.value[:2] == (main, sub)), None)

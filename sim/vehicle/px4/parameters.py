@@ -107,7 +107,7 @@ DEFAULTS: dict[str, Value] = {
 
 
 class Parameters:
-    """The parameters of one vehicle, in the order of their indices. ``changes``: number of changes so far."""
+    """The PX4 parameters of one vehicle, in the order of their indices. ``changes``: number of changes so far."""
 
     def __init__(self, system_id: int, changed: Mapping[str, float]) -> None:
         unknown = sorted(set(changed) - set(DEFAULTS))
@@ -127,17 +127,17 @@ class Parameters:
         return name in self._values
 
     def kind(self, name: str) -> int:
-        """MAV_PARAM_TYPE."""
+        """Return the type of a parameter as a number of MAV_PARAM_TYPE."""
         return INT32 if isinstance(self._values[name], int) else REAL32
 
     def wire(self, name: str) -> float:
-        """The value as PARAM_VALUE carries it."""
+        """Return a parameter's value as the message PARAM_VALUE carries it."""
         value = self._values[name]
         return _float_of_bits(value) if isinstance(value, int) else value
 
     @property
     def hash_wire(self) -> float:
-        """PX4's hash over names and values, as PARAM_VALUE carries it: a CRC-32 without the usual inversions."""
+        """PX4's hash over all names and values, in the form of PARAM_VALUE: a CRC-32 without the usual inversions."""
         inverted = _ALL_BITS
         for name in self.names:
             inverted = zlib.crc32(name.encode() + struct.pack("<f", self.wire(name)), inverted)
@@ -145,7 +145,7 @@ class Parameters:
         return result
 
     def set(self, name: str, wire: float) -> None:
-        """Apply the value of a PARAM_SET of the right type."""
+        """Set a parameter to the value in a PARAM_SET message of the right type."""
         self.changes += 1
         self._values[name] = _bits_of_float(wire) if isinstance(self._values[name], int) else wire
 

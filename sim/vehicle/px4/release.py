@@ -10,9 +10,9 @@ ReleaseName = Literal["1.16", "1.17"]
 
 
 class Release(Struct, frozen=True):
-    """One version.
+    """A version of PX4 whose behaviour is emulated.
 
-    software: its number, as in AUTOPILOT_VERSION: major, minor, patch and kind, a byte each. heading_reset_m: height above the
+    software: version number as in AUTOPILOT_VERSION: major, minor, patch and kind, a byte each. heading_reset_m: height above the
     ground at which it resets its heading in each takeoff; None: it does not.
     """
 

@@ -1,4 +1,4 @@
-"""One vehicle's state, from which its messages are built."""
+"""State of one emulated vehicle, from which its MAVLink messages are built."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Message: TypeAlias = Any  # pymavlink has no types
 
 
 class Reading(NamedTuple):
-    """A satellite receiver's reading: time by the vehicle's clock, position, and 1-sigma accuracies."""
+    """Reading of a satellite receiver: time by the vehicle's clock, position, and 1-sigma accuracies."""
 
     boot_us: int
     place: Geodetic
@@ -27,12 +27,13 @@ class Reading(NamedTuple):
 
 @dataclass(slots=True)
 class State:
-    """The data of the messages. ``home_altitude_m`` wanders in flight, as PX4's does; ``position_sigma_m``: horizontal and
-    vertical, as reported by the filter. ``resets``: of the filter; ``events``: number of the latest event.
+    """Everything that the MAVLink messages of one emulated vehicle report.
 
-    ``receiver``: there is one on board; ``reading``: its latest, None without reception. ``has_origin``: the vehicle uses
-    satellites and has had some, so it knows its place on the globe, and has a home. ``knows_position``: in its local frame.
-    ``truth``: as sent by PX4's own simulator; its position is in the world, ENU.
+    ``home_altitude_m`` wanders in flight, as PX4's does. ``position_sigma_m``: horizontal and vertical, as reported by the
+    filter. ``resets``: number of resets of the filter; ``events``: number of the latest event. ``receiver``: there is one on
+    board; ``reading``: its latest reading, None without reception. ``has_origin``: the vehicle uses satellites and has had some,
+    so it knows its place on the globe, and has a home. ``knows_position``: the vehicle knows its position in its local frame.
+    ``truth``: true state as sent by PX4's own simulator; its position is in the world, ENU.
     """
 
     commander: Commander
@@ -56,18 +57,18 @@ class State:
 
     @property
     def now(self) -> Estimate:
-        """The latest estimate; there is one from the first step on."""
+        """The latest estimate of the vehicle's motion; it exists from the first step on."""
         assert self.estimate is not None
         return self.estimate
 
     @property
     def boot_ms(self) -> int:
-        """PX4's clock."""
+        """PX4's clock, milliseconds since its start."""
         return int(self.boot_s * 1e3)
 
     @property
     def boot_us(self) -> int:
-        """PX4's clock."""
+        """PX4's clock, microseconds since its start."""
         return int(self.boot_s * 1e6)
 
 

@@ -1,4 +1,4 @@
-"""Targets of an airborne vehicle in each of PX4's modes."""
+"""Emulation of PX4's trajectories: the target of an airborne vehicle in each flight mode."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ FALL_MPS2 = 100.0  # beyond free fall at zero thrust
 
 
 class Steering:
-    """Moves one vehicle's target, by its mode and the parameters; local frame ENU.
+    """Moves one vehicle's target as PX4 does in each flight mode; local frame ENU.
 
     landing: on the last leg, down to the ground. takeoff_m, return_m: heights of a takeoff and a return above home. offboard: the
-    latest target.
+    latest target from a companion computer.
     """
 
     def __init__(self, parameters: Parameters, guidance: Guidance, step_s: float) -> None:
@@ -43,7 +43,7 @@ class Steering:
 
     @property
     def target(self) -> Target:
-        """Return the target that the vehicle follows now; with a position of NaN only the velocity counts."""
+        """The target that the vehicle flies to now; if its position is NaN, only the velocity counts."""
         return self.guidance.target
 
     def begin(
@@ -56,8 +56,10 @@ class Steering:
         standing: bool,
         back: bool = False,
     ) -> None:
-        """Fly another mode from now on; autonomous modes begin from the vehicle's motion. ``back``: after braking it flies
-        back to its present place, as always before a return.
+        """Begin another flight mode; autonomous modes begin from the vehicle's present motion.
+
+        ``back``: after braking the vehicle flies back to its present place, as always before a return. ``standing``: it is on the
+        ground.
         """
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
@@ -71,29 +73,34 @@ class Steering:
             self.return_m, self._up = self._return_height(position), False
 
     def wants_up(self, mode: Mode, position: Vector3) -> bool:
-        """Whether a standing vehicle has a target above it."""
+        """Return whether a standing vehicle has a target above it."""
         if mode is not Mode.OFFBOARD or self.offboard is None:
             return mode is Mode.TAKEOFF
         up = self.offboard.position_m[2]
         return up > position[2] + LIFTS_M if isfinite(up) else self.offboard.velocity_mps[2] > 0.0
 
     def wants_down(self, mode: Mode, position: Vector3) -> bool:
-        """Whether the target leads below the vehicle's estimated position."""
+        """Return whether the target leads below the vehicle's estimated position."""
         if mode is Mode.OFFBOARD and self.offboard is not None:
             up = self.offboard.position_m[2]
             return up < position[2] if isfinite(up) else self.offboard.velocity_mps[2] < 0.0
         return self.landing or mode is Mode.DESCEND
 
     def commanded_to_sink(self, mode: Mode) -> bool:
-        """Return whether a commanded descent matches the land detector's expectation. Of two recorded offboard landings, a
-        landing by velocity only was noticed; a landing to a position below the ground never was.
+        """Return whether a commanded descent is one that the land detector expects of a landing.
+
+        Of two recorded offboard landings, a landing by velocity only was noticed; a landing to a position below the ground never
+        was.
         """
         if mode is Mode.OFFBOARD and self.offboard is not None:
             return self.offboard.velocity_mps[2] < 0.0 and not isfinite(self.offboard.position_m[2])
         return self.landing or mode is Mode.DESCEND
 
     def fly(self, mode: Mode, position: Vector3, velocity: Vector3, climbing_s: float) -> bool:
-        """Move the target by one step; ``climbing_s`` since the takeoff began. Returns True once a takeoff is complete."""
+        """Move the target for one time step; return True once a takeoff is complete.
+
+        ``climbing_s``: time since the takeoff began.
+        """
         self._flown_s += self._step_s
         if mode is Mode.TAKEOFF:
             return self._climb(position, climbing_s)
@@ -110,12 +117,12 @@ class Steering:
         return False
 
     def end_takeoff(self) -> None:
-        """Stop at the height of a takeoff, which ends slightly before it is reached."""
+        """Stop the target at the height of a takeoff, which ends slightly before the vehicle reaches it."""
         (x, y, _), top_m = self.guidance.target.position, self._climb_from_m + self.takeoff_m
         self.guidance.stay((x, y, self.guidance.home[2] + top_m))
 
     def fall(self, position: Vector3) -> None:
-        """Fall, after the rotors were stopped in the air."""
+        """Let the vehicle fall, as the rotors were stopped in the air."""
         x, y, _ = position
         self.guidance.target = Target((x, y, nan), (0.0, 0.0, 0.0), self.target.yaw, (0.0, 0.0, -FALL_MPS2))
 

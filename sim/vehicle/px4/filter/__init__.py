@@ -1,1 +1,1 @@
-"""The emulated PX4's estimator: local frame, satellites and vision."""
+"""Emulation of PX4's estimator: local frame, satellites and vision."""

@@ -1,9 +1,9 @@
-"""Dead reckoning of PX4's EKF2: loss and return of satellites for a vehicle that uses them.
+"""Emulation of PX4's EKF2 without satellites (dead reckoning), for a vehicle that uses them: loss and return.
 
-As recorded: it continues by its inertial sensors for EKF2_NOAID_TOUT with a growing error, and reports little of it; after
-that the position is unknown. 20 s without satellites in a hover gave an error of 99 m. When they return after a few seconds
-the position converges; once the fusion had stopped it is reset, which the reset counter reports. A vehicle that has landed
-and been disarmed detects that it is at rest.
+As recorded: it continues by its inertial sensors for EKF2_NOAID_TOUT with a growing error, and reports little of it; after that
+the position is unknown. 20 s without satellites in a hover gave an error of 99 m. When they return after a few seconds the
+position converges; once the fusion had stopped it is reset, which the reset counter reports. A vehicle that has landed and been
+disarmed detects that it is at rest.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ class _Phase(Enum):
 
 
 class DeadReckoning:
-    """State of one vehicle. Errors are estimate minus truth, world axes, in addition to those of
-    ``radron.sim.world.localization``.
+    """Simulates the position error of one vehicle that has lost its satellites, and what its filter reports.
 
-    known: whether the position is. fused: satellites are, or were recently. still: it assumes to be at rest. resets: so far.
-    reported_sigma_m: 1 sigma, horizontal, in addition to the usual one. velocity_ratio, position_ratio: innovation test ratios.
+    Errors are estimate minus truth, world axes, in addition to the small errors of ``radron.sim.world.localization``. known: the
+    position is known. fused: satellites are used, or were recently. still: the filter assumes to be at rest. resets: number so
+    far. reported_sigma_m: 1 sigma, horizontal, in addition to the usual one. velocity_ratio, position_ratio: innovation test
+    ratios.
     """
 
     def __init__(
@@ -78,7 +79,10 @@ class DeadReckoning:
         self._slide_s = SLIDE_S
 
     def step(self, aided: bool, armed: bool) -> Array | None:
-        """Advance one step; ``aided``: by satellites. Return the jump (3,) of the position at a reset, else None."""
+        """Simulate the error for one time step; return the jump (3,) of the position at a reset, else None.
+
+        ``aided``: the filter has satellites.
+        """
         self._since_s += self._step_s
         self._rest_s = 0.0 if armed else self._rest_s + self._step_s
         if aided and self._phase is _Phase.BLIND:
@@ -92,8 +96,9 @@ class DeadReckoning:
         return None
 
     def accept_place(self, place_m: Array, true_m: Array) -> None:
-        """Process an externally sent position (3,), world; ``true_m`` (3,): the true one. The filter moves a part of the way:
-        little while satellites contradict, most of it without them.
+        """Process a position (3,) that an external source has sent, world. ``true_m``: (3,) the true position.
+
+        The filter moves a part of the way: little while satellites contradict, most of it without them.
         """
         blind = self._phase is _Phase.BLIND
         shift_m = (EXTERNAL_SHARE_BLIND if blind else EXTERNAL_SHARE) * (place_m - true_m - self.error_m)
@@ -182,8 +187,9 @@ class DeadReckoning:
 
 
 class FilterErrors:
-    """Errors of N filters, with the interface of ``radron.sim.world.localization``: its small errors, dead reckoning, and heading
-    resets.
+    """Simulates all errors of N vehicles' filters: the small errors, those without satellites, and heading resets.
+
+    The interface is that of ``radron.sim.world.localization``.
     """
 
     def __init__(self, small: Localization, step_s: float) -> None:
@@ -194,49 +200,49 @@ class FilterErrors:
         self._turned_rad, self._turned_keep = np.zeros(count), exp(-step_s / HEADING_S)
 
     def turn(self, drone: int, angle_rad: float) -> None:
-        """Reset a vehicle's heading by an angle, and nothing else; the filter finds the right one again within seconds."""
+        """Reset a vehicle's heading by an angle; the filter finds the right heading again within seconds."""
         self._turned_rad[drone] += angle_rad
 
     def take(self, drone: int, reckoning: DeadReckoning) -> None:
-        """Take the latest dead reckoning of one vehicle."""
+        """Use the latest error of one vehicle without satellites."""
         self._drift_m[drone], self._drift_mps[drone] = reckoning.error_m, reckoning.velocity_mps
 
     @property
     def position_sigma_m(self) -> tuple[float, float]:
-        """Horizontal and vertical accuracy as reported by the filters."""
+        """Horizontal and vertical accuracy that the filters report, 1 sigma in metres."""
         return self._small.position_sigma_m
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """Accuracy of the heading as reported by the filters."""
+        """Accuracy of the heading that the filters report, 1 sigma in radians."""
         return self._small.yaw_sigma_rad
 
     @property
     def position_error_m(self) -> Array:
-        """(N, 3), world axes."""
+        """(N, 3) position errors, world axes, metres."""
         return self._small.position_error_m + self._drift_m
 
     @property
     def velocity_error_mps(self) -> Array:
-        """(N, 3), world axes."""
+        """(N, 3) velocity errors, world axes, m/s."""
         return self._small.velocity_error_mps + self._drift_mps
 
     @property
     def yaw_error_rad(self) -> Array:
-        """(N,)."""
+        """(N,) heading errors, radians."""
         return self._small.yaw_error_rad + self._turned_rad
 
     @property
     def tilt_error(self) -> Array:
-        """(N, 3): tilt error, rad, by which the body's up axis leans towards the world's axes."""
+        """(N, 3) tilt errors, radians: how far the body's up axis leans towards the world's axes."""
         return self._small.tilt_error
 
     @property
     def height_error_m(self) -> Array:
-        """(N,)."""
+        """(N,) errors of the measured heights above ground, metres."""
         return self._small.height_error_m
 
     def step(self) -> None:
-        """Advance the errors by one time step, but for the dead reckoning's."""
+        """Simulate the errors for one time step, except those without satellites."""
         self._small.step()
         self._turned_rad *= self._turned_keep

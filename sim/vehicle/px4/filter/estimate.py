@@ -1,4 +1,4 @@
-"""The vehicles' estimates of their motion in PX4's frames, from the truth and its errors."""
+"""The vehicles' estimates of their own motion in PX4's frames, made from the truth and the filters' errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from radron.sim.world.terrain import Terrain
 
 
 class Geodetic(NamedTuple):
-    """WGS 84."""
+    """A geographic position (WGS 84)."""
 
     latitude_deg: float
     longitude_deg: float
@@ -24,7 +24,7 @@ class Geodetic(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Estimate of one vehicle. Local frame; NED and FRD except ``position_enu_m``."""
+    """A vehicle's estimate of its own motion in its local frame; NED and FRD axes except ``position_enu_m``."""
 
     position_enu_m: Vector3
     velocity_ned_mps: Vector3
@@ -38,13 +38,16 @@ class Estimate(NamedTuple):
 
     @property
     def position_ned_m(self) -> Vector3:
-        """Local NED."""
+        """Position in the local NED frame, metres."""
         east, north, up = self.position_enu_m
         return (north, east, -up)
 
 
 class Estimator:
-    """The estimates of N vehicles; call ``step`` after motion and errors have advanced."""
+    """Makes the estimates of N vehicles from their true motion and the filters' errors.
+
+    It is called after motion and errors have been simulated for a time step.
+    """
 
     def __init__(
         self, motion: Multirotors, error: FilterErrors, frames: LocalFrames, datum: Datum, step_s: float, terrain: Terrain
@@ -57,7 +60,7 @@ class Estimator:
         self._scale = _units_per_metre(self._origins)
 
     def step(self) -> list[Estimate]:
-        """One for each vehicle."""
+        """Return the present estimate of each vehicle."""
         motion, error, frames = self._motion, self._error, self._frames
         world = motion.position_m + error.position_error_m
         positions = frames.local(world)
@@ -75,7 +78,7 @@ class Estimator:
         ]
 
     def truth(self, drone: int) -> Estimate:
-        """Estimate of one vehicle by a filter without errors, in the world frame."""
+        """Return the true motion of one vehicle in the form of an estimate, in the world frame."""
         motion = self._motion
         angles, thrust = _attitudes(motion.thrust_mps2[[drone]], motion.yaw_rad[[drone]])
         east, north, up = motion.velocity_mps[drone].tolist()
@@ -85,14 +88,14 @@ class Estimator:
         return Estimate((x, y, z), (north, east, -up), roll, pitch, yaw, (0.0, 0.0, 0.0), float(thrust[0]), z, place)
 
     def world_from(self, drone: int, place: Geodetic) -> Array:
-        """Return the place of a geodetic position by a vehicle's frame, (3,), world; without an altitude, at its own height."""
+        """Convert a geographic position to the world (3,), by a vehicle's local frame; without an altitude, at its own height."""
         offset = (np.array(place) - self._origins[drone]) / self._scale[drone]
         world: Array = self._frames.origin[drone] + offset[[1, 0, 2]]
         own = self._motion.position_m[drone] + self._error.position_error_m[drone]
         return np.where(np.isfinite(world), world, own)
 
     def move_origin(self, drone: int, origin: Geodetic) -> Array:
-        """Move the origin of a vehicle's local frame to a geodetic position; returns the displacement (3,), world axes."""
+        """Move the origin of a vehicle's local frame to a geographic position; return the displacement (3,) in world axes."""
         moved: Array = ((np.array(origin) - self._origins[drone]) / self._scale[drone])[[1, 0, 2]]
         self._origins[drone] = origin
         return moved
@@ -108,7 +111,7 @@ class Estimator:
 
 
 def geodetic(world: Array, datum: Datum) -> list[Geodetic]:
-    """World positions (N, 3), ENU about the datum, as geodetic ones."""
+    """Convert positions (N, 3) in the world (ENU about the datum) to geographic positions."""
     places = pymap3d.enu2geodetic(*world.T, datum.latitude_deg, datum.longitude_deg, datum.altitude_m)
     return [Geodetic(*map(float, place)) for place in zip(*places, strict=True)]
 

@@ -1,4 +1,4 @@
-"""The vehicles' local frames in the world; all position errors of the autopilots are errors of these frames."""
+"""Local frames of the emulated vehicles in the world; the autopilots' position errors are errors of these frames."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from radron.sim.world.frame import LocalFrames
 
 
 class AutopilotFrames(LocalFrames):
-    """The frames of N autopilots.
+    """The local frames of N emulated autopilots in the world.
 
-    A frame kept by ``follow`` lies at ``offset_m`` from the frame of the vehicle's localisation; one that is corrected by vision
-    lies where the corrections have moved it.
+    A frame that follows the vehicle's localisation (``follow``) lies at ``offset_m`` from the frame of the localisation; a frame
+    that is corrected by vision lies where the corrections have moved it.
     """
 
     def __init__(self, localized: LocalFrames, offset_m: Array) -> None:
@@ -26,14 +26,16 @@ class AutopilotFrames(LocalFrames):
             self.follow(drone)
 
     def follow(self, drone: int) -> None:
-        """Keep the frame at the vehicle's localisation."""
+        """Let the local frame of a vehicle follow its localisation."""
         localized = self._localized
         yaw = float(localized.yaw_rad[drone])
         self._put(drone, localized.origin[drone] - localized.matrix[drone] @ self._offset_m[drone], yaw)
 
     def correct(self, drone: int, place: Array, shift_m: Vector3, turn_rad: float) -> Reframing:
-        """Move a frame so that the estimate of the vehicle, at ``place`` (3,) in the world, is shifted (in its frame) and turned.
-        Returns ``new from old``.
+        """Move a local frame so that the vehicle's estimate is shifted and turned.
+
+        ``place``: (3,) estimated position in the world. ``shift_m``: in the vehicle's frame. Return the transform from the old to
+        the new frame.
         """
         here = self.matrix[drone].T @ (place - self.origin[drone])
         yaw = float(self.yaw_rad[drone]) - turn_rad
@@ -44,13 +46,16 @@ class AutopilotFrames(LocalFrames):
         return Reframing(turn_rad, (x, y, z))
 
     def beside(self, drone: int, frame: Reframing) -> Reframing:
-        """A jump of the localisation's frame, in the autopilot's own coordinates."""
+        """Convert a jump of the localisation's frame to the autopilot's own coordinates."""
         offset = self._offset_m[drone]
         x, y, z = (np.array(frame.translation_m) + offset - _about_up(frame.yaw_rad) @ offset).tolist()
         return Reframing(frame.yaw_rad, (x, y, z))
 
     def move(self, drone: int, moved_m: Array) -> Reframing:
-        """Move the origin of a frame by ``moved_m`` (3,) in the world. Returns ``new from old``."""
+        """Move the origin of a local frame by ``moved_m`` (3,) in the world.
+
+        Return the transform from the old to the new frame.
+        """
         local = self.matrix[drone].T @ moved_m
         self._offset_m[drone] -= local
         self._put(drone, self.origin[drone] + moved_m, float(self.yaw_rad[drone]))

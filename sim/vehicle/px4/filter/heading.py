@@ -11,7 +11,7 @@ STEP_RAD = 0.064  # 1 sigma; of 15 recorded ones: 0.056, 0.074, 0.092, 0.111 and
 
 
 class TakeoffAlignment:
-    """Alignment of one vehicle's heading."""
+    """Simulates the reset of one vehicle's heading during takeoff, when the ground no longer disturbs the magnetometer."""
 
     def __init__(self, height_m: float, rng: np.random.Generator) -> None:
         """``height_m``: above the ground."""

@@ -1,4 +1,4 @@
-"""Readings of the vehicles' satellite receivers for their autopilots."""
+"""Readings of the emulated vehicles' satellite receivers for their autopilots."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ OPEN_SKY_M = (0.7, 1.0)  # horizontal, vertical: reported accuracy of a receiver
 
 
 class Satellites:
-    """N receivers: the scenario's, or for other vehicles a receiver that agrees with the vehicle's filter."""
+    """The satellite receivers of N vehicles: the scenario's, or for other vehicles a receiver that agrees with the filter."""
 
     def __init__(self, localized: MovingFrames | None, count: int) -> None:
         self._receivers = [None] * count if localized is None else localized.receiver
         self._readings: list[Reading | None] = [None] * count
 
     def may_regain(self, drone: int) -> bool:
-        """Return whether a vehicle may still get satellites; not after a permanent loss."""
+        """Return whether a vehicle may still get satellites; it may not after a permanent loss."""
         receiver = self._receivers[drone]
         return receiver is None or not receiver.lost
 
     def tell(self, drone: int, face: Px4Face, place: Array, believed: Geodetic) -> None:
-        """Give the reading to a vehicle's autopilot, each step. ``place``: (3,), true, in the world."""
+        """Give the present reading to a vehicle's autopilot, once each time step. ``place``: (3,), true position in the world."""
         receiver = self._receivers[drone]
         if receiver is None:
             on_board = face.by_satellites

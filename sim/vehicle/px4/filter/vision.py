@@ -30,7 +30,7 @@ _FRAMES = (mavlink.MAV_FRAME_LOCAL_FRD, mavlink.MAV_FRAME_LOCAL_NED)
 
 
 class Pose(NamedTuple):
-    """A pose of the vehicle, ENU, local; ``time_s`` by its own clock. ``resets``: of the vision's frame."""
+    """A pose of the vehicle, ENU, local; ``time_s`` by its own clock. ``resets``: number of jumps of the vision's frame."""
 
     time_s: float
     position_m: Vector3
@@ -39,7 +39,7 @@ class Pose(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """A correction of the vehicle's estimate, in its own frame. ``reset``: at once, and reported."""
+    """A correction of the vehicle's estimate, in its own frame. ``reset``: it is applied at once, and reported."""
 
     shift_m: Vector3
     turn_rad: float
@@ -47,7 +47,7 @@ class Correction(NamedTuple):
 
 
 class Vision:
-    """Vision of one vehicle."""
+    """Emulates how one vehicle's filter uses the poses of an external vision system."""
 
     def __init__(self, parameters: Parameters, rng: np.random.Generator) -> None:
         self._parameters = parameters
@@ -61,15 +61,15 @@ class Vision:
 
     @property
     def wanted(self) -> bool:
-        """Whether the parameters enable the fusion."""
+        """Whether the parameters enable the use of vision."""
         return bool(int(self._parameters["EKF2_EV_CTRL"]) & _POSITION)
 
     def knows_position(self, time_s: float) -> bool:
-        """Return whether poses are fused, or were until so recently that the inertial sensors suffice."""
+        """Return whether poses are used, or were until so recently that the inertial sensors suffice."""
         return time_s - self._taken_s < self._parameters["EKF2_NOAID_TOUT"] * 1e-6
 
     def hear(self, message: Message, time_s: float) -> None:
-        """Process an ODOMETRY valid at ``time_s``; frames and quaternions that PX4 refuses are ignored."""
+        """Process an ODOMETRY message (a pose) valid at ``time_s``; frames and quaternions that PX4 refuses are ignored."""
         w, x, y, z = message.q
         finite = np.isfinite([message.x, message.y, message.z, w, x, y, z]).all()
         if message.frame_id not in _FRAMES or not finite:
@@ -78,7 +78,7 @@ class Vision:
         self._waiting.append(Pose(time_s, (message.y, message.x, -message.z), 0.25 * tau - yaw, message.reset_counter))
 
     def step(self, now: Pose, step_s: float) -> list[Correction]:
-        """Compare the poses since the last step. ``now``: the vehicle's estimate."""
+        """Compare the poses since the last step with the vehicle's own estimate ``now``, and return the resulting corrections."""
         self._past.append(now)
         while self._past[0].time_s < now.time_s - MEMORY_S:
             self._past.popleft()

@@ -27,7 +27,7 @@ class _Contact:
 
 
 class Contacts:
-    """Contacts of one vehicle over all of its links; times by the vehicle's clock."""
+    """Tracks whether a ground station and a companion computer are present on a vehicle's links; times by the vehicle's clock."""
 
     def __init__(self, parameters: Parameters, announce: Callable[[Announcement], None]) -> None:
         self._parameters, self._announce = parameters, announce
@@ -36,7 +36,7 @@ class Contacts:
 
     @property
     def station_lost(self) -> bool:
-        """Return whether a ground station was present and has been silent for too long."""
+        """Whether a ground station was present and has been silent for too long."""
         return self._station.lost
 
     @property
@@ -45,14 +45,14 @@ class Contacts:
         return self._station.lost or self._station.heard_s is None
 
     def hear_station(self, now_s: float) -> None:
-        """Note a ground station's heartbeat."""
+        """Record a ground station's heartbeat."""
         self._station.heard_s = now_s
 
     def hear_companion(self, now_s: float) -> None:
-        """Note a companion's heartbeat."""
+        """Record a companion computer's heartbeat."""
         self._companion.heard_s = now_s
 
     def step(self, now_s: float) -> None:
-        """Update lost and regained contacts."""
+        """Update which contacts are lost or regained, and announce changes."""
         self._station.step(now_s, self._parameters["COM_DL_LOSS_T"] + STATION_NOTICED_S, self._announce)
         self._companion.step(now_s, COMPANION_LOST_S, self._announce)

@@ -38,7 +38,7 @@ class _Message(mavlink.MAVLink_message):  # type: ignore[misc]  # pymavlink has 
 
 
 class CurrentMode(_Message):
-    """CURRENT_MODE: the mode being flown, as MAVLink's standard mode and as PX4's, and the intended one."""
+    """MAVLink message CURRENT_MODE: the mode being flown, as MAVLink's standard mode and as PX4's, and the intended mode."""
 
     id = 436
     msgname = "CURRENT_MODE"
@@ -48,7 +48,10 @@ class CurrentMode(_Message):
 
 
 class Event(_Message):
-    """EVENT: an event by its number in PX4's list; ``log_levels``: internal in the upper half, external in the lower one."""
+    """MAVLink message EVENT: an event by its number in PX4's list.
+
+    ``log_levels``: internal level in the upper half, external level in the lower half.
+    """
 
     id = 410
     msgname = "EVENT"
@@ -66,7 +69,10 @@ class Event(_Message):
 
 
 class CurrentEventSequence(_Message):
-    """CURRENT_EVENT_SEQUENCE: of the latest event, so that a lost one is noticed; flag 1: it has been reset."""
+    """MAVLink message CURRENT_EVENT_SEQUENCE: number of the latest event, so that a lost event is noticed.
+
+    Flag 1: the number has been reset.
+    """
 
     id = 411
     msgname = "CURRENT_EVENT_SEQUENCE"
@@ -76,7 +82,10 @@ class CurrentEventSequence(_Message):
 
 
 class AvailableModes(_Message):
-    """AVAILABLE_MODES: one of the modes; ``mode_index`` from 1. ``mode_name``: of a mode outside MAVLink's own."""
+    """MAVLink message AVAILABLE_MODES: one of the vehicle's flight modes. ``mode_index`` counts from 1.
+
+    ``mode_name``: name of a mode outside MAVLink's own.
+    """
 
     id = 435
     msgname = "AVAILABLE_MODES"
@@ -86,7 +95,7 @@ class AvailableModes(_Message):
 
 
 class ProtocolVersion(_Message):
-    """PROTOCOL_VERSION: versions of MAVLink times 100."""
+    """MAVLink message PROTOCOL_VERSION: versions of MAVLink times 100."""
 
     id = 300
     msgname = "PROTOCOL_VERSION"
@@ -101,7 +110,7 @@ KINDS: dict[int, type[_Message]] = {
 
 
 def decode(packet: bytes) -> _Message | None:
-    """A message of these kinds from a MAVLink 2 packet; None for any other kind.
+    """Decode a message of this module from a MAVLink 2 packet; None for any other kind of message.
 
     Raises:
         ValueError: the checksum is wrong.

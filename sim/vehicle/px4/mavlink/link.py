@@ -22,7 +22,10 @@ Receiver = Callable[["Link", Message], None]
 
 
 class Link:
-    """Sending never blocks; data that cannot be sent at once are lost, as on a radio."""
+    """A MAVLink link of an emulated vehicle over UDP.
+
+    Sending never blocks; data that cannot be sent at once are lost, as on a radio.
+    """
 
     def __init__(self, remote: Address, system_id: int, schedule: Schedule, receive: Receiver) -> None:
         self.schedule = schedule
@@ -38,7 +41,7 @@ class Link:
         self._wire: Callable[[bytes], None] | None = None
 
     async def start(self) -> None:
-        """Open the socket on the running loop.
+        """Open the link's socket in the running event loop.
 
         Raises:
             VehicleError: a host name that cannot be resolved.
@@ -57,30 +60,30 @@ class Link:
         loop.add_reader(self._socket, self._read, self._socket)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the link's socket."""
         if self._socket is not None:
             asyncio.get_running_loop().remove_reader(self._socket)
             self._socket.close()
             self._socket = None
 
     def send(self, message: Message | None) -> None:
-        """Send a message now."""
+        """Send a message now; None is ignored."""
         if message is not None:
             self._mavlink.send(message)
 
     def send_due(self, state: State) -> None:
-        """Send the messages that are due by the schedule."""
+        """Send the messages that are due by the link's schedule."""
         for build in self.schedule.due(state.boot_s):
             self.send(build(state))
         for text in self.texts.due(state.boot_s):
             self.send(text)
 
     def forward(self, message: Message) -> None:
-        """Forward another link's message unchanged."""
+        """Send a message of another link unchanged."""
         self.write(bytes(message.get_msgbuf()))
 
     def write(self, data: bytes) -> None:
-        """One datagram; called by pymavlink."""
+        """Send one datagram; called by pymavlink."""
         if self.cut:
             return
         if self._wire is not None:
@@ -92,11 +95,11 @@ class Link:
                 return  # a full buffer, or no receiver: lost
 
     def attach(self, wire: Callable[[bytes], None]) -> None:
-        """Send to ``wire`` instead of over UDP; received data is then given to ``hear``."""
+        """Send to the function ``wire`` instead of over UDP; received data is then given to :meth:`hear`."""
         self._wire = wire
 
     def hear(self, data: bytes, arrived_ns: int) -> None:
-        """Receive data, with its arrival time (UTC)."""
+        """Process received data. ``arrived_ns``: time of arrival, nanoseconds UTC."""
         if self.cut:
             return
         self.arrived_ns = arrived_ns

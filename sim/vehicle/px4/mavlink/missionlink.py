@@ -1,4 +1,4 @@
-"""Missions, fences and rally points over a vehicle's links: always empty, without upload.
+"""Answers of an emulated vehicle to questions for missions, fences and rally points: it has none, and accepts none.
 
 A ground station asks for all three when it connects, and considers a vehicle without an answer broken.
 """
@@ -12,18 +12,18 @@ from radron.sim.vehicle.px4.state import Message
 
 
 class MissionLink:
-    """Mission server of one vehicle; ``mission_type``: mission, fence, rally points."""
+    """Answers the mission messages of one vehicle's links. ``mission_type``: mission, fence or rally points."""
 
     def list(self, link: Link, message: Message) -> None:
-        """MISSION_REQUEST_LIST: nothing there."""
+        """Answer MISSION_REQUEST_LIST: the list is empty."""
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
 
     def clear(self, link: Link, message: Message) -> None:
-        """MISSION_CLEAR_ALL."""
+        """Answer MISSION_CLEAR_ALL: accepted."""
         _answer(link, message, mavlink.MAV_MISSION_ACCEPTED)
 
     def upload(self, link: Link, message: Message) -> None:
-        """MISSION_COUNT: an empty list changes nothing; PX4 would accept another, this vehicle answers that it flies none."""
+        """Answer MISSION_COUNT: an empty list is accepted; for any other list the vehicle answers that it flies none."""
         _answer(link, message, mavlink.MAV_MISSION_ACCEPTED if message.count == 0 else mavlink.MAV_MISSION_UNSUPPORTED)
 
 

@@ -1,4 +1,7 @@
-"""Parameters over a vehicle's links: read by name or index, list, set; errors are answered by PARAM_ERROR, as in PX4."""
+"""Access to an emulated vehicle's parameters over its links: read by name or index, list, set.
+
+Errors are answered by PARAM_ERROR, as in PX4.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,16 @@ _LONGEST_NAME = 16
 
 
 class ParameterLink:
-    """Parameter server of one vehicle. Values out of a parameter's range are accepted silently, as in PX4."""
+    """Answers the parameter messages of one vehicle's links.
+
+    Values out of a parameter's range are accepted silently, as in PX4.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
 
     def read(self, link: Link, message: Message) -> None:
-        """PARAM_REQUEST_READ."""
+        """Answer PARAM_REQUEST_READ with the value of a parameter."""
         names, index = self._parameters.names, message.param_index
         name = message.param_id if index < 0 else "".join(names[index : index + 1])
         if name == HASH:
@@ -33,13 +39,16 @@ class ParameterLink:
             self._refuse(link, message, name, UNKNOWN)
 
     def list(self, link: Link, message: Message) -> None:
-        """PARAM_REQUEST_LIST: first the hash, for a ground station that knows the parameters already."""
+        """Answer PARAM_REQUEST_LIST with all parameters.
+
+        The hash comes first, for a ground station that knows the parameters already.
+        """
         self._send_hash(link)
         for name in self._parameters.names:
             self._send(link, name)
 
     def set(self, link: Link, message: Message) -> None:
-        """PARAM_SET."""
+        """Answer PARAM_SET: change a parameter."""
         name = message.param_id
         if name == HASH:  # of a ground station that needs no more of the list, which has been sent already
             return

@@ -1,4 +1,4 @@
-"""Handlers of received messages: commands, parameters, modes, setpoints, time synchronisation."""
+"""Processing of received MAVLink messages: commands, parameters, modes, setpoints, time synchronisation."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 class Requests:
-    """Message handlers of one vehicle. ``boot_ns``: its own clock now.
+    """Processes the MAVLink messages that one emulated vehicle receives. ``boot_ns``: returns the vehicle's clock.
 
-    links: all of the vehicle's, over which heartbeats are forwarded. told, external_origin: externally sent position of the
-    vehicle, or origin of its local frame; the reader sets it to None.
+    links: all links of the vehicle, over which heartbeats are forwarded. told, external_origin: position of the vehicle, or
+    origin of its local frame, as an external source has sent it; the reader sets it to None.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Requests:
         }
 
     def receive(self, link: Link, message: Message) -> None:
-        """Handle a message; messages for another system, or of a kind that PX4 does not answer, are ignored silently."""
+        """Process a message; messages for another system, or of a kind that PX4 does not answer, are ignored silently."""
         handler = self._handlers.get(message.get_type())
         if handler is not None and self._concerns(message):
             handler(link, message)

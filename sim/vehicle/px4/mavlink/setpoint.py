@@ -1,4 +1,4 @@
-"""Offboard targets from MAVLink messages, and a record of their regularity."""
+"""Offboard targets (setpoints of a companion computer) in MAVLink messages, and a record of their regularity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
 
 
 class OffboardTarget(NamedTuple):
-    """Local frame, ENU; missing values are NaN."""
+    """A setpoint of a companion computer in the vehicle's local frame, ENU; missing values are NaN."""
 
     position_m: Vector3
     velocity_mps: Vector3
@@ -24,7 +24,7 @@ class OffboardTarget(NamedTuple):
 
 
 def offboard_target(message: mavlink.MAVLink_set_position_target_local_ned_message) -> OffboardTarget | None:
-    """Return the target in a message of frame LOCAL_NED; None without a value, or with values that are not finite."""
+    """Return the setpoint in a message of frame LOCAL_NED; None without any value, or with values that are not finite."""
     mask = message.type_mask
     x, y, z = _given(mask, (message.x, message.y, message.z))
     vx, vy, vz = _given(mask >> 3, (message.vx, message.vy, message.vz))
@@ -42,10 +42,10 @@ def _given(mask: int, values: Vector3) -> Vector3:
 
 
 class SetpointLog:
-    """Arrival times of position targets; a target that repeats the one before was not newly computed.
+    """Records when position setpoints arrive; a setpoint that repeats the one before was not newly computed.
 
-    received: all. computed: targets that differ from the one before. largest_gap_s: between two computed ones in offboard.
-    gaps_s: all of these gaps in order.
+    received: number of all setpoints. computed: number of setpoints that differ from the one before. largest_gap_s: longest time
+    between two computed ones in offboard mode. gaps_s: all of these times in order.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class SetpointLog:
         self._last_ns: int | None = None
 
     def add(self, payload: bytes, arrival_ns: int, offboard: bool) -> None:
-        """Record a target by its payload, whose first four bytes are the sender's time."""
+        """Record a setpoint by its payload, whose first four bytes are the sender's time."""
         self.received += 1
         if payload[4:] == self._content:
             return
@@ -68,5 +68,5 @@ class SetpointLog:
         self._last_ns = arrival_ns if offboard else None
 
     def leave_offboard(self) -> None:
-        """Restart the gaps: the next target does not continue the earlier ones."""
+        """Begin a new series: the next setpoint does not continue the earlier ones."""
         self._last_ns = None

@@ -1,4 +1,4 @@
-"""Messages about a vehicle's condition, places and clock: one function for each message of its streams."""
+"""MAVLink messages about an emulated vehicle's condition, places and clock: one function builds each message."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MODES = (
 
 
 def heartbeat(state: State) -> Message:
-    """HEARTBEAT."""
+    """Build HEARTBEAT: flight mode, armed flag and state of the vehicle."""
     commander = state.commander
     mode = commander.mode
     return mavlink.MAVLink_heartbeat_message(
@@ -54,24 +54,24 @@ def heartbeat(state: State) -> Message:
 
 
 def extended_sys_state(state: State) -> Message:
-    """EXTENDED_SYS_STATE."""
+    """Build EXTENDED_SYS_STATE: whether the vehicle is on the ground, taking off, in the air or landing."""
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state.commander.landed_state)
 
 
 def current_mode(state: State) -> Message:
-    """CURRENT_MODE."""
+    """Build CURRENT_MODE: the mode being flown and the intended mode."""
     commander = state.commander
     mode, intended = commander.mode, commander.intention
     return CurrentMode(standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, intended_custom_mode=intended.custom_mode)
 
 
 def current_event_sequence(state: State) -> Message:
-    """CURRENT_EVENT_SEQUENCE."""
+    """Build CURRENT_EVENT_SEQUENCE: number of the latest event."""
     return CurrentEventSequence(sequence=state.events, flags=0)
 
 
 def sys_status(state: State) -> Message:
-    """SYS_STATUS."""
+    """Build SYS_STATUS: health of sensors and battery."""
     commander, battery = state.commander, state.battery
     present, enabled, health = _condition(state) if commander.checks.running else (0, 0, _UNCHECKED)
     return mavlink.MAVLink_sys_status_message(
@@ -102,7 +102,7 @@ def _condition(state: State) -> tuple[int, int, int]:
 
 
 def battery_status(state: State) -> Message:
-    """BATTERY_STATUS."""
+    """Build BATTERY_STATUS: voltages, current and remaining charge."""
     battery = state.battery
     cells = [round(battery.voltage_v / battery.cells * 1e3)] * battery.cells + [_NO_CELL] * (10 - battery.cells)
     return mavlink.MAVLink_battery_status_message(
@@ -121,7 +121,7 @@ def battery_status(state: State) -> Message:
 
 
 def home_position(state: State) -> Message:
-    """HOME_POSITION; None without a geodetic position."""
+    """Build HOME_POSITION, the place of the last arming; None without a geographic position."""
     if not state.has_origin:
         return None
     now = state.now
@@ -147,7 +147,7 @@ def home_position(state: State) -> Message:
 
 
 def gps_global_origin(state: State) -> Message:
-    """GPS_GLOBAL_ORIGIN; None without a geodetic position."""
+    """Build GPS_GLOBAL_ORIGIN, the geographic origin of the local frame; None without one."""
     if not state.has_origin:
         return None
     latitude, longitude, altitude = state.origin
@@ -157,7 +157,7 @@ def gps_global_origin(state: State) -> Message:
 
 
 def estimator_status(state: State) -> Message:
-    """ESTIMATOR_STATUS. Without comparisons with satellites there are no ratios."""
+    """Build ESTIMATOR_STATUS: health and accuracy of the filter. Without comparisons with satellites there are no test ratios."""
     reckoning = state.reckoning
     flags = _HEIGHT_FLAGS
     if not state.commander.armed:
@@ -173,24 +173,24 @@ def estimator_status(state: State) -> Message:
 
 
 def system_time(state: State) -> Message:
-    """SYSTEM_TIME."""
+    """Build SYSTEM_TIME: UTC and time since the start."""
     return mavlink.MAVLink_system_time_message(state.utc_ns // 1000, state.boot_ms)
 
 
 def timesync(state: State) -> Message:
-    """TIMESYNC: a request."""
+    """Build TIMESYNC as a request for the companion's time."""
     return mavlink.MAVLink_timesync_message(0, int(state.boot_s * 1e9))
 
 
 def protocol_version(state: State) -> Message:
-    """PROTOCOL_VERSION."""
+    """Build PROTOCOL_VERSION: the supported versions of MAVLink."""
     return ProtocolVersion(
         version=200, min_version=100, max_version=200, spec_version_hash=bytes(8), library_version_hash=bytes(8)
     )
 
 
 def available_modes(which: int) -> list[Message]:
-    """AVAILABLE_MODES of one mode, counted from 1, or of all for 0; none if there is no such mode."""
+    """Build AVAILABLE_MODES for one flight mode, counted from 1, or for all modes (0); none if there is no such mode."""
     messages: list[Message] = []
     for place, (name, mode, properties) in enumerate(_MODES, start=1):
         if which in (0, place):
@@ -209,12 +209,15 @@ def available_modes(which: int) -> list[Message]:
 
 
 def mission_current(state: State) -> Message:
-    """MISSION_CURRENT."""
+    """Build MISSION_CURRENT: no mission is flown."""
     return mavlink.MAVLink_mission_current_message(0)
 
 
 def autopilot_version(state: State) -> Message:
-    """AUTOPILOT_VERSION. Of PX4's capabilities (0xe8ff) those that this vehicle has: no files, no control of attitudes."""
+    """Build AUTOPILOT_VERSION: software version and capabilities.
+
+    Of PX4's capabilities (0xe8ff) it states those that this vehicle has: no files, no control of attitudes.
+    """
     capabilities = (
         mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE

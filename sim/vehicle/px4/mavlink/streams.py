@@ -1,4 +1,4 @@
-"""Message schedule of a link: PX4's onboard and ground-station sets, changed on request."""
+"""Schedule of the messages that a vehicle sends on a link: PX4's onboard and ground-station sets, changed on request."""
 
 from __future__ import annotations
 
@@ -96,8 +96,9 @@ _EARLY_S = 1e-6  # tolerance for rounding, of the time of a step
 
 
 class Schedule:
-    """Due times of each message of one link, in seconds of the vehicle's clock: each at its own fixed interval, regardless of
-    its content.
+    """Determines when each message of one link is sent, in seconds of the vehicle's clock.
+
+    Each message has its own fixed interval, regardless of its content.
     """
 
     def __init__(self, rates_hz: dict[int, float], begin_s: float, rng: np.random.Generator) -> None:
@@ -110,7 +111,7 @@ class Schedule:
         self._next = {message: begin_s + float(rng.uniform(0.0, interval)) for message, interval in self._usual.items()}
 
     def due(self, now_s: float) -> Iterator[Builder]:
-        """Messages that are due by now; missed ones are not repeated."""
+        """Yield the functions that build the messages due by now; missed messages are not repeated."""
         limit_s = now_s + _EARLY_S
         for message, next_s in self._next.items():
             if next_s <= limit_s:
@@ -128,13 +129,14 @@ class Schedule:
         return float(self._rng.uniform(*(HEARTBEAT_SELDOM_S if self._rng.random() < SELDOM else HEARTBEAT_LATE_S)))
 
     def interval_us(self, message: int) -> int:
-        """Interval as in MESSAGE_INTERVAL: -1 for a message that is not sent."""
+        """Return the interval of a message as in MESSAGE_INTERVAL: microseconds, -1 for a message that is not sent."""
         interval_s = self._interval.get(message)
         return -1 if interval_s is None else round(interval_s * 1e6)
 
     def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
-        """Apply SET_MESSAGE_INTERVAL: -1 off, 0 the default; False for a message unknown to this vehicle, and for the
-        heartbeat, whose rate is fixed in PX4.
+        """Apply SET_MESSAGE_INTERVAL: -1 off, 0 the default, else microseconds.
+
+        Return False for a message unknown to this vehicle, and for the heartbeat, whose rate is fixed in PX4.
         """
         if message not in BUILDERS or message == _HEARTBEAT:
             return False

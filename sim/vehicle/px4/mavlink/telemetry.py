@@ -1,4 +1,4 @@
-"""Messages about a vehicle's motion and sensors: one function for each message of its streams."""
+"""MAVLink messages about an emulated vehicle's motion and sensors: one function builds each message."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ _CRUISE_THROTTLE = 50
 
 
 def attitude(state: State) -> Message:
-    """ATTITUDE."""
+    """Build ATTITUDE: roll, pitch, yaw and their rates."""
     now = state.now
     return mavlink.MAVLink_attitude_message(state.boot_ms, now.roll_rad, now.pitch_rad, now.yaw_rad, *now.rates_rps)
 
 
 def attitude_quaternion(state: State) -> Message:
-    """ATTITUDE_QUATERNION."""
+    """Build ATTITUDE_QUATERNION: attitude and angular rates."""
     now = state.now
     return mavlink.MAVLink_attitude_quaternion_message(state.boot_ms, *_quaternion(now), *now.rates_rps)
 
 
 def local_position(state: State) -> Message:
-    """LOCAL_POSITION_NED; None where the position is unknown."""
+    """Build LOCAL_POSITION_NED: position and velocity in the local frame; None if the position is unknown."""
     if not state.knows_position:
         return None
     now = state.now
@@ -38,7 +38,7 @@ def local_position(state: State) -> Message:
 
 
 def global_position(state: State) -> Message:
-    """GLOBAL_POSITION_INT; None without a geodetic position."""
+    """Build GLOBAL_POSITION_INT: geographic position and velocity; None without a geographic position."""
     if not state.has_origin:
         return None
     now = state.now
@@ -58,7 +58,10 @@ def global_position(state: State) -> Message:
 
 
 def gps_raw(state: State) -> Message:
-    """GPS_RAW_INT. Its height above the sea equals that above the ellipsoid: there is no geoid here."""
+    """Build GPS_RAW_INT: reading of the satellite receiver.
+
+    Its height above the sea equals the height above the ellipsoid, as no geoid is simulated.
+    """
     reading = state.reading
     if reading is None:
         seen = 0 if state.receiver else _UNKNOWN
@@ -87,7 +90,7 @@ def gps_raw(state: State) -> Message:
 
 
 def odometry(state: State) -> Message:
-    """ODOMETRY."""
+    """Build ODOMETRY: pose and velocity in the local frame with their covariance."""
     now = state.now
     horizontal, vertical = (sigma**2 for sigma in state.position_sigma_m)
     pose_covariance = [nan] * 21  # upper triangle of 6 x 6
@@ -110,7 +113,7 @@ def odometry(state: State) -> Message:
 
 
 def highres_imu(state: State) -> Message:
-    """HIGHRES_IMU."""
+    """Build HIGHRES_IMU: acceleration, angular rates, magnetic field and pressure."""
     now = state.now
     pressure, altitude = _pressure_hpa(now.place.altitude_m), now.place.altitude_m
     field = (0.21 * cos(now.yaw_rad), -0.21 * sin(now.yaw_rad), 0.43)  # gauss, central Europe, level
@@ -120,12 +123,12 @@ def highres_imu(state: State) -> Message:
 
 
 def scaled_pressure(state: State) -> Message:
-    """SCALED_PRESSURE."""
+    """Build SCALED_PRESSURE: air pressure."""
     return mavlink.MAVLink_scaled_pressure_message(state.boot_ms, _pressure_hpa(state.now.place.altitude_m), 0.0, 2500)
 
 
 def distance_sensor(state: State) -> Message:
-    """DISTANCE_SENSOR."""
+    """Build DISTANCE_SENSOR: distance to the ground by the rangefinder."""
     now = state.now
     lowest, highest = RANGE_M
     slant_m = max(0.0, now.height_m) / max(0.1, cos(now.roll_rad) * cos(now.pitch_rad))
@@ -142,7 +145,7 @@ def distance_sensor(state: State) -> Message:
 
 
 def altitude(state: State) -> Message:
-    """ALTITUDE."""
+    """Build ALTITUDE: heights above sea, home and ground."""
     now = state.now
     up = now.position_enu_m[2]
     relative = now.place.altitude_m - state.home_altitude_m if state.has_origin else nan
@@ -152,7 +155,7 @@ def altitude(state: State) -> Message:
 
 
 def vfr_hud(state: State) -> Message:
-    """VFR_HUD."""
+    """Build VFR_HUD: speeds, heading, throttle and altitude for displays."""
     now = state.now
     north, east, down = now.velocity_ned_mps
     throttle = 0 if state.commander.grounded else _CRUISE_THROTTLE
@@ -161,20 +164,20 @@ def vfr_hud(state: State) -> Message:
 
 
 def servo_output(state: State) -> Message:
-    """SERVO_OUTPUT_RAW."""
+    """Build SERVO_OUTPUT_RAW: pulses to the motors."""
     pulse = 900 if not state.commander.armed else 1000 if state.commander.grounded else 1500
     return mavlink.MAVLink_servo_output_raw_message(state.boot_us & 0xFFFFFFFF, 0, *[pulse] * 4, 0, 0, 0, 0)
 
 
 def attitude_target(state: State) -> Message:
-    """ATTITUDE_TARGET."""
+    """Build ATTITUDE_TARGET: attitude and thrust that the controllers want."""
     now = state.now
     thrust = 0.0 if state.commander.grounded else 0.5 * now.thrust_mps2 / GRAVITY_MPS2
     return mavlink.MAVLink_attitude_target_message(state.boot_ms, 0, list(_quaternion(now)), 0.0, 0.0, 0.0, thrust)
 
 
 def hil_state(state: State) -> Message:
-    """HIL_STATE_QUATERNION: the true state, which PX4's own simulator sends on request."""
+    """Build HIL_STATE_QUATERNION: the true state, which PX4's own simulator sends on request."""
     if state.truth is None:
         return None
     true = state.truth()
@@ -196,7 +199,7 @@ def hil_state(state: State) -> Message:
 
 
 def position_target(state: State) -> Message:
-    """POSITION_TARGET_LOCAL_NED."""
+    """Build POSITION_TARGET_LOCAL_NED: position and velocity that the controllers want."""
     target = state.commander.target
     (east, north, up), (v_east, v_north, v_up) = target.position, target.velocity
     return mavlink.MAVLink_position_target_local_ned_message(

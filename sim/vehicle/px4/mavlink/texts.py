@@ -1,4 +1,4 @@
-"""STATUSTEXTs of one link: to ground stations only, one at a time from a queue, in chunks."""
+"""Texts (STATUSTEXT) on one link of an emulated vehicle: to ground stations only, one at a time from a queue, in chunks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _IDS = 65_536
 
 
 class Texts:
-    """Text queue. ``station_s``: last heartbeat of a ground station, by the vehicle's clock."""
+    """Queue of the texts on one link. ``station_s``: last heartbeat of a ground station, by the vehicle's clock."""
 
     def __init__(self) -> None:
         self.station_s: float | None = None
@@ -27,11 +27,11 @@ class Texts:
         self._next_s = BEGIN_S
 
     def say(self, severity: int, text: str, now_s: float) -> None:
-        """Queue a text."""
+        """Add a text to the queue."""
         self._queue.append((now_s, severity, text))
 
     def due(self, now_s: float) -> Iterator[Message]:
-        """The chunks of the next text, if it is due and a ground station is present."""
+        """Yield the messages of the next text, if it is due and a ground station is present."""
         while self._queue and now_s - self._queue[0][0] > STALE_S:
             self._queue.popleft()
         present = self.station_s is not None and now_s - self.station_s < STATION_GONE_S
