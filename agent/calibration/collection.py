@@ -25,15 +25,15 @@ FloatArray = NDArray[np.float64]
 
 
 class Collection:
-    """Sums over the readouts of one camera and source; facings are measured one after the other.
+    """Collects what a camera measures of a known source in several directions: hits by pixel, energies, coincidences, cones.
 
-    ``coarse_gain``: energies read by the given calibration over true ones, to 2 %; None until the line has been seen.
-    energies_kev: of single clusters, by the calibration with this gain; blocks: of the sensor, 0 .. 15, row by row. walk_ns:
-    delay of weak pixels after strong ones of the same cluster.
+    The directions are measured one after the other. ``coarse_gain``: energies read by the given calibration over true ones, to 2
+    %; None until the source's line has been seen. energies_kev: of single clusters, by the calibration with this gain; blocks:
+    the part of the sensor of each, 0 .. 15, row by row. walk_ns: delay of weak pixels after strong ones of one cluster.
     """
 
     def __init__(self, calibration: Calibration, nuclide: str, line_kev: float, config: DetectionConfig) -> None:
-        """``line_kev``: the nuclide's strongest line in the sensor."""
+        """Start without measurements. ``line_kev``: the nuclide's strongest line in the sensor."""
         self._calibration, self._nuclide, self._line_kev, self._config = calibration, nuclide, line_kev, config
         self.coarse_gain: float | None = None
         self.pixels = np.zeros(PIXELS, np.int64)
@@ -49,20 +49,20 @@ class Collection:
         self._chain = self._new_chain()
 
     def begin_facing(self) -> None:
-        """Begin with the next facing; the detector's clock may have been reset."""
+        """Begin with the next direction of the source; the detector's clock may have been reset."""
         self.end_facing()
         self.cones.append([])
         self._chain = self._new_chain()
 
     def end_facing(self) -> None:
-        """Evaluate the hits still held back."""
+        """Evaluate the hits still held back, at the end of one direction."""
         if self._pending:
             self._look()
         if self.cones:
             self.cones[-1] += self._chain.flush().cones
 
     def add(self, readout: Readout) -> None:
-        """Add a readout; the first ones are held back until the line shows the camera's gain."""
+        """Add a readout; the first ones are held back until the source's line shows the camera's gain."""
         if self.coarse_gain is not None:
             self._evaluate(readout)
             return
@@ -74,27 +74,27 @@ class Collection:
 
     @property
     def energies_kev(self) -> FloatArray:
-        """(N,) of single clusters."""
+        """Energies (N,) in keV of N single clusters."""
         return np.concatenate((np.empty(0), *self._energies))
 
     @property
     def blocks(self) -> NDArray[np.intp]:
-        """(N,) of single clusters."""
+        """Part of the sensor (N,), 0 .. 15, of each of N single clusters."""
         return np.concatenate((np.empty(0, np.intp), *self._blocks))
 
     @property
     def apart_ns(self) -> FloatArray:
-        """(N,) differences of the times of coincidences that add up to the line."""
+        """Time differences (N,) in ns between the two clusters of N coincidences whose energies add up to the line."""
         return np.concatenate((np.empty(0), *self._apart))
 
     @property
     def pairs(self) -> int:
-        """Number of these coincidences."""
+        """Number of coincidences whose energies add up to the line."""
         return sum(map(len, self._apart))
 
     @property
     def walk_ns(self) -> FloatArray:
-        """(N,) of clusters with weak and strong pixels."""
+        """Delays (N,) in ns of weak pixels after strong ones, in N clusters that have both."""
         return np.concatenate((np.empty(0), *self._walk))
 
     def _look(self) -> None:
@@ -172,7 +172,7 @@ class Collection:
 
 
 def block_of(x_mm: FloatArray, y_mm: FloatArray) -> NDArray[np.intp]:
-    """Blocks 0 .. 15 of places (N,) on the sensor, row by row from the lower left."""
+    """Return the part (block) 0 .. 15 of the sensor of N places (N,) on it, row by row from the lower left."""
     column, row = (
         np.clip((place / PIXEL_PITCH_MM + SENSOR_PIXELS / 2.0) * BLOCKS // SENSOR_PIXELS, 0, BLOCKS - 1).astype(np.intp)
         for place in (x_mm, y_mm)
@@ -181,7 +181,7 @@ def block_of(x_mm: FloatArray, y_mm: FloatArray) -> NDArray[np.intp]:
 
 
 def block_of_pixels() -> NDArray[np.intp]:
-    """The block of each pixel, by matrix index: (65536,)."""
+    """Return the part (block) 0 .. 15 of the sensor of each pixel, by matrix index: (65536,)."""
     index = np.arange(PIXELS)
     place = np.arange(0.5 - SENSOR_PIXELS / 2.0, SENSOR_PIXELS / 2.0, dtype=np.float64) * PIXEL_PITCH_MM
     return block_of(place[index % SENSOR_PIXELS], place[index // SENSOR_PIXELS])

@@ -26,7 +26,9 @@ from radron.agent.errors import ConfigError, DetectorError
 
 
 class Order(Struct, frozen=True):
-    """A calibration: the drone, the source, its facings (with a file each, or measured live), background, and folder."""
+    """The request for a calibration: drone, source, its directions (with a file each, or measured live), background, and output
+    folder.
+    """
 
     drone: DroneConfig
     source: Source
@@ -37,7 +39,10 @@ class Order(Struct, frozen=True):
 
 
 def parse_facings(texts: Sequence[str]) -> tuple[tuple[Facing, Path | None], ...]:
-    """Facings from ``BEARING[,ELEVATION][=FILE]``. Raises ConfigError: not so, too few, or some with files and some without."""
+    """Parse directions of the source from ``BEARING[,ELEVATION][=FILE]``.
+
+    Raises ConfigError if a text is not of this form, if there are too few, or if some have files and some have none.
+    """
     found = []
     for text in texts:
         facing, equals, file = text.partition("=")
@@ -49,7 +54,9 @@ def parse_facings(texts: Sequence[str]) -> tuple[tuple[Facing, Path | None], ...
 
 
 def run_calibrate(order: Order, ask: Callable[[str], None]) -> bool:
-    """Calibrate a camera; returns whether the result is usable. ``ask``: tells the operator, and waits until it is done.
+    """Calibrate a camera with a known source, and write the result; return whether it is usable.
+
+    ``ask``: shows a request to the operator, such as to turn the drone, and waits until it is done.
 
     Raises:
         RadronError: a file, the camera, or the folder cannot be used.
@@ -87,7 +94,9 @@ def run_calibrate(order: Order, ask: Callable[[str], None]) -> bool:
 
 
 def closing(result: Result, own: Path) -> str:
-    """Return the operator's next step with a calibration in its folder ``own``."""
+    """Return the operator's next step after a calibration, such as the lines for the drone file. own: folder of the
+    calibration.
+    """
     if verdict(result) != "usable" or result.orientation is None:
         return f"{own}: kept for the record; {verdict(result)}"
     rpy = ", ".join(f"{angle:.1f}" for angle in result.orientation.camera_rpy_deg)

@@ -26,7 +26,10 @@ _SEED = 1  # of a table: the same for every calibration
 
 
 class Drift(Struct, frozen=True):
-    """drift_ns: across the whole sensor; sigma_ns: its standard deviation; pairs: coincidences that it is from."""
+    """The measured drift time of electrons across the sensor.
+
+    drift_ns: across the whole thickness; sigma_ns: its standard deviation; pairs: number of coincidences from which it was found.
+    """
 
     drift_ns: float
     sigma_ns: float
@@ -34,9 +37,10 @@ class Drift(Struct, frozen=True):
 
 
 def fit_drift(apart_ns: Array, line_kev: float, directions: list[Array]) -> Drift | None:
-    """Drift time from the differences of times (N,) of coincidences; None with too few.
+    """Fit the drift time of electrons to the time differences (N,) between the clusters of N coincidences; None with too few.
 
-    ``directions``: of the source in the camera frame, unit vectors, one for each facing.
+    ``line_kev``: energy of the source's line. ``directions``: of the source in the camera frame, unit vectors, one for each
+    facing.
     """
     if len(apart_ns) < MIN_PAIRS:
         return None
@@ -66,7 +70,12 @@ def _folded(shape: Array, drift_ns: float, blur_ns: float) -> Array:
 
 
 def depth_differences(line_kev: float, direction: Array) -> Array:
-    """Distribution (S,) of the difference of depth over the thickness, of coincidences by photons from a direction."""
+    """Return the expected distribution (S,) of the depth difference between the two clusters of a coincidence, as share of the
+    thickness.
+
+    Of photons that come from one direction, by a Monte Carlo calculation. line_kev: energy. direction: unit vector to the source,
+    camera frame.
+    """
     rng = np.random.default_rng(_SEED)
     photo, total = attenuation_arrays(np.array([line_kev]))
     half = 0.5 * SENSOR_THICKNESS_MM
@@ -102,7 +111,7 @@ def _track_mm(energy_kev: Array) -> Array:
 
 
 def attenuation_arrays(energy_kev: Array) -> tuple[Array, Array]:
-    """Photoelectric and total attenuation (1/mm) at energies (N,)."""
+    """Return the photoelectric and total attenuation coefficients (1/mm) of the sensor at N energies (N,)."""
     grid = np.geomspace(max(10.0, 0.9 * float(energy_kev.min())), 1.1 * float(energy_kev.max()), 60)
     table = np.log(np.array([attenuation_per_mm(float(kev)) for kev in grid]))
     photo, total = (np.exp(np.interp(np.log(energy_kev), np.log(grid), column)) for column in table.T)

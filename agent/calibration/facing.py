@@ -14,7 +14,7 @@ MIN_APART_DEG = 20.0  # facings nearer to each other leave a rotation about them
 
 
 class Facing(Struct, frozen=True):
-    """Direction of the source from the camera, in the vehicle's axes, degrees.
+    """A direction of the source from the camera, in the vehicle's axes, degrees.
 
     bearing_deg: clockwise from the nose, seen from above. elevation_deg: above the horizon of the vehicle, negative below.
     """
@@ -24,7 +24,7 @@ class Facing(Struct, frozen=True):
 
     @property
     def direction(self) -> Vector3:
-        """Unit vector in the body frame (FLU)."""
+        """Unit vector to the source in the body frame (FLU: forward, left, up)."""
         bearing, elevation = math.radians(self.bearing_deg), math.radians(self.elevation_deg)
         return (
             math.cos(elevation) * math.cos(bearing),
@@ -37,7 +37,7 @@ class Facing(Struct, frozen=True):
 
 
 def parse_facing(text: str) -> Facing:
-    """A facing from ``BEARING`` or ``BEARING,ELEVATION`` in degrees.
+    """Parse a direction of the source from ``BEARING`` or ``BEARING,ELEVATION`` in degrees.
 
     Raises:
         ConfigError: not such numbers, or out of range.
@@ -55,7 +55,7 @@ def parse_facing(text: str) -> Facing:
 
 
 def check_facings(facings: list[Facing]) -> None:
-    """Raise ConfigError where the facings are too few or too near to each other to determine the camera's orientation."""
+    """Raise ConfigError if the directions are too few, or too near to each other, to determine the camera's orientation."""
     if len(facings) < MIN_FACINGS:
         raise ConfigError(f"{len(facings)} facings of the source; at least {MIN_FACINGS} are needed: turn the drone in between")
     closest = min(

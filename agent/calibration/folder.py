@@ -21,7 +21,7 @@ _COLUMNS = ("stamp", "verdict", "nuclide", "live_s", "gain", "gain_sigma", "drif
 
 
 def check_folder(folder: Path) -> None:
-    """Raise OutputError where the folder cannot be made or written to."""
+    """Raise OutputError if the folder cannot be made or written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".writable"
@@ -32,7 +32,9 @@ def check_folder(folder: Path) -> None:
 
 
 def corrected(calibration: Calibration, result: Result) -> Calibration:
-    """The calibration with the gains by block, the drift time, and without dead and noisy pixels."""
+    """Return the calibration with the measured gains of each part of the sensor and drift time, and without dead and noisy
+    pixels.
+    """
     gain = np.ones(PIXELS)
     if result.gain is not None:
         values = np.array([result.gain.value if block is None else block.value for block in result.blocks])
@@ -43,9 +45,9 @@ def corrected(calibration: Calibration, result: Result) -> Calibration:
 
 
 def save(folder: Path, result: Result, collection: Collection, calibration: Calibration) -> tuple[Path, bool]:
-    """Write a calibration into a subfolder of its own, and its line into the history.
+    """Write a calibration into a subfolder of its own, and a line into the history of all calibrations.
 
-    Returns the subfolder, and whether it holds the picture, for which matplotlib is needed.
+    Return the subfolder, and whether it holds the picture, for which matplotlib is needed.
 
     Raises:
         OutputError: the folder cannot be written to.

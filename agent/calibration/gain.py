@@ -23,19 +23,25 @@ _WIDTH_SPREAD = 0.3  # of the logarithm of the resolution over the assumed one
 
 
 class Gain(Struct, frozen=True):
-    """value: mean energy read in the peak over the line's; sigma: its standard deviation; events: in the peak."""
+    """The measured gain of a camera, or of a part of its sensor.
+
+    value: mean energy read in the line's peak over the line's energy; sigma: its standard deviation; events: in the peak.
+    """
 
     value: float
     sigma: float
     events: float
 
     def times(self, factor: float) -> Gain:
-        """The gain of a camera whose energies were divided by a factor before."""
+        """Return the gain if all energies had been divided by ``factor`` before the fit."""
         return Gain(self.value * factor, self.sigma * factor, self.events)
 
 
 def fit_gain(energies_kev: Array, nuclide: str) -> tuple[Gain, tuple[float, float]] | None:
-    """Gain, near 1, from the energies (N,) of single clusters, and the peak's width and loss; None with too few of them."""
+    """Fit the gain, near 1, to the energies (N,) of N single clusters; return it with the peak's width and charge loss.
+
+    None with too few events.
+    """
     edges, counts = _spectrum(energies_kev, nuclide)
     if counts.sum() < MIN_PEAK_EVENTS:
         return None
@@ -55,7 +61,10 @@ def fit_gain(energies_kev: Array, nuclide: str) -> tuple[Gain, tuple[float, floa
 def fit_blocks(
     energies_kev: Array, blocks: NDArray[np.intp], nuclide: str, overall: Gain, shape: tuple[float, float]
 ) -> list[Gain | None]:
-    """Gain of each of 16 blocks, with the peak's shape of the whole sensor; None with too few events in the peak."""
+    """Return the gain of each of 16 parts (blocks) of the sensor; None for a part with too few events in the peak.
+
+    blocks: (N,) part of each cluster. overall, shape: gain, and width and loss of the peak, for the whole sensor.
+    """
     result: list[Gain | None] = []
     for block in range(BLOCKS * BLOCKS):
         edges, counts = _spectrum(energies_kev[blocks == block], nuclide)

@@ -11,7 +11,7 @@ from radron.agent.geometry import Array
 
 
 def fitted(cost: Callable[[Array], float], start: Array, steps: Array) -> tuple[Array, Array]:
-    """Minimise a negative log likelihood of K parameters.
+    """Find the K parameters with the largest likelihood, and their covariance.
 
     Args:
         cost: negative log likelihood of the parameters (K,).
@@ -34,7 +34,7 @@ def fitted(cost: Callable[[Array], float], start: Array, steps: Array) -> tuple[
 
 
 def hessian(cost: Callable[[Array], float], place: Array, step: float = 0.2) -> Array:
-    """Second derivatives (K, K) of a function at a place (K,), by central differences."""
+    """Return the second derivatives (K, K) of a function at a point (K,), by central differences."""
     count = len(place)
     moves = step * np.eye(count)
     middle = cost(place)

@@ -23,33 +23,33 @@ Tell = Callable[[str], None]
 
 
 class BackgroundCount:
-    """Counts events without the source."""
+    """Counts the events of a camera without the source."""
 
     def __init__(self, calibration: Calibration, config: DetectionConfig) -> None:
         self._chain = DetectorChain(config, None, calibration)
         self._events, self._live_s = 0, 0.0
 
     def add(self, readout: Readout) -> None:
-        """Add a readout."""
+        """Add the events of a readout."""
         found = self._chain.process(readout)
         self._events += found.hits
         self._live_s += found.live_time_s
 
     @property
     def live_s(self) -> float:
-        """Time measured."""
+        """Live time measured so far (s)."""
         return self._live_s
 
     @property
     def result(self) -> Background | None:
-        """The rate; None where no time was measured."""
+        """The background rate with its uncertainty; None if no time was measured."""
         if self._live_s <= 0.0:
             return None
         return Background(self._events / self._live_s, max(self._events, 1) ** 0.5 / self._live_s, self._live_s)
 
 
 def file_readouts(path: Path) -> Iterator[Readout]:
-    """The readouts of a file. Raises DetectorError if it cannot be read to its end, or holds none."""
+    """Yield the readouts of a recording. Raises DetectorError if it cannot be read to its end, or has no hits."""
     empty = True
     for readout in readouts(T3paReader(path)):
         empty = False
@@ -61,9 +61,11 @@ def file_readouts(path: Path) -> Iterator[Readout]:
 async def measure_facing(
     opened: Callable[[], Detector], collection: Collection, facing: Facing, part: tuple[int, int], limit_s: float, tell: Tell
 ) -> None:
-    """Measure one facing with the camera, until it is enough or the time is over.
+    """Measure the source in one direction with the camera, until there are enough events or the time is over.
 
-    ``part``: which of how many facings, from 1. Raises DetectorError where the camera delivers nothing.
+    ``opened``: opens the camera. ``part``: number of this direction, from 1, and of all directions. ``limit_s``: longest time.
+    ``tell``:
+    reports the progress. Raises DetectorError if the camera delivers nothing.
     """
     collection.begin_facing()
     start_s, told_s = collection.live_s, 0.0
@@ -79,7 +81,7 @@ async def measure_facing(
 
 
 async def measure_background(opened: Callable[[], Detector], count: BackgroundCount) -> None:
-    """Count the background with the camera. Raises DetectorError where the camera delivers nothing."""
+    """Count the background with the camera for ``BACKGROUND_S``. Raises DetectorError if the camera delivers nothing."""
     async for readout in _live(opened()):
         count.add(readout)
         if count.live_s >= BACKGROUND_S:

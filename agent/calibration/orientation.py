@@ -23,8 +23,10 @@ _STEP_RAD = np.deg2rad(1.0)
 
 
 class Orientation(Struct, frozen=True):
-    """camera_rpy_deg: as in the drone file. turned_deg: against the assumed one, about the camera's axes; sigma_deg: its
-    standard deviations; cones: that it is from, by facing.
+    """The measured orientation of the camera on the vehicle.
+
+    camera_rpy_deg: as in the drone file. turned_deg: against the assumed orientation, about the camera's axes; sigma_deg:
+    standard deviations; cones: number of cones used, by direction of the source.
     """
 
     camera_rpy_deg: Vector3
@@ -49,10 +51,12 @@ class _Cones:
 
 
 def fit_orientation(cones: list[list[ConeEvent]], facings: list[Facing], camera_rpy_deg: Vector3) -> Orientation | None:
-    """Orientation by maximum likelihood with the prior; None where a facing has too few cones.
+    """Fit the camera's orientation on the vehicle to the cones of a source in known directions; None with too few cones in a
+    direction.
 
-    The covariance is that of estimating equations, H^-1 J H^-1 (Huber 1967): cones with tails scatter more than their
-    likelihood says.
+    Maximum likelihood with a prior around ``camera_rpy_deg``, the orientation in the drone file. The covariance is that of
+    estimating equations, H^-1 J H^-1 (Huber 1967), with H the curvature of the log likelihood and J the covariance of its
+    gradient: cones with tails scatter more than their likelihood says.
     """
     counts = tuple(len(one) for one in cones)
     if len(cones) != len(facings) or min(counts, default=0) < MIN_CONES:

@@ -21,13 +21,13 @@ _BIN_KEV = 4.0
 
 
 def verdict(result: Result) -> str:
-    """``usable``, or which goals are not reached."""
+    """Return ``usable``, or the requirements that a calibration has not reached, in words."""
     missed = [goal.name for goal in goals(result) if not goal.reached]
     return f"not usable: {', '.join(missed)}" if missed else "usable"
 
 
 def table(result: Result) -> Table:
-    """Return each goal with the value reached."""
+    """Return the requirements of a calibration with the values reached, as a table for the terminal."""
     shown = Table(title=f"calibration {result.stamp}: {verdict(result)}", show_header=False)
     for goal in goals(result):
         state = "[green]ok[/]" if goal.reached else "[red]missed[/]"
@@ -36,7 +36,7 @@ def table(result: Result) -> Table:
 
 
 def draw(result: Result, collection: Collection, path: Path) -> bool:
-    """Draw the picture; returns whether matplotlib is there, which the agent does not depend on."""
+    """Draw a calibration into a file; return whether matplotlib is installed, on which the agent does not depend."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ModuleNotFoundError:

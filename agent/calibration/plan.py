@@ -24,7 +24,7 @@ _MARGIN = 1.15
 
 
 class Source(Struct, frozen=True):
-    """A sealed source: nuclide, activity and distance from the sensor."""
+    """The sealed source of a calibration: nuclide, activity, and distance from the sensor."""
 
     nuclide: str
     activity_bq: float
@@ -32,7 +32,7 @@ class Source(Struct, frozen=True):
 
 
 class Plan(Struct, frozen=True):
-    """Times (s) over all facings until each goal is reached, and of them all."""
+    """Measuring times (s), summed over all directions of the source, until each quantity of a calibration is accurate enough."""
 
     pixels_s: float
     gain_s: float
@@ -41,12 +41,12 @@ class Plan(Struct, frozen=True):
 
     @property
     def total_s(self) -> float:
-        """The longest of them, with a margin."""
+        """The time (s) for the whole measurement: the longest of the single times, with a margin."""
         return _MARGIN * max(self.pixels_s, self.gain_s, self.drift_s, self.orientation_s)
 
 
 def plan(source: Source) -> Plan:
-    """Times to measure a source.
+    """Return the times for which a source must be measured, from its activity and distance.
 
     Raises:
         ConfigError: numbers out of range, an unknown nuclide, or a source that is too weak or too far away.
@@ -79,7 +79,7 @@ def plan(source: Source) -> Plan:
 
 
 def is_enough(collection: Collection, share: float) -> bool:
-    """Whether a share of all facings has yielded its share of the events that the goals need."""
+    """Return whether a share (0 .. 1) of the source's directions has yielded its share of the events that a calibration needs."""
     return (
         collection.hits >= share * HITS_PER_PIXEL * SENSOR_PIXELS**2
         and collection.pairs >= share * max(PAIRS, _PAIRS_PER_PEAK_EVENT * PEAK_EVENTS)

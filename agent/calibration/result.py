@@ -25,7 +25,7 @@ MAX_WALK_NS = 20.0
 
 
 class Background(Struct, frozen=True):
-    """Events a second without the source, and the time measured."""
+    """Rate of events per second without the source, with its uncertainty, and the live time measured."""
 
     per_s: float
     sigma_per_s: float
@@ -33,7 +33,7 @@ class Background(Struct, frozen=True):
 
 
 class Goal(Struct, frozen=True):
-    """A goal, the value reached, and whether that is enough."""
+    """One requirement of a calibration, with the value reached as text, and whether that is enough."""
 
     name: str
     reached: bool
@@ -41,9 +41,11 @@ class Goal(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True, kw_only=True):
-    """A calibration. None: too few events. noisy_pixels, dead_pixels: matrix indices; None: too few hits.
+    """The result of a calibration of one camera, with the numbers from which it was found.
 
-    walk_ns: mean delay of weak pixels beside strong ones, and its standard deviation. blocks: row by row from the lower left.
+    None: too few events. noisy_pixels, dead_pixels: matrix indices; None: too few hits.
+    walk_ns: mean delay of weak pixels beside strong ones, and its standard deviation. blocks: gain of 16 parts of the sensor, row
+    by row from the lower left.
     """
 
     stamp: str
@@ -64,12 +66,12 @@ class Result(Struct, frozen=True, kw_only=True):
 
     @property
     def bad_pixels(self) -> list[int]:
-        """Matrix indices of noisy pixels, and of dead ones as far as they are known."""
+        """Matrix indices of noisy pixels, and of dead pixels as far as they are known."""
         return [*self.noisy_pixels, *(self.dead_pixels or ())]
 
     @property
     def background_per_s(self) -> float | None:
-        """Events a second without the source that a sensor without bad pixels would count; None: not measured."""
+        """Rate of events per second without the source that a sensor without bad pixels would count; None: not measured."""
         return None if self.background is None else self.background.per_s * PIXELS / (PIXELS - len(set(self.bad_pixels)))
 
 
@@ -81,7 +83,10 @@ def evaluate(
     background: Background | None,
     stamp: str,
 ) -> Result:
-    """Fit everything to the measurements of a source at the facings."""
+    """Compute the calibration from all measurements of a source.
+
+    camera_rpy_deg: orientation of the camera by the drone file. stamp: time of the calibration, as its name.
+    """
     energies = collection.energies_kev
     coarse = collection.coarse_gain or 1.0
     found = fit_gain(energies, source.nuclide)
@@ -112,7 +117,10 @@ def evaluate(
 
 
 def judge_pixels(pixels: NDArray[np.int64]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Noisy pixels, and dead ones, by matrix index, from the hits of each (65536,); dead ones None with too few hits."""
+    """Return the matrix indices of noisy pixels, and of dead pixels, from the hits of each pixel (65536,).
+
+    Dead pixels are None with too few hits.
+    """
     typical = float(np.mean(np.sort(pixels)[: PIXELS - PIXELS // 100]))
     noisy = np.flatnonzero(pixels > NOISY * max(1.0, typical))
     dead = np.flatnonzero(pixels == 0) if np.median(pixels) >= HITS_PER_PIXEL - 1.0 else None
@@ -120,7 +128,7 @@ def judge_pixels(pixels: NDArray[np.int64]) -> tuple[tuple[int, ...], tuple[int,
 
 
 def goals(result: Result) -> tuple[Goal, ...]:
-    """The goals of a calibration, and which of them are reached."""
+    """Return the requirements of a calibration, each with whether it is reached."""
     return tuple(judge(result) for judge in (_gain, _blocks, _drift, _walk, _orientation, _pixels, _background))
 
 

@@ -16,18 +16,21 @@ _LONGEST_S = 1e9  # 30 years
 
 
 class Told(msgspec.Struct, frozen=True, kw_only=True):
-    """``utc_ns``: the autopilot's time at ``uptime_s`` of this computer's monotonic clock, which no setting changes."""
+    """The autopilot's time, as the agent has received it, for setting the computer's clock.
+
+    ``utc_ns``: the autopilot's time at ``uptime_s`` of this computer's monotonic clock, which no setting changes.
+    """
 
     utc_ns: int
     uptime_s: Annotated[float, msgspec.Meta(ge=0.0, le=_LONGEST_S)]
 
     def at(self, uptime_s: float) -> int:
-        """The time when the monotonic clock shows this, UTC in nanoseconds."""
+        """Return the time, UTC in nanoseconds, when the monotonic clock shows ``uptime_s``."""
         return self.utc_ns + round((uptime_s - self.uptime_s) * 1e9)
 
 
 class Valid(NamedTuple):
-    """Interval of plausible times: UTC, nanoseconds."""
+    """The interval of plausible times: UTC, nanoseconds."""
 
     begin_ns: int
     end_ns: int
@@ -38,7 +41,8 @@ class Valid(NamedTuple):
 
 
 def hand_over(folder: Path, told: Told) -> None:
-    """Write the time for radron-clock.path, which watches for the file. A reader sees all of it or nothing.
+    """Write the autopilot's time to a file, on which the system service radron-clock.path waits. A reader sees all of it or
+    nothing.
 
     Raises:
         OSError: it cannot be written.
@@ -49,8 +53,9 @@ def hand_over(folder: Path, told: Told) -> None:
 
 
 def taken(file: Path) -> Told | None:
-    """Take the time that was handed over, and remove it; None: no readable time. The agent is not trusted with the file: links
-    are not followed, pipes not waited for, and no more is read than a time needs.
+    """Read the autopilot's time that the agent has handed over, and remove the file; None: no readable time.
+
+    The agent is not trusted with the file: links are not followed, pipes not waited for, and no more is read than a time needs.
     """
     try:
         with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as opened:
@@ -63,7 +68,7 @@ def taken(file: Path) -> Told | None:
 
 
 def text(at_ns: int) -> str:
-    """A time for people."""
+    """Return a time (UTC, ns) as text for people."""
     try:
         return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(at_ns * 1e-9))
     except (OverflowError, ValueError, OSError):

@@ -13,7 +13,7 @@ from radron.agent.vehicle.mavlink.exposure import exposure
 
 
 def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float = WAIT_S) -> str:
-    """Listen for the autopilot's time, and hand it over if it may be right; returns the outcome in words.
+    """Listen for the autopilot's time, and hand it over to the computer if it may be right; return the outcome in words.
 
     Args:
         vehicle: its link, not used by others before or after.

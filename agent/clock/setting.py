@@ -22,11 +22,12 @@ _PATIENCE_S = 10.0
 
 
 class ClockError(RadronError):
-    """The clock is not set, and why."""
+    """The computer's clock is not set; the text gives the reason."""
 
 
 def set_clock(file: Path, valid: Valid) -> str:
-    """Set this computer's clock to the time handed over by the agent, and remove the handover; returns the change in words.
+    """Set this computer's clock to the autopilot's time, which the agent has handed over, and remove the file; return the change
+    in words.
 
     Raises:
         ClockError: no time was handed over, the time cannot be right, or the clock is not dead.
@@ -44,7 +45,7 @@ def set_clock(file: Path, valid: Valid) -> str:
 
 
 def wanted(told: Told, valid: Valid, clock_ns: int, uptime_s: float) -> int:
-    """Return the right time of now, UTC in nanoseconds.
+    """Return the right time now, UTC in nanoseconds, by the autopilot's time.
 
     Args:
         told: the autopilot's time, as heard by the agent.
@@ -64,7 +65,7 @@ def wanted(told: Told, valid: Valid, clock_ns: int, uptime_s: float) -> int:
 
 
 def validity_of(certificate: Path, made_ns: int | None) -> Valid:
-    """When a certificate is valid, from the date of this release on.
+    """Return the interval of plausible times: while the certificate is valid, and not before this release was made.
 
     Raises:
         ClockError: there is no certificate that can be read.

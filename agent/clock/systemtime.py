@@ -16,7 +16,7 @@ _SYSTEM_TIME, _CRC_EXTRA, _PAYLOAD_BYTES = 2, 137, 12
 
 
 async def overheard_time(address: str, system_id: int | None, source: str | None, wait_s: float = WAIT_S) -> int | None:
-    """UTC by the autopilot's clock at the return, in nanoseconds; None: not received. Nothing is sent.
+    """Return the present time (UTC, ns) by the autopilot's clock, from its messages; None: not received. Nothing is sent.
 
     Args:
         address, source, wait_s: see ``overhear``.
@@ -29,7 +29,7 @@ async def overheard_time(address: str, system_id: int | None, source: str | None
 
 
 def time_in(data: bytes, system_id: int | None = None) -> int | None:
-    """The newest time of an autopilot in these bytes, UTC in nanoseconds; None without one. Checksums are verified."""
+    """Return the newest time (UTC, ns) of an autopilot in bytes from its link; None without one. Checksums are verified."""
     for first_byte in FIRST_BYTES:
         place = len(data)
         while (place := data.rfind(first_byte, 0, place)) >= 0:

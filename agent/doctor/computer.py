@@ -21,7 +21,7 @@ _REALLOCATED, _PENDING = 5, 197  # ATA attributes: sectors replaced, and waiting
 
 
 def computer(folder: Path, smart: Path | None, root: Path = Path("/")) -> list[Check]:
-    """All checks of the computer.
+    """Check the onboard computer: disk, temperature, memory, and time to boot.
 
     Args:
         folder: where the drone's data are.
@@ -32,7 +32,7 @@ def computer(folder: Path, smart: Path | None, root: Path = Path("/")) -> list[C
 
 
 def space(folder: Path) -> Check:
-    """Free space on the disk that holds the drone's data."""
+    """Check the free space on the disk that holds the drone's data."""
     place = next(each for each in (folder, *folder.parents) if each.exists())
     usage = shutil.disk_usage(place)
     free = usage.free / usage.total
@@ -45,7 +45,10 @@ def space(folder: Path) -> Check:
 
 
 def disk_health(smart: Path | None, root: Path = Path("/")) -> Check:
-    """By the disk's own report, and errors that its file systems have met."""
+    """Check the disk's health by its own report, and by errors that its file systems have met.
+
+    smart: file with the output of ``smartctl --json``; None: there is none. root: of the file system.
+    """
     errors = sum(_number(file) or 0 for file in root.glob("sys/fs/ext4/*/errors_count"))
     if errors:
         return _check("disk health", "failed", f"the file systems have met {errors:.0f} errors (journalctl -k): replace the disk")
@@ -75,7 +78,7 @@ def _judged_disk(report: dict[str, Any], passed: bool) -> Check:
 
 
 def temperature(root: Path = Path("/")) -> Check:
-    """The hottest sensor of the computer."""
+    """Check the temperature of the computer's hottest sensor."""
     sensors = [*root.glob("sys/class/thermal/thermal_zone*/temp"), *root.glob("sys/class/hwmon/hwmon*/temp*_input")]
     values = [value / 1000.0 for value in map(_number, sensors) if value is not None and value > 0.0]
     if not values:
@@ -88,7 +91,7 @@ def temperature(root: Path = Path("/")) -> Check:
 
 
 def memory(root: Path = Path("/")) -> Check:
-    """Memory that programs can still have."""
+    """Check the memory that is still available to programs."""
     lines = (line.split() for line in (root / "proc/meminfo").read_text().splitlines())
     free_mb = next((int(words[1]) // 1024 for words in lines if words[0] == "MemAvailable:"), 0)
     text = f"{free_mb} MB free"
@@ -98,7 +101,7 @@ def memory(root: Path = Path("/")) -> Check:
 
 
 def boot_time(root: Path = Path("/")) -> Check:
-    """Time from power-on until the agent could be started, measured by systemd."""
+    """Check the time from power-on until the agent could be started, measured by systemd."""
     if (root / "run/systemd/container").exists():
         return _check("time to boot", "ok", "not measured: this is a container")
     firmware = _microseconds(["systemctl", "show", "--property=FirmwareTimestampMonotonic", "--value"])

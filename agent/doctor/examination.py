@@ -29,7 +29,7 @@ _PARAMETERS = "parameters"
 async def examine(
     drone: DroneConfig, mission: MissionConfig, wait_s: float, smart: Path | None, write: bool, tell: Callable[[str], None]
 ) -> Report:
-    """Examine one drone.
+    """Examine one drone on the bench: the preflight check, and camera, parameters, computer, and links to the other drones.
 
     Args:
         drone: the drone file.
@@ -74,7 +74,7 @@ def _check(finding: Finding, others: list[str]) -> Check:
 
 
 def folded(checks: list[Check]) -> list[Check]:
-    """Return the checks with one line for all correct parameters, so that all fit on a page."""
+    """Return the checks with one common line for all correct parameters, so that all fit on a page."""
     good = [check for check in checks if check.area == "autopilot" and check.name.isupper() and check.verdict == "ok"]
     if not good:
         return checks

@@ -16,7 +16,9 @@ _TIMES = re.compile(r"= ([\d.]+)/([\d.]+)/([\d.]+)/")  # ms: least, mean, most
 
 
 async def reach(drone: str, endpoint: str | None) -> Check:
-    """Ping the computer of one drone, with or without a running agent."""
+    """Check how well the computer of another drone is reached by radio, with or without a running agent: round trip and loss of
+    pings.
+    """
     name = f"reach {drone}"
     if endpoint is None:
         return Check("swarm", name, "failed", "mesh.endpoints has no entry for it")
@@ -39,7 +41,7 @@ async def reach(drone: str, endpoint: str | None) -> Check:
 
 
 def judged(name: str, address: str, output: str) -> Check:
-    """The check, from the output of ``ping -q``."""
+    """Return the check of the radio link from the output of ``ping -q``."""
     counts, times = _COUNTS.search(output), _TIMES.search(output)
     if counts is None:
         lines = output.strip().splitlines()

@@ -21,7 +21,10 @@ _SHOWN = {
 
 
 class Check(Struct, frozen=True):
-    """One line. ``not yet``: may resolve by itself; ``check``: works, with a flaw; ``failed``: needs action."""
+    """One line of the report on a drone's examination.
+
+    ``not yet``: may resolve by itself; ``check``: works, with a flaw; ``failed``: needs action.
+    """
 
     area: str
     name: str
@@ -30,7 +33,7 @@ class Check(Struct, frozen=True):
 
 
 class Setting(Struct, frozen=True):
-    """An autopilot parameter that was set. ``after``: last reported value; None: not reported."""
+    """An autopilot parameter that was set during the examination. ``after``: last reported value; None: not reported."""
 
     name: str
     before: float
@@ -39,7 +42,7 @@ class Setting(Struct, frozen=True):
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """All findings on one drone. ``version``: of radron on board."""
+    """The report on the examination of one drone. ``version``: of radron on board."""
 
     drone: str
     version: str
@@ -50,13 +53,15 @@ class Report(Struct, frozen=True, kw_only=True):
 
     @property
     def code(self) -> int:
-        """The exit code: 0 all green; 1 something failed; 3 nothing failed, but not all is green. (2: not examined.)"""
+        """The exit code of the command: 0 all green; 1 something failed; 3 nothing failed, but not all is green. (2: not
+        examined.)
+        """
         verdicts = {check.verdict for check in self.checks}
         return 1 if "failed" in verdicts else 3 if verdicts - {"ok"} else 0
 
 
 def page(report: Report, where: str) -> RenderableType:
-    """A page for a terminal."""
+    """Return the report as a page for a terminal. where: address of the drone."""
     from rich.console import Group  # noqa: PLC0415  not needed where only JSON is made
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415

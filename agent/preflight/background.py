@@ -14,7 +14,7 @@ MOST_NOISY = 100  # of 65,536 pixels; more are a defect
 
 
 class Background:
-    """Counts the events of a camera's first ``MEASURE_S``, by the chain that counts them in flight."""
+    """Checks a camera on the bench: it counts the natural background for ``MEASURE_S`` as in flight, and its noisy pixels."""
 
     def __init__(self, config: DetectionConfig) -> None:
         self._chain = DetectorChain(config, None, Calibration.nominal())
@@ -23,7 +23,7 @@ class Background:
         self._events = self._hits = 0
 
     def take(self, readout: Readout) -> Finding:
-        """The finding after one more readout."""
+        """Return the finding on the camera after one more readout."""
         found = self._chain.process(self._repeats.without(readout))
         if self._repeats.problems:
             return Finding("camera", "failed", f"{self._repeats.problems[0].removeprefix('camera: ')}: restart it")

@@ -54,7 +54,10 @@ _LINKS_S = 3.0  # between two looks at why there is no contact
 
 
 class Preflight:
-    """Gathers the findings of one drone. ``findings`` may be read at any time; after the check they stay as at its end."""
+    """The preflight check of one drone: it connects everything, commands nothing, and collects findings.
+
+    ``findings`` may be read at any time; after the check they stay as at its end.
+    """
 
     def __init__(
         self,
@@ -63,7 +66,10 @@ class Preflight:
         background: Background | None = None,
         corrections: Corrections | None = None,
     ) -> None:
-        """``background``: also count the camera's background; ``corrections``: also set wrong parameters of the autopilot."""
+        """Set up the check.
+
+        ``background``: also count the camera's background; ``corrections``: also set wrong parameters of the autopilot.
+        """
         self._background, self._corrections = background, corrections
         self._drone = drone
         self._force = mission_in_force(drone, mission)
@@ -85,7 +91,7 @@ class Preflight:
 
     @property
     def findings(self) -> list[Finding]:
-        """The present findings, or the last ones."""
+        """The present findings during the check, the last ones afterwards."""
         return self._present() if self._last is None else self._last
 
     def _present(self) -> list[Finding]:
@@ -110,7 +116,10 @@ class Preflight:
         ]
 
     async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
-        """Check until no finding is "not yet" or is being corrected, for ``wait_s`` at most. Returns whether all are "ok"."""
+        """Check until no finding is "not yet" or is being corrected, for ``wait_s`` at most. Return whether all are "ok".
+
+        show: called with the present findings, several times a second.
+        """
         checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_sightings, self._check_chrony)
         tasks = [asyncio.create_task(check()) for check in checks]
         deadline_s = time.monotonic() + wait_s

@@ -18,7 +18,9 @@ _SYNCHRONISED = ("normal", "insert second", "delete second")
 
 
 async def chrony_finding(alone: bool) -> Finding:
-    """Ask chrony. ``alone``: a mission of a single drone, without other clocks to agree with."""
+    """Check by chrony whether this computer's clock is synchronised. ``alone``: a mission of a single drone, without other
+    clocks.
+    """
     try:
         process = await asyncio.create_subprocess_exec(
             "chronyc", "-n", "-c", "tracking", stdin=DEVNULL, stdout=PIPE, stderr=STDOUT
@@ -40,7 +42,7 @@ async def chrony_finding(alone: bool) -> Finding:
 
 
 def judged(output: str, returncode: int | None) -> Finding:
-    """The finding from the output of ``chronyc -c tracking``."""
+    """Return the finding on the clock from the output of ``chronyc -c tracking``."""
     lines = output.strip().splitlines()
     text = lines[-1][:80] if lines else ""
     if returncode != 0:

@@ -18,7 +18,7 @@ _ANSWER_S = 2.0  # until the autopilot has reported the new value
 
 
 class Change(Struct, frozen=True):
-    """A parameter that was set. ``after``: last value reported by the autopilot; None: not reported."""
+    """A parameter of the autopilot that was set. ``after``: last value reported by the autopilot; None: not reported."""
 
     name: str
     before: float
@@ -32,10 +32,10 @@ class Change(Struct, frozen=True):
 
 
 class Corrections:
-    """Sets the wrong parameters of one vehicle, each a few times, and keeps their old values."""
+    """Sets the autopilot's parameters that are wrong for the mission, each a few times, and remembers their old values."""
 
     def __init__(self, demands: Demands) -> None:
-        """``demands``: of the mission on this drone's autopilot."""
+        """Set up the corrections. ``demands``: values that the mission requires of this drone's autopilot."""
         self._demands = demands
         self._before: dict[str, tuple[float, float]] = {}  # value before, and the wanted one
         self._attempts: dict[str, int] = {}
@@ -44,18 +44,18 @@ class Corrections:
 
     @property
     def changes(self) -> list[Change]:
-        """All that was set, with the present values."""
+        """All parameters that were set, with their present values."""
         return [Change(name, before, self._values.get(name), wanted) for name, (before, wanted) in self._before.items()]
 
     def tries(self, name: str) -> bool:
-        """Whether a parameter that is wrong is still going to be set, or its new value may still come."""
+        """Return whether a wrong parameter will still be set, or its new value may still be reported."""
         if correction(name, 0.0, self._demands) is None:
             return False
         answers = time.monotonic() - self._set_s.get(name, float("-inf")) < _ANSWER_S
         return answers or self._attempts.get(name, 0) < MOST_ATTEMPTS
 
     async def run(self, vehicle: Px4Vehicle) -> None:
-        """Set wrong parameters, until cancelled."""
+        """Set wrong parameters until cancelled."""
         asked_s = float("-inf")
         while True:
             self._values = {name: vehicle.parameters.value(name) for name in self._before}

@@ -12,7 +12,10 @@ LEAST_M = 1.0  # between two layers: heights by barometer and satellites are goo
 
 
 def layers_finding(mission: MissionConfig, drone: str) -> Finding | None:
-    """Altitude layers of this drone and of the others; None where its autopilot does not return."""
+    """Check the heights at which the drones' autopilots return without their agents: each drone needs a height of its own.
+
+    Return None if this drone's autopilot does not return.
+    """
     members = [member for member in mission.drones if member.localization != "slam"]  # without satellites there is no home
     if mission.safety.agent_lost != "return" or drone not in [member.id for member in members]:
         return None

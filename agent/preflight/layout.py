@@ -15,9 +15,9 @@ _COMPASS_DEG = 15.0
 
 
 def layout_finding(mission: MissionConfig, drone: str, place: LaunchPlace | None) -> Finding | None:
-    """Compare the launch place, in the mission frame, with the mission's layout.
+    """Compare the launch place that the autopilot reports, in the mission frame, with the place in the mission file.
 
-    ``place``: as the autopilot reports it. Returns None if there is nothing to compare: a mission without a datum, or a vehicle
+    ``place``: as the autopilot reports it. Return None if there is nothing to compare: a mission without a datum, or a vehicle
     without satellites or without a reported origin.
     """
     member = next(member for member in mission.drones if member.id == drone)

@@ -11,9 +11,10 @@ NAME = "software"
 
 
 def software_finding(folder: str | None) -> Finding | None:
-    """Return the finding; None on a computer without updater. ``folder``: the updater's.
+    """Check that this computer runs the release of its last update; None on a computer without updater. ``folder``: the
+    updater's.
 
-    A drone on its previous release can fly, as long as all drones speak the same protocol: no start is refused for it.
+    A drone on its previous release can fly, as long as all drones speak one version of the protocol: no start is refused for it.
     """
     if folder is None:
         return None

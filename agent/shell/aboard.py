@@ -26,7 +26,10 @@ NONCE_KEY_BYTES = 16
 
 
 class Aboard(Struct, frozen=True):
-    """The pilot, the process of its estimator, its recorder. ``unrecorded``: why a wanted recorder is missing, else None."""
+    """The pilot program of one run of the agent, with the process of its estimator, and its flight recorder.
+
+    ``unrecorded``: reason why a wanted recorder is missing, else None.
+    """
 
     pilot: Pilot | RecordedPilot
     folding: Folding
@@ -35,7 +38,10 @@ class Aboard(Struct, frozen=True):
 
 
 def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None, log: Logger) -> Aboard:
-    """Return the pilot for the mission in force. An unwritable record prevents a start, but not the rejoining of a flight."""
+    """Make the pilot program for the mission in force, with its flight recorder if records are wanted.
+
+    Records that cannot be written prevent a start, but not the rejoining of a flight.
+    """
     trust, nonce_key = trust_of(identity), secrets.token_bytes(NONCE_KEY_BYTES)
     computing = Computing(estimators=deferred_named)
     flown = Pilot(force.mission, drone, boot, memory=saved.memory, trust=trust, nonce_key=nonce_key, computing=computing)

@@ -33,13 +33,15 @@ Answer = tuple[frozenset[int], "Told | None"]  # numbers of the states held for 
 
 
 def packed(content: Order | Task | Answer) -> bytes:
-    """Return the bytes of a message between the two processes: length and pickle."""
+    """Return the bytes of a message between the agent and the process that computes its estimator: length, and pickled
+    content.
+    """
     data = pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL)
     return LENGTH.pack(len(data)) + data
 
 
 def serve(received: BinaryIO, sent: BinaryIO) -> None:
-    """Answer tasks until the input ends; errors of the estimator are raised."""
+    """Compute tasks of the estimator and send the answers, until the input ends; errors of the estimator are raised."""
     from radron.agent.fusion.deferred import Folder  # noqa: PLC0415  the agent needs the types of this module alone
     from radron.agent.fusion.registry import estimator_named  # noqa: PLC0415
 

@@ -18,7 +18,7 @@ _PIECE_BYTES = 4096  # maximum of a write to a writable pipe that does not block
 
 
 class UnblockingStream(io.TextIOBase):
-    """Writes to a file descriptor without blocking; text that would block is dropped.
+    """A text stream for logs that writes to a file descriptor without blocking; text that would block is dropped.
 
     A log reader that stops reading must not stop the flight.
     """
@@ -29,7 +29,7 @@ class UnblockingStream(io.TextIOBase):
         self._poll.register(fd, select.POLLOUT)
 
     def write(self, text: str) -> int:
-        """Write the text or its beginning; always returns the full length."""
+        """Write the text or its beginning; always return the full length."""
         data = text.encode(errors="replace")
         for start in range(0, len(data), _PIECE_BYTES):
             if not any(event & select.POLLOUT for _, event in self._poll.poll(0)):

@@ -15,14 +15,14 @@ _OVER = 1.1  # hysteresis: the warning ends above this multiple of its threshold
 
 
 class Memory(Struct, frozen=True):
-    """Main memory in MB: total, and available to programs without swapping."""
+    """Main memory of the computer in MB: total, and available to programs without swapping."""
 
     total_mb: float
     available_mb: float
 
 
 def read_memory(source: Path = Path("/proc/meminfo")) -> Memory | None:
-    """Return the computer's memory by the kernel's MemTotal and MemAvailable; None without them (not Linux)."""
+    """Return the computer's memory by the kernel's MemTotal and MemAvailable; None if they are missing (not Linux)."""
     found: dict[str, float] = {}
     with suppress(OSError, UnicodeDecodeError):
         for name, kilobytes in re.findall(r"^(MemTotal|MemAvailable):\s*(\d+) kB", source.read_text("ascii"), re.MULTILINE):
@@ -33,7 +33,7 @@ def read_memory(source: Path = Path("/proc/meminfo")) -> Memory | None:
 
 
 class MemoryWatch:
-    """Warns while the available memory is below the larger of ``LEAST_MB`` and ``LEAST_SHARE`` of the total."""
+    """Warns the operator while the available memory is below the larger of ``LEAST_MB`` and ``LEAST_SHARE`` of the total."""
 
     def __init__(self, read: Callable[[], Memory | None] = read_memory) -> None:
         self._read = read
@@ -41,7 +41,7 @@ class MemoryWatch:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Read the memory anew and return one line or none. The text stays the same while the warning lasts."""
+        """A line for the operator if memory is low now, else empty; the text does not change while the warning lasts."""
         memory = self._read()
         if memory is None:
             return ()

@@ -23,10 +23,17 @@ NUMERICS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # unless set: 
 
 
 class Supervisor:
-    """Runs one agent to its end. Single-threaded, with one poll for everything."""
+    """The watchdog process: it starts the agent, and kills it when it hangs, so that the autopilot's failsafe takes over.
+
+    It is single-threaded, with one poll for everything.
+    """
 
     def __init__(self, command: Sequence[str]) -> None:
-        """``command``: the agent's; its last argument is the supervisor's process id, and its file 3 the pipe."""
+        """Prepare the start of the agent.
+
+        ``command``: of the agent; as last argument the supervisor's process id is added, and the agent's file descriptor 3 is the
+        pipe.
+        """
         self._command = [*command, str(os.getpid())]
         self._notifier = Notifier()
         self._scratch = os.path.join(os.environ.get("TMPDIR", "/tmp"), f"radron-agent-{os.getpid()}")
@@ -36,9 +43,9 @@ class Supervisor:
         self._verdict: str | None = None  # why the agent was killed
 
     def run(self) -> int:
-        """Start the agent and watch it; start it again when it asks for a new start, as with a new mission.
+        """Start the agent and watch it; start it again when it asks for that, as with a new mission.
 
-        Returns the agent's exit code: 0 after a stop signal, 70 after a hang.
+        Return the agent's exit code: 0 after a stop signal, 70 after a hang.
 
         The agent gets its own folder for temporary files, removed afterwards, also after a kill: MAVSDK makes a folder there at
         each start and removes none.

@@ -15,7 +15,8 @@ VARIABLES = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 
 
 class Notifier:
-    """Sends state lines such as ``READY=1`` to the socket that ``NOTIFY_SOCKET`` names (sd_notify(3)).
+    """Sends state lines such as ``READY=1`` to the service manager, through the socket that ``NOTIFY_SOCKET`` names
+    (sd_notify(3)).
 
     Nothing is raised and nothing blocks without a listening service manager.
     """
@@ -33,19 +34,19 @@ class Notifier:
         self._due_s = 0.0
 
     def tell(self, *lines: str) -> None:
-        """Send state lines in one message."""
+        """Send state lines to the service manager in one message."""
         if self._socket is not None:
             with suppress(OSError):
                 self._socket.send("\n".join(lines).encode())
 
     def alive(self) -> None:
-        """Send ``WATCHDOG=1``, as often as the service manager requires."""
+        """Report that this process is alive (``WATCHDOG=1``), as often as the service manager requires."""
         now_s = time.monotonic()
         if now_s >= self._due_s and self._period_s != float("inf"):
             self._due_s = now_s + self._period_s
             self.tell("WATCHDOG=1")
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the socket to the service manager."""
         if self._socket is not None:
             self._socket.close()

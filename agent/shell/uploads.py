@@ -19,16 +19,21 @@ TAKE_S = 60.0  # timeout of an upload, then reported to the operator
 
 
 class UploadedMission:
-    """Takes one uploaded mission at a time. ``is_kept``: a new mission is kept, and the agent is to begin anew with it."""
+    """Fetches, checks and stores a mission that an operator has uploaded, one at a time, without delaying the flight loop.
+
+    ``is_kept``: a new mission is stored, and the agent must be restarted with it.
+    """
 
     def __init__(self, drone: DroneConfig, filed: MissionConfig, log: Logger) -> None:
-        """``filed``: the mission in the drone's mission file."""
+        """Set up the uploads. ``filed``: the mission in the drone's mission file."""
         self._drone, self._filed, self._log = drone, filed, log
         self._taking: asyncio.Task[str | None] | None = None
         self.is_kept = False
 
     def look(self, upload: Upload | None, fetch: Fetch, decline: Callable[[str], None]) -> None:
-        """Begin to take ``upload``, or note the result; to be called regularly. ``decline``: gets the reason of a failure."""
+        """Begin to fetch ``upload``, or note the result of the fetch; call it regularly. ``decline``: called with the reason of a
+        failure.
+        """
         if self._taking is None:
             if upload is not None:
                 self._taking = asyncio.create_task(self._take(upload, fetch), name="uploaded mission")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    """Run the command; errors that the user can fix end in one line and exit code 2."""
+    """Run the command ``radron-update``; errors that the user can fix end in one line and exit code 2."""
     options = _options(sys.argv[1:])
     run_command("radron-update", lambda: options.run(options))
 

@@ -19,7 +19,8 @@ _UNIT = "radron-agent"
 
 
 def look(slots: Slots, records: Records) -> Computer:
-    """This computer at present, also one without slots.
+    """Return the present state of this onboard computer for ``radron-update status``, also of one without system partitions
+    (slots).
 
     Raises:
         UpdateError: the boot loader's variables cannot be read.
@@ -45,7 +46,7 @@ def look(slots: Slots, records: Records) -> Computer:
 
 
 def agent_state() -> str:
-    """The agent's state in systemd, with its status text."""
+    """Return the state of the agent's service in systemd, with its status text."""
     shown = dict(
         line.partition("=")[::2] for line in _said("systemctl", "show", _UNIT, "--property=ActiveState,StatusText").splitlines()
     )
@@ -53,7 +54,9 @@ def agent_state() -> str:
 
 
 def clock_offset_s() -> float | None:
-    """Difference of this clock from its time servers, by chrony; None: no time servers, or not synchronised yet."""
+    """Return the difference (s) of this clock from its time servers, by chrony; None: no time servers, or not
+    synchronised yet.
+    """
     fields = _said("chronyc", "-c", "tracking").strip().split(",")
     if len(fields) < 14 or fields[-1] == "Not synchronised":
         return None
@@ -63,7 +66,7 @@ def clock_offset_s() -> float | None:
 
 
 def certificate_end_ns(file: Path) -> int | None:
-    """Until when a certificate is valid; None: there is none that can be read."""
+    """Return the time (UTC, ns) until which a certificate is valid; None if the file has no readable certificate."""
     from cryptography import x509  # noqa: PLC0415  at each boot the updater does without: half of its time to start
 
     try:

@@ -4,4 +4,4 @@ from radron.agent.errors import RadronError
 
 
 class UpdateError(RadronError):
-    """Why there is no update, in one line."""
+    """An update was refused or failed; the text gives the reason in one line."""

@@ -18,7 +18,9 @@ Run = Callable[[list[str], Callable[[str], None]], tuple[int, list[str]]]  # com
 
 @dataclass(frozen=True, slots=True)
 class Updater:
-    """Changes the release of this computer's next boot."""
+    """Changes the software release that this computer boots next, by installing an update or returning to the previous
+    release.
+    """
 
     slots: Slots
     records: Records
@@ -30,7 +32,7 @@ class Updater:
     run: Run
 
     def install(self, bundle: Path, older: bool = False) -> None:
-        """Install a bundle, and reboot the computer.
+        """Install an update (signed bundle file) into the other system partition, and reboot the computer.
 
         Args:
             bundle: the file.
@@ -43,10 +45,10 @@ class Updater:
             self._install(bundle, older)
 
     def roll_back(self) -> None:
-        """Return to the other slot's release, and reboot the computer.
+        """Return to the release in the other system partition, and reboot the computer.
 
         Raises:
-            UpdateError: the other slot has no working release, or a flight is under way.
+            UpdateError: the other partition has no working release, or a flight is under way.
         """
         with self.records.changing():
             self._roll_back()
@@ -111,7 +113,7 @@ class Updater:
 
 
 def run_told(command: list[str], tell: Callable[[str], None]) -> tuple[int, list[str]]:
-    """Run a program; every line of its output is reported at once. Returns its exit code and all lines."""
+    """Run a program; ``tell`` is called at once with every line of its output. Return its exit code and all lines."""
     said: list[str] = []
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

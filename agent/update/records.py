@@ -23,29 +23,33 @@ _T = TypeVar("_T")
 
 
 class Records:
-    """The folder of the updater. Unreadable records count as missing: a computer must work without them."""
+    """The records of software updates on an onboard computer: running trial, last outcome, and the releases on its disk.
+
+    An update is written to the other of two system partitions (slots), and is on trial until it works after a reboot. Unreadable
+    records count as missing: a computer must work without them.
+    """
 
     def __init__(self, folder: Path = FOLDER) -> None:
         self.folder = folder
 
     @property
     def trial(self) -> Trial | None:
-        """The update on trial, not confirmed yet."""
+        """The update on trial, not confirmed yet; None without one."""
         return _decoded(self.folder / "trial.json", Trial)
 
     @property
     def outcome(self) -> Outcome | None:
-        """The outcome of the last update."""
+        """The outcome of the last update; None without one."""
         return _decoded(self.folder / "outcome.json", Outcome)
 
     @property
     def slots(self) -> dict[str, Release]:
-        """The releases in the slots, as far as known."""
+        """The releases in the two system partitions (slots), as far as known."""
         return _decoded(self.folder / "slots.json", dict[str, Release]) or {}
 
     @property
     def busy(self) -> bool:
-        """Whether an update is being installed."""
+        """Whether an update is being installed now."""
         try:
             with self.changing():
                 return False
@@ -54,7 +58,7 @@ class Records:
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Hold the lock on changes of the next boot, for one process at a time.
+        """Hold the lock on changes of the next boot, for one process at a time, during the ``with`` block.
 
         Raises:
             UpdateError: another process holds the lock.
@@ -70,7 +74,10 @@ class Records:
             os.close(descriptor)
 
     def begin(self, trial: Trial) -> None:
-        """Remember that a slot is on trial. ``trying`` is the same for a shell script, should the slot's Python not work."""
+        """Record that a system partition (slot) is on trial.
+
+        The file ``trying`` says so for a shell script, should the Python of the new release not work.
+        """
         write_durably(self.folder / "trying", f"{trial.slot}\n".encode())
         self._write("trial.json", trial)
 
@@ -79,12 +86,12 @@ class Records:
         self._write("outcome.json", outcome)
 
     def end(self) -> None:
-        """Record that no slot is on trial."""
+        """Record that no update is on trial."""
         for name in ("trial.json", "trying"):
             (self.folder / name).unlink(missing_ok=True)
 
     def put_slot(self, slot: str, release: Release | None) -> None:
-        """Record the release in a slot; None: unknown."""
+        """Record the release in a system partition (slot); None: unknown."""
         slots = {name: known for name, known in self.slots.items() if name != slot}
         changed = slots if release is None else slots | {slot: release}
         if changed != self.slots:
@@ -95,13 +102,15 @@ class Records:
 
 
 def read_report(file: Path, uptime_s: float) -> Report | None:
-    """The agent's report; None: no report within ``STALE_S``. ``uptime_s``: now, by the monotonic clock."""
+    """Return the agent's report on its state; None if there is none within ``STALE_S``. ``uptime_s``: now, by the monotonic
+    clock.
+    """
     report = _decoded(file, Report)
     return report if report is not None and 0.0 <= uptime_s - report.uptime_s < STALE_S else None
 
 
 def own_release(file: Path = OS_RELEASE) -> Release:
-    """This system's release; version 0 without a date on a system that is not a radron image."""
+    """Return the release of this system; version 0 without a date on a system that is not a radron image."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -24,7 +24,10 @@ _LOOK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Access to the computer. ``report``: the agent's; ``excuse``: the agent's reason while it has none."""
+    """Access to the computer on which an update is confirmed, replaced in tests.
+
+    ``report``: returns the agent's report; ``excuse``: returns the agent's reason while it has no report.
+    """
 
     report: Callable[[], Report | None]
     excuse: Callable[[], str]
@@ -36,7 +39,7 @@ class Surroundings:
 
 
 def settle(slots: Slots, records: Records, release: Release, around: Surroundings, deadline_s: float = DEADLINE_S) -> None:
-    """Confirm the slot that this system runs from, or give it up. Returns after the decision.
+    """Decide, after a boot, whether the running release works: confirm it, or return to the other one.
 
     Raises:
         UpdateError: the boot loader's variables cannot be read or written.
@@ -51,7 +54,9 @@ def settle(slots: Slots, records: Records, release: Release, around: Surrounding
 
 
 def lacking(report: Report | None, needs: Needs, excuse: Callable[[], str] = str) -> list[str]:
-    """Parts that do not answer, though they did before the update."""
+    """Return the parts (agent, network, autopilot, camera) that do not answer now, though they did before the update, as lines of
+    text.
+    """
     if report is None:
         said = excuse()
         return [f"the agent does not report{': ' if said else ''}{said}"]

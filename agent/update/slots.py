@@ -21,7 +21,10 @@ _BLOCK_BYTES, _SECTOR_BYTES = 1024, 512
 
 
 class Slots:
-    """The boot loader's view of the slots. Each change is one atomic write."""
+    """The boot loader's variables that choose one of the two system partitions (slots A and B) at the next boot.
+
+    They are the order, whether each slot works, and the attempts made. Each change is one atomic write.
+    """
 
     def __init__(self, grubenv: Path = GRUBENV, cmdline: Path = CMDLINE) -> None:
         self._grubenv = grubenv
@@ -29,10 +32,10 @@ class Slots:
 
     @property
     def booted(self) -> str:
-        """The slot that this system runs from.
+        """The system partition (slot) from which this system runs.
 
         Raises:
-            UpdateError: the system runs from no slot.
+            UpdateError: the system does not run from a slot.
         """
         slot = self.found
         if slot is None:
@@ -41,26 +44,28 @@ class Slots:
 
     @property
     def found(self) -> str | None:
-        """The slot that this system runs from; None on a computer that has none, as after ``radron-deploy install``."""
+        """The system partition (slot) from which this system runs; None on a computer without slots, as after ``radron-deploy
+        install``.
+        """
         found = re.search(r"\brauc\.slot=([AB])\b", self._cmdline.read_text())
         return None if found is None else found[1]
 
     @property
     def primary(self) -> str:
-        """The slot that comes first."""
+        """The system partition (slot) that the boot loader tries first."""
         return self._order(self._read())[0]
 
     def other(self, slot: str) -> str:
-        """The slot beside this one."""
+        """Return the slot beside this one: "B" for "A", "A" for "B"."""
         return SLOTS[1 - SLOTS.index(slot)]
 
     def attempts(self, slot: str) -> int:
-        """Boots of a slot since it was last confirmed."""
+        """Return the number of boots of a slot since it was last confirmed to work."""
         tries = self._read().get(f"{slot}_TRY", "0")
         return int(tries) if tries.isdecimal() else MOST_ATTEMPTS
 
     def is_good(self, slot: str) -> bool:
-        """Whether the boot loader may take this slot."""
+        """Return whether the boot loader may boot this slot."""
         return self._read().get(f"{slot}_OK") == "1"
 
     def mark_good(self, slot: str) -> None:
@@ -78,7 +83,7 @@ class Slots:
         self._change(ORDER=order, **{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def answer(self, *words: str) -> str:
-        """Process a request of RAUC to a custom boot loader; returns the answer.
+        """Answer a request of RAUC (the installer of updates) to its custom boot loader interface.
 
         Raises:
             UpdateError: a request that RAUC's documentation does not have.
