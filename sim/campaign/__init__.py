@@ -1,1 +1,1 @@
-"""Campaigns: many flights on all cores or on a cluster, and their statistics."""
+"""Campaigns: many simulated flights on all cores or on a cluster, and their statistics."""

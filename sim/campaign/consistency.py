@@ -31,7 +31,7 @@ SCENARIOS = tuple(f"{poses}-{what}" for poses in ("ideal", "biased") for what in
 
 
 class Share(Struct, frozen=True):
-    """Frequency of an event, and the 95 % interval of its probability (Clopper and Pearson)."""
+    """How often an event occurred in many flights, and the 95 % confidence interval of its probability (Clopper and Pearson)."""
 
     hits: int
     of: int
@@ -40,16 +40,16 @@ class Share(Struct, frozen=True):
 
     @classmethod
     def among(cls, hits: int, of: int) -> Share:
-        """Return the share of an event that occurred in ``hits`` of ``of`` runs."""
+        """Make the share of an event that occurred in ``hits`` of ``of`` flights."""
         return cls(hits, of, *(share_interval(hits, of) or (None, None)))
 
     def agrees(self, probability: float) -> bool | None:
-        """Return whether the runs are compatible with this probability; None without a run."""
+        """Return whether the flights are compatible with this probability of the event; None without a flight."""
         return None if self.low is None or self.high is None else self.low <= probability <= self.high
 
 
 class Spread(Struct, frozen=True):
-    """Quantiles over the runs; None without a number from any run."""
+    """Median, 90 % quantile and maximum of a number over many flights; None without a number from any flight."""
 
     count: int
     median: float | None
@@ -58,18 +58,19 @@ class Spread(Struct, frozen=True):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        """Return the quantiles of ``values``."""
+        """Compute the quantiles of these values."""
         if not len(values):
             return cls(0, None, None, None)
         return cls(len(values), float(np.median(values)), float(np.quantile(values, 0.9)), float(max(values)))
 
 
 class Consistency(Struct, frozen=True, kw_only=True):
-    """One estimator in one scenario. Lengths in m.
+    """Statistics of whether the stated uncertainty of an estimator matches its errors, in one scenario. Lengths in m.
 
-    in_50, in_90: runs whose 50 % (90 %) region contains the truth. nees_mean: mean of samples (ideal: 2); nees_low, nees_high:
-    95 % interval of this mean for a calibrated estimator. uniform_p: p-value of the hypothesis that the truth's probability
-    levels are uniform (Kolmogorov and Smirnov). over_bound: each run's median error in units of its bound.
+    in_50, in_90: flights whose 50 % (90 %) region contains the truth. nees_mean: mean of the squared errors in units of the
+    covariance (ideal: 2); nees_low, nees_high: 95 % interval of this mean for a calibrated estimator. uniform_p: p-value of the
+    hypothesis that the truth's probability levels are uniform (Kolmogorov and Smirnov). over_bound: each flight's median error in
+    units of its theoretical bound.
     """
 
     scenario: str
@@ -93,7 +94,7 @@ class Consistency(Struct, frozen=True, kw_only=True):
 
 
 def consistency_of(label: str, runs: Sequence[RunResult]) -> Consistency:
-    """Return the statistics of the runs of one estimator in one scenario."""
+    """Compute the consistency of an estimator in one scenario from its flights. ``label``: name of the scenario."""
     summary = summarise(runs)
     regions = [run.region for run in runs if run.region is not None]
     nees = [run.nees_sample for run in runs if run.nees_sample is not None]
@@ -124,7 +125,7 @@ def consistency_of(label: str, runs: Sequence[RunResult]) -> Consistency:
 def write_consistency(folder: Path, flown: Flown) -> tuple[Table, list[Path]]:
     """Write ``consistency.txt``, ``.csv``, ``.md``, ``.json`` and ``.png`` of a campaign into its folder.
 
-    Returns the table, and the files written.
+    Return the table, and the files written.
     """
     groups = [(case.label, flown.of(case)) for case in flown.campaign.cases]
     found = [consistency_of(label, runs) for label, runs in groups if runs]
@@ -141,7 +142,7 @@ def write_consistency(folder: Path, flown: Flown) -> tuple[Table, list[Path]]:
 
 
 def consistency_table(found: Sequence[Consistency], failed: str = "") -> Table:
-    """Return the report as a table, with a column for each scenario."""
+    """Return the statistics as a table, with a column for each scenario."""
     columns = [
         (
             str(one.runs), str(one.lost),

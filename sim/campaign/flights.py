@@ -27,10 +27,11 @@ Watch = Callable[[int, int, Outcome[Any, Any] | None], None]  # runs done, runs 
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """``runs`` flights of each case, with the seeds ``seed_base``, ``seed_base + 1``, ..., the same for every case.
+    """A series of simulated flights: ``runs`` flights of each case, with the seeds ``seed_base``, ``seed_base + 1`` and so on.
 
-    All points have the same parameters. ``estimator`` and ``law``: None for the scenario's own. ``listen``: scores an
-    estimator that reads the same log without influence on the flight; None: the estimator flown by.
+    A case is a scenario at one combination of varied parameters. All cases have equal seeds and parameters. ``estimator`` and
+    ``law``: None for the scenario's own. ``listen``: scores an estimator that reads the log without influence on the flight;
+    None: the estimator that determined where to fly.
     """
 
     cases: tuple[Case, ...]
@@ -50,11 +51,11 @@ class Campaign:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the swept parameters."""
+        """Names of the varied parameters."""
         return tuple(name for name, _ in self.cases[0].point)
 
     def in_order(self) -> list[Case]:
-        """Return the cases by name, the points of each in the order of the sweep."""
+        """Return the cases by name, the combinations of each in the order of the sweep."""
         return sorted(self.cases, key=lambda case: case.name)
 
     def jobs(self) -> list[Job]:
@@ -63,7 +64,7 @@ class Campaign:
         return [Job(case, seed, self.estimator, self.law, self.listen) for seed in seeds for case in self.in_order()]
 
     def manifest(self) -> dict[str, Any]:
-        """Return the campaign's definition, which must be unchanged when it is resumed in its folder."""
+        """Return the campaign's definition, which must be unchanged when the campaign is resumed in its folder."""
         content = hashlib.blake2b(digest_size=8)
         for case in self.in_order():
             content.update(msgspec.json.encode(case.scenario, order="sorted"))
@@ -81,7 +82,7 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A campaign's runs in order (by scenario, sweep point, seed), and the flights that failed, in the same order."""
+    """The results of a campaign in order (by scenario, parameters, seed), and the flights that failed, in equal order."""
 
     campaign: Campaign
     lines: tuple[Mapping[str, Any], ...]
@@ -95,10 +96,10 @@ class Flown:
 def fly_campaign(
     campaign: Campaign, folder: Path, execute: Executor, fly: Fly = fly_job, watch: Watch = lambda done, total, outcome: None
 ) -> Flown:
-    """Fly the flights of a campaign that are missing in its folder, and sort its runs.
+    """Fly the flights of a campaign that are missing in its folder, and sort its results.
 
-    Every run is on disk as soon as it is flown; after an interruption at any moment, the same call resumes. Failed flights
-    are repeated. In the end ``runs.jsonl`` depends only on the campaign, except for the wall times in it.
+    Every result is on disk as soon as the flight has ended; after an interruption at any moment, an equal call resumes. Failed
+    flights are repeated. In the end ``runs.jsonl`` depends only on the campaign, except for the wall times in it.
 
     Raises:
         ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
@@ -138,7 +139,7 @@ def fly_campaign(
 
 
 def result_of(line: Mapping[str, Any]) -> RunResult:
-    """Return the result in a line of ``runs.jsonl``; the sweep's parameters in it are ignored."""
+    """Return the result of a flight from a line of ``runs.jsonl``; the varied parameters in it are ignored."""
     return msgspec.convert(line, RunResult)
 
 
@@ -166,7 +167,10 @@ def _case_key(line: Mapping[str, Any], parameters: Sequence[str]) -> tuple[str, 
 
 
 def claim(path: Path, manifest: dict[str, Any], runs: str = "runs.jsonl") -> None:
-    """Write the manifest, or check that the one in the folder is the same; ``runs``: the file of completed flights."""
+    """Write the definition of a campaign to a new folder, or check that the folder belongs to an equal campaign.
+
+    ``runs``: the file of completed flights.
+    """
     if not path.exists():
         if (path.parent / runs).exists():
             raise ConfigError(f"{path.parent}: has {runs} but no campaign.json that defines them; choose another --out")

@@ -1,4 +1,4 @@
-"""Reports on a flight or a campaign: a sentence, tables, figures."""
+"""Reports on a simulated flight or a campaign: a sentence, tables, figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ from radron.sim.scoring.statistics import Summary, summarise
 
 
 def sentence(result: RunResult, trace: Trace) -> str:
-    """Report the source estimate at the end of the tracking, its 1-sigma radius, and its distance from the truth."""
+    """Return a sentence on the source estimate at the end of the tracking.
+
+    It gives the position, the 1-sigma radius, and the distance from the truth.
+    """
     end = last_tracking(trace)
     estimate, source = trace.estimate_m[end], trace.source_m[end]
     if not np.isfinite(estimate).all():
@@ -74,7 +77,7 @@ def _without_estimate(result: RunResult, there: bool) -> str:
 
 
 def faults_of(trace: Trace) -> str:
-    """Report the faults of the flight, each with its time; empty without faults."""
+    """Return a sentence that names the faults of the flight, each with its time; empty without faults."""
     end_s = float(trace.time_s[-1])
     ends = ["on" if fault.end_s >= end_s else f"to {fault.end_s:g} s" for fault in trace.faults]
     told = [f"{fault.label} from {fault.begin_s:g} s {end}" for fault, end in zip(trace.faults, ends, strict=True)]
@@ -82,23 +85,23 @@ def faults_of(trace: Trace) -> str:
 
 
 def error_of(result: RunResult) -> str:
-    """Report the median error of an estimator, as part of a sentence."""
+    """Return the median error of an estimator in words, as part of a sentence."""
     if result.error_median_m is None:
         return "no estimate"
     return f"median error {_length(result.error_median_m)}"
 
 
 def result_json(result: RunResult) -> str:
-    """Return the result as one flat JSON object on one line."""
+    """Return the scores of a flight as one flat JSON object on one line."""
     return json_line(msgspec.structs.asdict(result))
 
 
 def write_flight(folder: Path, flight: Flight) -> list[Path]:
-    """Write ``result.json`` (``result-{estimator}.json`` for listening estimators), ``map.png``, ``spacing.png``,
-    ``error.png``, ``posterior.png`` and ``sources.png``.
+    """Write the scores and figures of a flight into a folder, which must exist; return the files.
 
-    The last three need a scenario with a source, the very last one several sources, true or estimated. The folder must exist;
-    returns the files written.
+    Files: ``result.json`` (``result-{estimator}.json`` for estimators that only listened), ``map.png``, ``spacing.png``,
+    ``error.png``, ``posterior.png`` and ``sources.png``. The last three need a scenario with a source, the very last one several
+    sources, true or estimated.
     """
     result = flight.result
     results = {"result.json": result, **{f"result-{name}.json": heard for name, heard in flight.listened.items()}}
@@ -111,8 +114,10 @@ def write_flight(folder: Path, flight: Flight) -> list[Path]:
 
 
 def flight_figures(flight: Flight) -> dict[str, Figure]:
-    """Return the figures of a flight: ``map``, ``spacing``; with a source, ``error`` and ``posterior``; with several, true or
-    estimated, ``sources``.
+    """Return the figures of a flight by name.
+
+    They are ``map`` and ``spacing``; with a source also ``error`` and ``posterior``; with several sources, true or estimated,
+    also ``sources``.
     """
     result, trace = flight.result, flight.trace
     title = f"{result.scenario}, seed {result.seed}"
@@ -129,9 +134,10 @@ def flight_figures(flight: Flight) -> dict[str, Figure]:
 
 
 def write_campaign(folder: Path, flown: Flown) -> list[Path]:
-    """Write ``summary.csv``, ``sources.csv``, ``summary.md``, ``boxes.png``, ``ecdf.png`` and, of a sweep, ``tuning.png``.
+    """Write the statistics and figures of a campaign into its folder; return the files.
 
-    Returns the files written.
+    Files: ``summary.csv``, ``sources.csv``, ``summary.md``, ``boxes.png``, ``ecdf.png`` and, with varied parameters,
+    ``tuning.png``.
     """
     groups = [(case, flown.of(case)) for case in flown.campaign.in_order()]
     groups = [(case, runs) for case, runs in groups if runs]
@@ -153,7 +159,7 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
 
 
 def failed_note(flown: Flown) -> str:
-    """Name the failed flights, which count in no number, in Markdown; empty without failures."""
+    """Return a note in Markdown that names the failed flights, which count in no number; empty without failures."""
     if not flown.failures:
         return ""
     named = ", ".join(outcome.job.label for outcome in flown.failures)
@@ -161,7 +167,7 @@ def failed_note(flown: Flown) -> str:
 
 
 def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
-    """Report one case of a campaign in one line."""
+    """Return the results of one case of a campaign in one line."""
     if not runs:
         return f"{label}: all runs failed"
     s = summarise(runs)
@@ -183,7 +189,7 @@ Row = tuple[Mapping[str, object], Summary]
 
 
 def cases_csv(rows: Sequence[tuple[Mapping[str, object], Struct]]) -> str:
-    """Return a line per case: scenario and sweep point, then all fields of its summary; empty cells for missing numbers."""
+    """Return the statistics of all cases as CSV: scenario and parameters, then all numbers; empty cells for missing numbers."""
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
     table.writerow([*rows[0][0], *rows[0][1].__struct_fields__])
@@ -193,7 +199,7 @@ def cases_csv(rows: Sequence[tuple[Mapping[str, object], Struct]]) -> str:
 
 
 def summary_markdown(rows: Sequence[Row]) -> str:
-    """Return a rounded selection of the same numbers for reading, with their definitions."""
+    """Return a rounded selection of the statistics of all cases for reading, in Markdown, with the definitions."""
     head = [
         *rows[0][0], "runs", "found", "lost", "time to x0, median (95 %)", "max", "tracking time, mean", "error, median (95 %)",
         "error, mean", "bound, median", "error / bound", "error in own frames", "in the 50 % region", "in the 90 % region",

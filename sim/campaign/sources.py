@@ -1,4 +1,4 @@
-"""Statistics of the sources estimated by many flights, against the true ones: a table with a line for each case."""
+"""Statistics of the sources estimated in many flights, compared with the true sources: a table with a line for each case."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from radron.sim.result import RunResult
 
 
 class SourceSummary(Struct, frozen=True, kw_only=True):
-    """The sources of a group of runs, from the runs with a comparison. Errors in m; None where no run gives the number.
+    """Statistics of the estimated sources in a group of flights, from the flights with a comparison.
 
-    number_right: runs with all sources found and no false source. with_false: runs with a false source. true, matched:
-    numbers of sources. nuclides_right, in_90: of the matched ones. The errors are medians over the runs of each run's median
-    (90th percentile) over its matches.
+    Errors in m; None where no flight gives the number. number_right: flights with all sources found and no false source.
+    with_false: flights with a false source. true, matched: numbers of sources. nuclides_right, in_90: of the matched sources. The
+    errors are medians over the flights of each flight's median (90th percentile) over its matches.
     """
 
     runs: int
@@ -32,7 +32,7 @@ class SourceSummary(Struct, frozen=True, kw_only=True):
 
 
 def summarise_sources(results: Sequence[RunResult]) -> SourceSummary:
-    """Summarise a group of runs."""
+    """Compute the statistics of the estimated sources in a group of flights."""
     compared = [result for result in results if result.sources_true is not None]
     matched = [(result.sources_found or 0) - (result.false_sources or 0) for result in compared]
     return SourceSummary(
@@ -74,7 +74,7 @@ ones are matched, and none is false. Errors: medians over the runs of each run's
 
 
 def sources_markdown(rows: Sequence[Row]) -> str:
-    """Return the same numbers, rounded, for reading, with their definitions; empty if no run compared its sources."""
+    """Return the statistics of the estimated sources, rounded, in Markdown with definitions; empty without any comparison."""
     rows = [row for row in rows if row[1].runs]
     if not rows:
         return ""

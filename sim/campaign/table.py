@@ -69,7 +69,7 @@ def _percent(hits: int, of: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A table of the paper: its scenarios with their column heads, and their published numbers by row."""
+    """A table of the paper that is reproduced: its scenarios with their column heads, and their published numbers by row."""
 
     name: str
     title: str
@@ -110,9 +110,9 @@ FIELD = Study(
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A finished table. ``columns``: (scenario's head, source of the numbers); cells are None without a number.
+    """A finished table of results.
 
-    ``note``: definitions of the numbers.
+    ``columns``: (scenario's head, source of the numbers); cells are None without a number. ``note``: definitions of the numbers.
     """
 
     title: str
@@ -123,24 +123,27 @@ class Table:
 
 
 class Pilot(NamedTuple):
-    """The estimator flown by, and optionally a listening estimator that is scored instead."""
+    """The estimator that determines where to fly, and optionally an estimator that only listens and is scored instead."""
 
     estimator: str
     listen: str | None = None
 
     @property
     def folder(self) -> str:
-        """Return the pilot's part of a folder name."""
+        """Part of a folder name that stands for these estimators."""
         return self.estimator if self.listen is None else f"{self.estimator}-heard-by-{self.listen}"
 
     @property
     def head(self) -> str:
-        """Return the column head."""
+        """Column head that stands for these estimators."""
         return f"our {self.estimator}" if self.listen is None else f"{self.listen} on {self.estimator}'s"
 
 
 def law_of(estimator: str) -> str | None:
-    """Return the flocking law: the paper's for its estimators; None, the scenario's own, for others."""
+    """Return the flocking law (spacing of the drones) with which an estimator is flown.
+
+    It is the paper's law for the paper's estimators; None: the scenario's own.
+    """
     return "paper" if estimator.startswith("paper") else None
 
 
@@ -155,9 +158,10 @@ def fly_study(
     watch: Watch,
     fly: Fly = fly_job,
 ) -> tuple[Table, tuple[Flown, ...]]:
-    """Fly a study's scenarios with each pilot (a resumable campaign each, in a folder of its own), and make the table.
+    """Fly the scenarios of a table of the paper with each estimator, and make the table.
 
-    Writes ``{study}.txt``, ``{study}.csv`` and ``{study}.md`` into the folder. Raises the errors of ``fly_campaign``.
+    Each estimator's flights are a resumable campaign in a folder of its own. ``{study}.txt``, ``{study}.csv`` and ``{study}.md``
+    are written. Raises the errors of ``fly_campaign``.
     """
     flown: list[Flown] = []
     for pilot in pilots:
@@ -171,7 +175,7 @@ def fly_study(
 
 
 def write_table(folder: Path, name: str, table: Table) -> list[Path]:
-    """Write a table as ``{name}.txt``, ``.csv`` and ``.md``; returns the files written."""
+    """Write a table as ``{name}.txt``, ``.csv`` and ``.md`` into a folder; return the files."""
     texts = {f"{name}.txt": as_text(table), f"{name}.csv": as_csv(table), f"{name}.md": as_markdown(table)}
     for file, text in texts.items():
         write_text(folder / file, text)
@@ -197,7 +201,7 @@ def make_table(study: Study, flown: Mapping[Pilot, Flown]) -> Table:
 
 
 def blocks(table: Table, width: int) -> list[Table]:
-    """Split the table into parts that fit into ``width`` characters; a scenario's columns stay together."""
+    """Split a table into parts that fit into ``width`` characters; a scenario's columns stay together."""
     pieces: list[list[int]] = []
     for head in dict.fromkeys(head for head, _ in table.columns):
         more = [index for index, (other, _) in enumerate(table.columns) if other == head]
@@ -209,7 +213,7 @@ def blocks(table: Table, width: int) -> list[Table]:
 
 
 def as_rich(table: Table) -> RichTable:
-    """Return the table for the terminal, without its title."""
+    """Return a table for the terminal, without its title."""
     rich = RichTable(header_style="", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     rich.add_column("", no_wrap=True)
     for head, whose in table.columns:
@@ -221,7 +225,7 @@ def as_rich(table: Table) -> RichTable:
 
 
 def as_text(table: Table) -> str:
-    """Return the table as plain text, as on a sufficiently wide terminal."""
+    """Return a table as plain text, as on a sufficiently wide terminal."""
     stream = io.StringIO()
     Console(file=stream, width=_width(table), no_color=True, legacy_windows=False).print(as_rich(table))
     return f"{table.title}\n" + "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
@@ -238,7 +242,7 @@ def _width(table: Table) -> int:
 
 
 def as_csv(table: Table) -> str:
-    """Return the table as CSV; cells without a number are empty."""
+    """Return a table as CSV; cells without a number are empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["", *(f"{head}, {whose}" for head, whose in table.columns)])
@@ -247,7 +251,7 @@ def as_csv(table: Table) -> str:
 
 
 def as_markdown(table: Table) -> str:
-    """Return the table as Markdown."""
+    """Return a table as Markdown."""
     lines = [["", *(f"{head}, {whose}" for head, whose in table.columns)], ["---", *("---:" for _ in table.columns)]]
     lines += [[label, *(cell or "" for cell in cells)] for label, cells in table.rows]
     return f"**{table.title}**\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n{table.note}\n"

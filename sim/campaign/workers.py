@@ -1,4 +1,7 @@
-"""Executors of a campaign: processes on all cores, or a Dask cluster. A failed flight is reported, and the others continue."""
+"""Execution of a campaign's flights in processes on all cores, or on a Dask cluster.
+
+A failed flight is reported, and the other flights continue.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +32,11 @@ _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
 
 
 class Labelled(Protocol):
-    """A job of a campaign; it is pickled."""
+    """A job of a campaign (one flight), which has a name and can be sent to another process."""
 
     @property
     def label(self) -> str:
-        """Return its name, with all that is needed to repeat it."""
+        """Name of the job, with all that is needed to repeat it."""
 
 
 J = TypeVar("J", bound=Labelled)
@@ -42,9 +45,10 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One flight of a campaign. The job carries its scenario: workers on other machines need no files.
+    """One flight of a campaign.
 
-    ``listen``: scores an estimator that reads the same log without influence on the flight.
+    The job carries its scenario, so that workers on other machines need no files. ``listen``: scores an estimator that reads the
+    log without influence on the flight.
     """
 
     case: Case
@@ -55,13 +59,16 @@ class Job:
 
     @property
     def label(self) -> str:
-        """Return the name of the flight, with all that is needed to repeat it."""
+        """Name of the flight, with all that is needed to repeat it."""
         return f"{self.case.label} seed {self.seed}"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome(Generic[J, R]):
-    """The outcome of a job: a result, or the error (the last line of ``trace``, the whole traceback)."""
+    """Result of a job (one flight of a campaign), or its error.
+
+    ``error``: the last line of ``trace``, which is the whole traceback.
+    """
 
     job: J
     result: R | None = None
@@ -73,14 +80,14 @@ Fly = Callable[[Job], "RunResult"]
 
 
 class Executor(Protocol):
-    """Executes jobs, in any order; a caller that stops early closes it."""
+    """A function that executes the jobs of a campaign, in any order; a caller that stops early must close it."""
 
     def __call__(self, jobs: Iterable[J], fly: Callable[[J], R], /) -> Iterator[Outcome[J, R]]:
         """Yield the outcomes as they come."""
 
 
 def fly_job(job: Job) -> RunResult:
-    """Fly a job in the simulation."""
+    """Simulate the flight of a job, and return its scores."""
     from radron.sim.lockstep.flight import fly  # noqa: PLC0415  (only the workers need the physics)
 
     listeners = () if job.listen is None else (job.listen,)
@@ -89,7 +96,7 @@ def fly_job(job: Job) -> RunResult:
 
 
 def attempt(fly: Callable[[J], R], job: J) -> Outcome[J, R]:
-    """Fly a job; an exception becomes part of the outcome."""
+    """Execute a job; an exception becomes part of the outcome."""
     try:
         return Outcome(job, result=fly(job))
     except Exception as error:
@@ -97,12 +104,12 @@ def attempt(fly: Callable[[J], R], job: J) -> Outcome[J, R]:
 
 
 def cores() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
 def in_processes(workers: int) -> Executor:
-    """Fly on this machine, one flight and one thread per process.
+    """Return an executor that flies on this machine, one flight and one thread per process.
 
     Raises (when called):
         ConfigError: fewer than one worker.
@@ -153,7 +160,7 @@ def _one_pool(waiting: deque[J], suspects: deque[J], fly: Callable[[J], R], work
 
 
 def on_dask(address: str, timeout_s: float = 10.0) -> Executor:
-    """Fly on a running Dask cluster; radron of the same version must be installed on its workers.
+    """Return an executor that flies on a running Dask cluster, whose workers must have an equal version of radron.
 
     Raises (when it is run):
         ConfigError: no cluster answers at the address.
@@ -197,7 +204,7 @@ def _probe(address: str, timeout_s: float) -> None:
 
 
 def on_client(client: Client, jobs: Iterable[J], fly: Callable[[J], R]) -> Iterator[Outcome[J, R]]:
-    """Fly on a connected Dask cluster."""
+    """Execute jobs on a connected Dask cluster, and yield their outcomes as they end."""
     from distributed import as_completed  # noqa: PLC0415
 
     flying: dict[Any, J] = {client.submit(attempt, fly, job, pure=False): job for job in jobs}

@@ -34,7 +34,7 @@ def say(text: str, console: Console = err) -> None:
 
 @contextmanager
 def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
-    """Shows one flight: the swarm's stage, the simulated time, and the ratio to real time."""
+    """Show the progress of one simulated flight: the swarm's stage, the simulated time, and the ratio to real time."""
     began = time.monotonic()
     columns = SpinnerColumn(), TextColumn("{task.description}")
     try:
@@ -60,7 +60,7 @@ def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
 
 @contextmanager
 def campaign_progress(name: str) -> Iterator[Watch]:
-    """Shows a campaign: number of runs flown, elapsed and remaining time, and failed flights."""
+    """Show the progress of a campaign: number of flights, elapsed and remaining time, and failed flights."""
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs,"),
         TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("remaining"),
@@ -89,7 +89,7 @@ def campaign_progress(name: str) -> Iterator[Watch]:
 
 
 class Every:
-    """A rate limit: true at most once in ``every_s`` seconds."""
+    """A rate limit for output: true at most once in ``every_s`` seconds."""
 
     def __init__(self, every_s: float) -> None:
         self._every_s = every_s

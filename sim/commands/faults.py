@@ -61,7 +61,7 @@ def faults(
 
 
 def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: Executor) -> None:
-    """Fly a campaign's missions, print and write the findings; exit code 1 after a violation."""
+    """Fly the random missions of a campaign, print and write the results; exit code 1 after a violation of a condition."""
     from radron.sim.campaign.faults.campaign import fly_faults  # noqa: PLC0415
     from radron.sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
     from radron.sim.commands.console import campaign_progress, say  # noqa: PLC0415

@@ -166,12 +166,12 @@ def table(
 
 
 def with_drones(settings: list[str] | None, drones: int | None) -> list[str]:
-    """The settings of --set and --drones together."""
+    """Return the settings of the options --set and --drones together."""
     return [*(settings or []), *([] if drones is None else [f"drones={drones}"])]
 
 
 def executor(workers: int | None, dask: str | None) -> Executor:
-    """The executor: processes on this machine, or a Dask cluster."""
+    """Return what executes the flights: processes on this machine, or a Dask cluster."""
     if dask is None:
         return in_processes(cores() if workers is None else workers)
     if workers is not None:
@@ -186,7 +186,7 @@ def checked(
     estimators: Sequence[str],
     law: str | None,
 ) -> tuple[Case, ...]:
-    """The cases to fly; unknown scenarios, keys, values, estimators and laws are refused before anything is written."""
+    """Return the cases to fly, after a check of scenarios, keys, values, estimators and laws, before anything is written."""
     from radron.sim.scenario import override  # noqa: PLC0415
 
     chosen = cases(names, sweep, parse_settings(settings or []))
@@ -199,13 +199,13 @@ def checked(
 
 
 def check_json(json: str | None) -> None:
-    """Refuse a --json file that cannot be written, before anything is flown."""
+    """Raise an error if the file of the option --json cannot be written, before anything is flown."""
     if json is not None and json != "-":
         check_output(Path(json))
 
 
 def write_json(json: str | None, *results: RunResult) -> None:
-    """Write the results for --json: one flat object per line, into a file or to standard output."""
+    """Write results for the option --json: one flat object per line, into a file or to standard output."""
     if json is None:
         return
     from radron.sim.campaign.report import result_json  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Plots of many flights: box plots, distributions, and dependence of the results on the swept parameters."""
+"""Plots of many flights: box plots, distributions, and dependence of the results on the varied parameters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _UNITS = {"m": "m", "mps": "m/s", "s": "s", "rad": "rad", "bq": "Bq", "deg": "de
 
 
 def boxes_figure(groups: Groups, title: str) -> Figure:
-    """Box plots (quartiles; whiskers to 5 and 95 %) with every run as a dot: time to x0, error, tracking time; a row per case."""
+    """Make box plots of time to the first estimate (x0), error and tracking time, with a row for each case of a campaign.
+
+    Boxes show quartiles, whiskers 5 and 95 %; every flight is a dot.
+    """
     height = 1.6 + 0.45 * len(groups)
     figure = new_figure(11.0, height)
     panels = figure.subplots(1, 3, sharey=True)
@@ -47,7 +50,11 @@ def boxes_figure(groups: Groups, title: str) -> Figure:
 
 
 def ecdf_figure(groups: Groups, title: str) -> Figure:
-    """Share of all runs that had x0 by a time, and share that had at most some median error; runs without count as never."""
+    """Make a figure of empirical distributions over all flights of a campaign.
+
+    Shown are the share of flights that had a first estimate (x0) by a time, and the share with at most some median error; flights
+    without one count as never.
+    """
     figure = new_figure(10.0, 4.3)
     panels = figure.subplots(1, 2, sharey=True)
     for panel, quantity in zip(panels, (TIME, ERROR), strict=True):
@@ -71,7 +78,10 @@ def ecdf_figure(groups: Groups, title: str) -> Figure:
 
 
 def tuning_figure(groups: Groups, title: str) -> Figure:
-    """The paper's tuning: error and time to x0 against each swept parameter, pooled over the others, one colour per scenario."""
+    """Plot error and time to the first estimate against each varied parameter of a campaign, as in the paper's tuning.
+
+    Results are pooled over the other parameters; each scenario has one colour.
+    """
     parameters = [name for name, _ in groups[0][0].point]
     scenarios = list(dict.fromkeys(case.name for case, _ in groups))
     figure = new_figure(max(5.5, 4.2 * len(parameters)), 6.5)

@@ -8,11 +8,10 @@ from radron.sim.geometry import Array
 
 
 def ground_curve(apex_m: Array, axis: Array, theta_rad: float, reach_m: float, samples: int = 361) -> Array:
-    """The cone's intersection with the ground z = 0, horizontal coordinates.
+    """Return the intersection of a Compton cone with the ground z = 0 as a curve, (samples, 2) horizontal coordinates in metres.
 
     The cone's rays u have angle(u, axis) = theta. apex_m, axis: (3,), ENU, apex above the ground. Rays that do not reach the
-    ground, or only farther than ``reach_m`` (horizontally) from the apex, give NaN, so that a drawn line breaks there. Returns
-    (samples, 2) metres.
+    ground, or only farther than ``reach_m`` (horizontally) from the apex, give NaN, so that a drawn line breaks there.
     """
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

@@ -18,9 +18,11 @@ Groups = Sequence[tuple[str, Sequence[RunResult]]]
 
 
 def consistency_figure(groups: Groups, title: str) -> Figure:
-    """For each scenario: histogram of the smallest regions, quantiles of the NEES, and each run's error over its bound.
+    """Make a figure of whether an estimator's stated uncertainty matches its errors, with a row for each scenario.
 
-    Grey bands contain 95 % of the results of a calibrated estimator, for each bar and each quantile.
+    Columns: histogram of the smallest posterior regions that contain the truth; quantiles of the squared errors in units of the
+    covariance; and each flight's error over its theoretical bound. Grey bands contain 95 % of the results of a calibrated
+    estimator, for each bar and each quantile.
     """
     figure = new_figure(12.0, 1.0 + 3.0 * len(groups))
     panels = figure.subplots(len(groups), 3, squeeze=False)

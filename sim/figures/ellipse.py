@@ -13,7 +13,10 @@ REGIONS = ((0.9, 0.10), (0.5, 0.18))  # probability, and opacity
 
 
 def draw_regions(axes: Axes, centre: tuple[float, float], covariance: NDArray[np.float64]) -> None:
-    """The 50 % and the 90 % region around ``centre``; covariance: (2, 2)."""
+    """Draw the ellipses that contain the source with probabilities of 50 % and 90 %.
+
+    ``centre``: estimated position. ``covariance``: (2, 2).
+    """
     variances, vectors = np.linalg.eigh(covariance)
     angle_deg = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     for probability, alpha in REGIONS:
@@ -28,5 +31,5 @@ def draw_regions(axes: Axes, centre: tuple[float, float], covariance: NDArray[np
 
 
 def reach_m(covariance: NDArray[np.float64]) -> float:
-    """Extent of the 90 % region from its centre."""
+    """Return the largest distance of the 90 % region's outline from its centre."""
     return float(np.sqrt(-2.0 * np.log(0.1) * max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0)))

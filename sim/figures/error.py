@@ -11,8 +11,9 @@ from radron.sim.result import Trace
 
 
 def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """Horizontal error of the hypothesis over time, with its 1-sigma radius and the bound; stages as background, cones as
-    ticks.
+    """Plot the horizontal error of the source estimate over time, with its 1-sigma radius and the theoretical bound.
+
+    Mission stages are shown as background, Compton cones as ticks.
     """
     time_s = trace.time_s
     rows = len(rows_of(trace.faults, float(time_s[0]), float(time_s[-1])))

@@ -19,7 +19,10 @@ _SEVERAL = "#555555"  # of more than one drone
 
 
 def rows_of(faults: Sequence[FaultTrace], begin_s: float, end_s: float) -> list[list[tuple[int, FaultTrace]]]:
-    """Numbered faults in rows, as few as possible, in which neither their bars nor their labels overlap."""
+    """Distribute the faults of a flight to rows, as few as possible, in which neither their bars nor their labels overlap.
+
+    Each fault gets a number.
+    """
     span_s = end_s - begin_s
     rows: list[list[tuple[int, FaultTrace]]] = []
     ends: list[float] = []
@@ -35,13 +38,13 @@ def rows_of(faults: Sequence[FaultTrace], begin_s: float, end_s: float) -> list[
 
 
 def shade_faults(axes: Axes, trace: Trace) -> None:
-    """A line on a time axis where each fault begins."""
+    """Draw a line on a time axis where each fault begins."""
     for fault in trace.faults:
         axes.axvline(fault.begin_s, color=_colour(fault), linewidth=0.9, linestyle=(0, (1, 2)), zorder=1)
 
 
 def fault_bars(axes: Axes, trace: Trace) -> None:
-    """A bar with number and name for each fault, on an own panel that shares the time axis."""
+    """Draw a bar with number and name for each fault, on a separate panel that shares the time axis."""
     begin_s, end_s = float(trace.time_s[0]), float(trace.time_s[-1])
     rows = rows_of(trace.faults, begin_s, end_s)
     for row, faults in enumerate(rows):
@@ -62,7 +65,7 @@ def fault_bars(axes: Axes, trace: Trace) -> None:
 
 
 def fault_places(axes: Axes, trace: Trace) -> None:
-    """The numbers of the faults where the drones were that they struck, when they began."""
+    """Draw the numbers of the faults on the map, where the affected drones were when the faults began."""
     struck: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
     for number, fault in enumerate(trace.faults, 1):
         sample = min(int(np.searchsorted(trace.time_s, fault.begin_s)), len(trace.time_s) - 1)
@@ -77,7 +80,7 @@ def fault_places(axes: Axes, trace: Trace) -> None:
 
 
 def fault_entries(trace: Trace) -> list[Line2D]:
-    """Entries of the map's legend."""
+    """Return entries for the map's legend that name the numbered faults."""
     return [
         Line2D(
             [],

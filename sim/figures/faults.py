@@ -1,4 +1,4 @@
-"""Plot of many random missions by kind of fault."""
+"""Plot of many random missions with faults, by kind of fault."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from radron.sim.figures.style import DRONES, ESTIMATE, dress, new_figure
 
 
 def kinds_figure(rows: Sequence[tuple[str, int, int, int]], title: str) -> Figure:
-    """Bars by kind of fault.
+    """Draw bars by kind of fault: number of missions, of missions with a violation, and of missions without the source located.
 
     rows: kind, its missions, missions with a violation, missions whose able drones did not locate the source.
     """

@@ -1,4 +1,4 @@
-"""The flight from above: area, tracks, cones, estimate and truth."""
+"""Map of a flight: area, tracks, cones, estimate and truth."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ _OPEN = "#8a8a8a"
 
 
 def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """The flight from above, at the end of the tracking: tracks, the newest cones, the estimate with its uncertainty.
+    """Draw a flight from above, at the end of the tracking.
 
-    The ellipses are the regions that hold each source with 50 % and 90 %. ``title``: the parts of the title.
+    Shown are the tracks, the newest cones, and the source estimate. The ellipses are the regions that contain each source with
+    probabilities of 50 % and 90 %. ``title``: the parts of the title.
     """
     figure = new_figure(8.0, 8.0)
     axes = figure.add_subplot()
@@ -68,7 +69,11 @@ def _open(trace: Trace) -> list[tuple[NDArray[np.float64], str, str]]:
 
 
 def last_tracking(trace: Trace) -> int:
-    """The last sample at which the first drone tracked with a hypothesis, else the last with one, else the very last."""
+    """Return the index of the sample that shows the final source estimate of a flight.
+
+    It is the last sample at which the first drone tracked with an estimate, else the last sample with an estimate, else the very
+    last.
+    """
     has = np.isfinite(trace.estimate_m[:, 0])
     tracking = has & np.isin(trace.swarm_stage, CIRCLING)
     for choice in (tracking, has):

@@ -1,4 +1,4 @@
-"""The posterior during a flight: regions around the truth, stated and actual error, activity, evidence."""
+"""Figure of the posterior during a flight: regions around the truth, stated and actual error, activity, evidence."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _CLEARLY = 0.8
 
 
 def posterior_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """Above: 50 % and 90 % regions of the first drone's posterior at several times, relative to the truth.
+    """Draw the posterior of the source during a flight, by the first drone.
 
-    Below, over time: error, stated RMS and bound; activity with its 1 sigma; evidence. Quantities that the estimator does not
-    give are left out.
+    Above: 50 % and 90 % regions at several times, relative to the truth. Below, over time: error, stated RMS and theoretical
+    bound; activity with its 1-sigma error; evidence. Quantities that the estimator does not give are left out.
     """
     below = [_errors, *([_activity] if _known(trace.activity_bq) else []), *([_evidence] if _known(trace.evidence) else [])]
     figure = new_figure(10.0, 3.0 + 2.3 * len(below))

@@ -1,4 +1,4 @@
-"""All sources of a flight over time: their number, nuclides, distances from the truth, and regions."""
+"""Figure of all sources of a flight over time: their number, nuclides, distances from the truth, and regions."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ _ROOT_90 = math.sqrt(-2.0 * math.log(0.1))  # from the RMS of one axis to the ra
 
 
 def sources_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """Above, over time: the number of estimated sources, as an area for each nuclide, and the true number.
+    """Draw the estimates of several sources over time.
 
-    Below, for each true source, where it is at the end: distance of the nearest estimated one, and the radius of its 90 % region
-    (of a circle of the same area), in the colour of the estimated nuclide.
+    Above: the number of estimated sources, as an area for each nuclide, and the true number. Below, for each true source at its
+    final position: distance of the nearest estimated source, and the radius of its 90 % region (of a circle of equal area), in
+    the colour of the estimated nuclide.
     """
     told = [str(source.nuclide) for estimate in trace.estimates for source in estimate.sources]
     nuclides = list(dict.fromkeys([*(truth.nuclide for truth in trace.truths), *told]))

@@ -1,4 +1,4 @@
-"""Speed and spacing of the encircling swarm (the paper's figure of the swarm stabilisation)."""
+"""Figure of the speed and spacing of the encircling swarm (the paper's figure of the swarm stabilisation)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ WITHIN_DEG = 5.0
 
 
 def spacing_figure(trace: Trace, name: str) -> Figure:
-    """Upper: speed of each drone; lower: deviation from uniform of each gap between drones that track; vertical lines at steps of
-    the hypothesis.
+    """Plot the speed of each drone and how evenly the drones are spaced on their circle, over time.
 
-    Jumps in quick succession are updates of a filter, and get no lines.
+    Upper panel: speeds. Lower panel: deviation of each gap between tracking drones from equal gaps. Vertical lines mark jumps of
+    the source estimate; jumps in quick succession are updates of a filter, and get no lines.
     """
     steps = hypothesis_steps(trace.time_s, trace.estimate_m, STEP_M)
     if len(steps) < 2 or np.diff(steps).min() < REST_S:

@@ -34,19 +34,19 @@ STAGES = {  # background colours only; the label in the band names the stage
 
 
 def drone_colour(index: int) -> str:
-    """Colours repeat after seven drones."""
+    """Return the colour of the drone with this index; colours repeat after seven drones."""
     return DRONES[index % len(DRONES)]
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure without display and global state."""
+    """Return an empty figure that needs no display and no global state of Matplotlib."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def dress(axes: Axes, title: str = "", x_label: str = "", y_label: str = "") -> None:
-    """Labels, light grid, no box."""
+    """Give axes their title, labels and a light grid, without a box."""
     if title:
         axes.set_title(title, loc="left", fontsize=11)
     axes.set_xlabel(x_label)
@@ -64,7 +64,7 @@ def plain_log(axis: Axis, low: float, high: float) -> None:
 
 
 def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_], named: bool = True) -> None:
-    """Shade the stages of the mission behind a time axis, with their names at its top. stage: (T,) strings."""
+    """Shade the mission stages behind a time axis, with their names at its top. stage: (T,) strings."""
     changes = np.flatnonzero(stage[1:] != stage[:-1]) + 1
     starts = [0, *changes.tolist()]
     ends = [*changes.tolist(), len(stage) - 1]
@@ -80,7 +80,7 @@ def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_]
 
 
 def mark_event(axes: Axes, time_s: float, text: str) -> None:
-    """Say on a time axis what happened then."""
+    """Mark an event on a time axis with a line and a text."""
     axes.axvline(time_s, color="#555555", linewidth=0.8, linestyle=(0, (4, 2)))
     axes.annotate(
         text,
@@ -95,23 +95,23 @@ def mark_event(axes: Axes, time_s: float, text: str) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG completely or not at all."""
+    """Write a figure as a PNG file, completely or not at all."""
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=150)
 
 
 def seconds(value: float | None) -> str:
-    """A duration for a title."""
+    """Return a duration as text for a title."""
     return "never" if value is None or not np.isfinite(value) else f"{value:.0f} s" if value >= 100.0 else f"{value:.1f} s"
 
 
 def metres(value: float | None) -> str:
-    """A distance for a title."""
+    """Return a distance as text for a title."""
     return "unknown" if value is None or not np.isfinite(value) else f"{value:.2f} m" if value < 10.0 else f"{value:.0f} m"
 
 
 def becquerels(value: float) -> str:
-    """An activity with a unit prefix."""
+    """Return an activity as text with a unit prefix, such as "3 GBq"."""
     for unit, name in ((1e9, "GBq"), (1e6, "MBq"), (1e3, "kBq")):
         if value >= 0.9995 * unit:
             return f"{value / unit:.3g} {name}"

@@ -1,4 +1,4 @@
-"""The swarm in one process, faster than real time, reproducible from a seed.
+"""Simulated flight of a swarm in one process, faster than real time, reproducible from a seed.
 
 Every drone is a full agent: its own pilot, log, fusion and tracker. Messages between agents pass through the codec and the
 simulated radio; the world reaches them as telemetry and pixel hits. The agents never see the truth.
@@ -28,20 +28,21 @@ def fly(
     progress: Progress | None = None,
     watch: Observer | None = None,
 ) -> Flight:
-    """Fly one mission.
+    """Simulate one flight of a scenario, and return its scores and time series.
 
     Args:
         scenario: the mission and the truth.
-        seed: of all random numbers of the run; the same seed gives the same result, bit for bit, except the wall times (of the
-            flight itself, without setup).
+        seed: seed of all random numbers; equal seeds give equal results, bit for bit, except the wall times (of the flight
+            itself, without setup).
         estimator: replaces the mission's own.
-        listen: estimators that fuse the same log on the first drone without influence on the flight.
-        law: flocking law, replaces the mission's own.
+        listen: estimators that fuse the log on the first drone without influence on the flight.
+        law: flocking law (spacing of the drones on their circle), replaces the mission's own.
         progress: called about every simulated second with the time and the swarm's state.
-        watch: sees the world after every tick, and ends the flight by returning True.
+        watch: sees the world after every tick (time step), and ends the flight by returning True.
 
     Raises:
-        ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
+        ConfigError: an unknown estimator or law, an estimator where the source's position is given, a fault that lockstep cannot
+            play.
     """
     world = World(chosen(scenario, estimator, law), seed, listen, Pilot)
     started = time.perf_counter()
@@ -52,8 +53,9 @@ def fly(
 
 
 def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
-    """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: factory of pilots, as
-    ``Pilot``.
+    """Simulate one flight for an observer alone, without scores.
+
+    ``make``: function that makes the pilots (decision part of the agents), as ``Pilot``. Raises ConfigError as in :func:`fly`.
     """
     _run(World(scenario, seed, (), make), watch)
 

@@ -1,4 +1,7 @@
-"""The operator revokes members in flight, as ``radron-agent revoke`` does: reads the logs, signs, and sends to one drone."""
+"""Revocation of members in a simulated flight, as an operator does by ``radron-agent revoke``.
+
+The operator reads the logs, signs, and sends the revocation to one drone.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after th
 
 
 class Revoker:
-    """Carries out the faults ``revoked``. The drones forward the revocation, also to the revoked member; then its links end."""
+    """Plays the faults ``revoked``: the operator withdraws a drone's rights.
+
+    The drones forward the revocation, also to the revoked member; then its links end.
+    """
 
     def __init__(
         self,
@@ -33,7 +39,7 @@ class Revoker:
         self._exclude, self._own_ns = exclude, own_ns
 
     def advance(self, now_ns: int, running: dict[int, Pilot]) -> None:
-        """Send the due revocations, as soon as a drone can receive them. ``running``: the pilots of live agents."""
+        """Send the revocations that are due, as soon as a drone can receive them. ``running``: the pilots of live agents."""
         for one in self._schedule.begun:
             if isinstance(one.fault, Revoked):
                 self._due += sorted(one.drones)

@@ -1,8 +1,8 @@
-"""The frames of equal logs, estimated once for all agents of a flight, as ``sharing`` does for the folds.
+"""Estimates of the drones' local frames, computed only once for all agents with equal logs, to save time.
 
-A keyframe's estimate is a pure function of the checkpoint before it and of the observations received in between
-(``radron.agent.frames``). A checkpoint is therefore identified by its lineage: all keyframes before it, and the observations
-received for each.
+An estimate at a keyframe (time of re-estimation) is a pure function of the checkpoint before it and of the observations received
+in between (``radron.agent.frames``). A checkpoint is therefore identified by its lineage: all keyframes before it, and the
+observations received for each.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ MOST_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are 
 
 @dataclass(frozen=True, slots=True)
 class DescendedCheckpoint(Checkpoint):
-    """A checkpoint, and its lineage: the same object for all agents with the same observations."""
+    """A checkpoint (state of the frame estimate) with its lineage: one object for all agents with equal observations."""
 
     lineage: object = None
 
 
 class SharedFrames:
-    """Source of the frame estimates for the agents of one flight."""
+    """Gives each agent of a flight its estimate of the local frames, and shares the computations between them."""
 
     def __init__(self) -> None:
         self._lineages, self._checkpoints = Results(MOST_LINEAGES), Results(MOST_CHECKPOINTS)
@@ -37,14 +37,14 @@ class SharedFrames:
 
 
 class SharedEstimate:
-    """The estimate of one agent; computes no keyframe that another agent has computed."""
+    """One agent's estimate of the local frames; computes nothing that another agent has computed."""
 
     def __init__(self, estimate: Estimate, intake: Intake, lineages: Results, checkpoints: Results) -> None:
         self._estimate, self._intake = estimate, intake
         self._lineages, self._checkpoints = lineages, checkpoints
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """Advance as ``Estimate`` does."""
+        """Return the checkpoint at the next keyframe, as ``Estimate`` computes it."""
         former = before.lineage if isinstance(before, DescendedCheckpoint) else None
         lineage = self._lineages.get((former, index, self._intake.content(before.index, index)), object)
         return self._checkpoints.get(lineage, lambda: self._computed(before, index, lineage))

@@ -1,14 +1,14 @@
-"""Computations shared by all agents of a flight: the folds of equal logs, and the decoding of messages.
+"""Computations shared by all agents of a simulated flight, to save time: source estimates of equal logs, and decoded messages.
 
-A result computed by one agent from a state and observations is reused by the others.
+A result computed by one agent from a state and observations is reused by the other agents.
 
 An estimator's step is a pure function of an immutable state and of observations (``radron.agent.fusion.estimator``), and all
-agents of a flight begin with the same state. A state is therefore identified by its lineage: all steps before it, and the
-observations of each. Agents with equal logs follow one lineage. Different logs split it; once the logs are equal again, the
-agents replay from the split and return to one lineage, even if its states have been forgotten and each agent has its own. The
-frames are shared in the same way (``sharedframes``). Nothing else is shared: every agent has its own log, observations and
-replays, and an error there separates it from the others. In every tenth mission of a campaign one drone is recorded and
-replayed (``radron.sim.campaign.faults.recording``): the replay computes on its own, as a check on the flight.
+agents of a flight begin with one state. A state is therefore identified by its lineage: all steps before it, and the observations
+of each. Agents with equal logs follow one lineage. Different logs split it; once the logs are equal again, the agents replay from
+the split and return to one lineage, even if its states have been forgotten and each agent has its own. The frames are shared in
+the same way (``sharedframes``). Nothing else is shared: every agent has its own log, observations and replays, and an error there
+separates it from the others. In every tenth mission of a campaign one drone is recorded and replayed
+(``radron.sim.campaign.faults.recording``): the replay computes on its own, as a check on the flight.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ R = TypeVar("R")
 
 
 class Folds:
-    """Source of the estimators for the agents of one flight."""
+    """Gives the agents of one flight their estimators, and shares the computations between agents with equal logs."""
 
     def __init__(self) -> None:
         self._shared: dict[str, SharedFold[Any]] = {}
@@ -51,14 +51,17 @@ class Folds:
 
 
 class Descended(NamedTuple, Generic[S]):
-    """An estimator's state, and its lineage: the same object for all states from the same observations."""
+    """An estimator's state with its lineage: one object for all states from equal observations."""
 
     state: S
     lineage: object
 
 
 class SharedFold(Generic[S]):
-    """An estimator for several agents; computes nothing twice while it remembers. Errors as in the estimator itself."""
+    """An estimator for several agents, which computes each result only once.
+
+    Errors are those of the estimator itself.
+    """
 
     def __init__(self, estimator: Estimator[S]) -> None:
         self._estimator = estimator
@@ -68,37 +71,40 @@ class SharedFold(Generic[S]):
         self._initial: dict[int | None, Descended[S]] = {}  # one for each start command
 
     def initial(self, start_ns: int | None) -> Descended[S]:
-        """Return the initial state, as ``Estimator`` does; the same object for all agents."""
+        """Return the estimator's initial state, one object for all agents. ``start_ns``: stamp of the start command."""
         if start_ns not in self._initial:
             self._initial[start_ns] = Descended(self._estimator.initial(start_ns), object())
         return self._initial[start_ns]
 
     def step(self, state: Descended[S], step: GridStep, observations: Sequence[Observation]) -> Descended[S]:
-        """Advance as ``Estimator`` does."""
+        """Return the state after a step with these observations, as the estimator computes it."""
         lineage = self._lineages.get((state.lineage, step.index, tuple(map(_content, observations))), object)
         after = self._steps.get(lineage, lambda: self._estimator.step(state.state, step, observations))
         return Descended(after, lineage)
 
     def work(self, state: Descended[S], observations: int) -> int:
-        """Return the work of a step as if it had not been computed yet, so that an agent's slices do not depend on the others."""
+        """Return the work of a step as if it had not been computed yet.
+
+        An agent's division of work therefore does not depend on other agents.
+        """
         return self._estimator.work(state.state, observations)
 
     def hypothesis(self, state: Descended[S], step: GridStep) -> Hypothesis | None:
-        """Return the hypothesis, as ``Estimator`` does."""
+        """Return the source estimate of a state, as the estimator computes it; None without one."""
         return self._hypotheses.get((state.lineage, step), lambda: self._estimator.hypothesis(state.state, step))
 
     def outlook(self, state: Descended[S], step: GridStep) -> Outlook | None:
-        """Return the outlook, as ``Estimator`` does."""
+        """Return the state of the search, as the estimator computes it; None without one."""
         return self._estimator.outlook(state.state, step)
 
     def mixture(self, state: Descended[S], stamp_ns: int) -> Any:
-        """Return the mixture, as ``BayesEstimator`` does; None of another estimator."""
+        """Return the Gaussian mixture of the posterior, as ``BayesEstimator`` computes it; None for another estimator."""
         mixture = getattr(self._estimator, "mixture", None)
         return None if mixture is None else mixture(state.state, stamp_ns)
 
 
 class Readings(Shared):
-    """Decodes messages, once for the same bytes under the same key: messages are immutable."""
+    """Decodes messages, each only once for all agents of a flight, as decoded messages are immutable."""
 
     def __init__(self) -> None:
         self._read = lru_cache(MOST_READ)(decode_from)
@@ -109,7 +115,7 @@ class Readings(Shared):
 
 
 class SignedRoots:
-    """The signed root of each log entry's proof, computed once for the same bytes."""
+    """Computes the signed bytes (root of the hash tree) of each log entry only once for all agents of a flight."""
 
     def __init__(self) -> None:
         self._known = Results(MOST_READ)
@@ -120,7 +126,7 @@ class SignedRoots:
 
 
 class Results(Shared):
-    """The newest results, by the data that they depend on."""
+    """Memory of the newest results, by the data from which they were computed."""
 
     def __init__(self, most: int) -> None:
         """``most``: number of results kept."""
@@ -128,7 +134,7 @@ class Results(Shared):
         self._known: dict[object, object] = {}  # the last used at the end
 
     def get(self, key: object, compute: Callable[[], R]) -> R:
-        """Return a result, from memory or computed now."""
+        """Return the result for a key, from memory or computed now."""
         result = self._known.pop(key, _UNKNOWN)  # keys hold all observations of a step: each lookup costs
         if result is _UNKNOWN:
             result = compute()

@@ -1,4 +1,4 @@
-"""The telemetry of each vehicle of a flight in lockstep, with the errors of its localisation and its faults."""
+"""Telemetry of each vehicle in a simulated flight, with the errors of its localisation and its faults."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from radron.sim.world.terrain import Terrain
 
 
 class Telemetry:
-    """The autopilots' estimates, and the telemetry received by the agents.
+    """Makes the autopilots' estimates of their motion, and the telemetry that the agents receive.
 
-    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them. told_s:
-    time of each agent's last telemetry, since the start of the simulation.
+    estimated_m, velocity_mps: estimates of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them.
+    told_s: time of each agent's last telemetry, since the start of the simulation.
     """
 
     def __init__(

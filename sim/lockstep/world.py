@@ -1,4 +1,4 @@
-"""A flight in lockstep, tick by tick: the simulated world, and the agents in it."""
+"""A simulated flight in lockstep, tick by tick (time step of 50 ms): the world, and the agents in it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ START_S = 0.5  # the operator's start command, after the agents have received ea
 
 
 class World:
-    """The complete state of the simulated world and its agents."""
+    """The complete state of the simulated world and of the agents in it."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot]) -> None:
         """Errors as in ``flight.fly``. ``make``: factory of pilots, as ``Pilot``."""
@@ -114,20 +114,20 @@ class World:
 
     @property
     def pilots(self) -> list[Pilot]:
-        """Return the pilots of all drones; of a dead agent the last one."""
+        """Pilots (decision part of the agents) of all drones; of a dead agent the last one."""
         return self._crew.pilots
 
     def close(self) -> None:
-        """Remove the files of the flight."""
+        """Remove the temporary files of the flight."""
         self._folder.cleanup()
 
     @property
     def time_s(self) -> float:
-        """Return the seconds since the start of the simulation."""
+        """Seconds since the start of the simulation."""
         return self.ticks * TICK_NS * 1e-9
 
     def moment(self) -> Moment:
-        """Return the world after the last tick."""
+        """Return the state of the world after the last tick, for observers."""
         motion, agents = self._multirotors, self._crew.agents
         return Moment(
             time_s=self.time_s,
@@ -145,11 +145,11 @@ class World:
         )
 
     def describe(self) -> str:
-        """Return the stage of the first drone, and the swarm's source estimate."""
+        """Return a line of text with the mission stage of the first drone and the swarm's source estimate."""
         return self.recorder.describe()
 
     def tick(self) -> bool:
-        """Advance by one tick; return True at the end of the run."""
+        """Simulate the world and all agents for one tick (50 ms); return True at the end of the flight."""
         now_ns = EPOCH_NS + self.ticks * TICK_NS
         self._faults.advance(self.time_s)
         self._crew.advance(now_ns)

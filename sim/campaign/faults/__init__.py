@@ -1,1 +1,1 @@
-"""Random missions with faults: drawn from a seed, flown, judged by invariants, and made smaller where they fail."""
+"""Random missions with faults: drawn from a seed, flown, judged by conditions that must hold, and reduced where they fail."""

@@ -1,6 +1,6 @@
-"""Missions with one attack each, or one reset of an autopilot: kinds left out of random missions.
+"""Missions with one attack each, or with one reset of an autopilot: kinds of faults that random missions do not contain.
 
-These missions have a random stream of their own, so that a new kind changes no mission of the other courses.
+These missions have a random stream of their own, so that a new kind changes no mission of the other series.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ ATTACKS: tuple[tuple[Card, ...], ...] = (  # the faults of one entry strike the 
 
 
 def attack(seed: int, course: Course) -> dict[str, Any]:
-    """Return the scenario document of a seed: successive seeds take the entries of ``ATTACKS`` in turn."""
+    """Return the scenario of a seed's mission with an attack, as the content of a scenario file.
+
+    Successive seeds take the entries of ``ATTACKS`` in turn.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     document = draw_mission(rng, f"attack-{seed}", course)
     drones, cards = document["mission"]["drones"], ATTACKS[seed % len(ATTACKS)]

@@ -1,4 +1,4 @@
-"""Many random missions, resumable: ``missions.jsonl`` (a line each) and ``summary.json`` in a folder, or nothing on disk."""
+"""Series of many random missions, resumable: a line for each in ``missions.jsonl``, and ``summary.json``, or nothing on disk."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ Fly = Callable[[Mission], Verdict]
 
 @dataclass(frozen=True, slots=True)
 class FaultCampaign:
-    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ...; ``first``: each ends at its first violation."""
+    """A series of random missions with faults: ``runs`` missions with the seeds ``seed``, ``seed + 1`` and so on.
+
+    ``first``: each mission ends at its first violation of a condition.
+    """
 
     runs: int
     seed: int = 0
@@ -46,7 +49,7 @@ class FaultCampaign:
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """The verdicts by seed, and the missions without a verdict because their worker died."""
+    """The verdicts on all missions by seed, and the missions without a verdict because their worker process died."""
 
     verdicts: tuple[Verdict, ...]
     failures: tuple[Outcome[Mission, Verdict], ...]
@@ -59,9 +62,10 @@ def fly_faults(
     fly: Fly = fly_mission,
     watch: Watch = lambda done, total, outcome: None,
 ) -> Flown:
-    """Fly the missions that are missing in the folder. Each is on disk as soon as it is flown; the same call resumes.
+    """Fly the random missions that are missing in the folder.
 
-    More missions may be flown into the same folder, but no other missions.
+    Each verdict is on disk as soon as the mission has ended; an equal call resumes. More missions may be flown into the folder
+    later, but no missions of another kind.
 
     Raises:
         ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
@@ -89,7 +93,7 @@ def fly_faults(
 
 
 def replay_line(seed: int, course: Course) -> str:
-    """Return the command that repeats a seed of this course."""
+    """Return the command line that repeats the mission of a seed."""
     return f"radron-sim {_COMMANDS[course]} --seed {seed} --runs 1"
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Times in seconds since the start of the simulation.
+    """Time plan of a random mission with faults, in seconds since the start of the simulation, and limits of its size.
 
-    Safety: faults begin from ``first_s`` on, and all but the permanent ones end by ``heal_s``. Liveness: from ``heal_s`` on.
-    ``track_s``: range of the mission's tracking time; ``search_s``: duration of the search before the return. ``end_s``: stop
-    of a flight that has not ended. ``side_m``: range of the sides of the area, ``margin_m``: of the fence's margin;
+    Faults begin from ``first_s`` on, and all but the permanent ones end by ``heal_s``; from then on the drones must be able to
+    finish. ``track_s``: range of the mission's tracking time; ``search_s``: duration of the search before the return. ``end_s``:
+    a flight that has not ended is stopped. ``side_m``: range of the sides of the area, ``margin_m``: of the fence's margin;
     ``most_drones``: upper limit, at least three.
     """
 

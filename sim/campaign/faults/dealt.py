@@ -113,7 +113,10 @@ MISLEADING: tuple[Card, ...] = (  # wrong content in the logs, or vehicles off c
 
 
 def deal(seed: int, course: Course) -> dict[str, Any]:
-    """Return the scenario document of a seed's mission, with its faults in order of time."""
+    """Return the scenario of a seed's mission with dealt faults, as the content of a scenario file.
+
+    The faults are in order of time.
+    """
     live = course == LIVE
     missions = len(LIVE_HANDS) if live else _CALM + (len(DECK) + len(MISLEADING)) // HAND
     turn = seed % missions
@@ -161,7 +164,11 @@ def _unheard(clock: dict[str, Any]) -> dict[str, Any]:
 
 
 def strike(rng: np.random.Generator, card: Card, names: list[str], target: str, course: Course) -> dict[str, Any]:
-    """Return the scenario's fault entry of a card for one drone: times and the numbers that the card leaves open are drawn."""
+    """Return the scenario's entry of a fault for one drone.
+
+    ``card``: kind of fault and its fixed numbers; times and all other numbers are drawn at random. ``target``: the drone.
+    ``names``: all drones.
+    """
     kind, given = card
     at_s = round(float(rng.uniform(course.first_s, course.heal_s - LASTS_S[1])), 2)
     lasts_s = round(float(rng.uniform(*LASTS_S)), 2)

@@ -33,7 +33,7 @@ _FLOOD_S = 5.0  # each second of it costs as much as ten others
 
 
 def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
-    """Return the scenario document of a seed's mission, with its faults in order of time."""
+    """Return the scenario of a seed's random mission, as the content of a scenario file; faults are in order of time."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     document = draw_mission(rng, f"faults-{seed}", course)
     names = [drone["id"] for drone in document["mission"]["drones"]]
@@ -53,7 +53,7 @@ def _agent_lost(seed: int) -> Literal["return", "hold", "land"]:
 
 
 def as_toml(document: dict[str, Any]) -> str:
-    """Return the scenario file of a mission; ``radron-sim run`` flies it too."""
+    """Return a mission as the text of a scenario file, which ``radron-sim run`` can fly, too."""
     return tomli_w.dumps(document)
 
 

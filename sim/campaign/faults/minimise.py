@@ -1,4 +1,4 @@
-"""The smallest scenario that still violates an invariant."""
+"""Reduction of a failing random mission to the smallest scenario that still violates the condition."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _EXACT = ("localization", "origin_sigma_m", "yaw_sigma_deg")  # keys of a drone 
 def minimise(
     mission: Mission, fly: Callable[[Mission], Verdict] = fly_mission, tell: Callable[[str], None] = lambda text: None
 ) -> tuple[Document, Violation] | None:
-    """Remove from a mission all that the violation of its first invariant does not need.
+    """Remove from a mission all parts without which its first violated condition is still violated.
 
-    One thing after another is removed, and restored if the same invariant holds without it, until nothing more can be
-    removed: faults, drones, the errors of poses and frames, the source's motion; at last faults are shortened.
+    One part after another is removed, and restored if the condition holds without it, until nothing more can be removed: faults,
+    drones, the errors of poses and frames, the source's motion; at last faults are shortened.
 
-    Returns: the smallest scenario document and its violation; None for a mission without a violation.
+    Returns: the content of the smallest scenario file and its violation; None for a mission without a violation.
     """
     verdict = fly(mission)
     if not verdict.violations:

@@ -1,4 +1,4 @@
-"""One random mission: flown, judged, and summed up in a line."""
+"""One random mission with faults: flown, judged, and summed up in a line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,11 @@ _RECORDED_EVERY = 10  # one drone is recorded and replayed in one mission of thi
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A job of a campaign. ``document``: flown instead of the mission drawn from the seed; ``until``: see ``Judge``."""
+    """A random mission with faults, as a job of a campaign.
+
+    ``document``: content of a scenario file, flown instead of the mission drawn from the seed. ``until``: name of the condition
+    whose violation ends the flight (see ``Judge``).
+    """
 
     seed: int
     course: Course = FULL
@@ -41,26 +45,26 @@ class Mission:
 
     @property
     def label(self) -> str:
-        """Return all that is needed to repeat the mission."""
+        """All that is needed to repeat the mission."""
         return f"seed {self.seed}"
 
     @property
     def drawn(self) -> dict[str, Any]:
-        """Return the scenario document that is flown."""
+        """Content of the scenario file that is flown."""
         if self.document is not None:
             return self.document
         return _DOCUMENTS.get(self.course, draw)(self.seed, self.course)
 
 
 class Verdict(Struct, frozen=True, kw_only=True):
-    """A line of ``missions.jsonl``.
+    """Result of a random mission with faults: a line of ``missions.jsonl``.
 
-    faults: entries of the scenario. able: number of drones able to finish the mission after the heal. located: their source
-    estimates were off by less than 2 m at the end of the last tracking; error_m: the largest of these errors, None without
-    able drones or with a missing estimate. converged: all able drones held one log and one hypothesis after the heal.
-    min_separation_m: least distance between two vehicles in the air, except vehicles with a fault of their own position or
-    thrust; None without such a pair. core_s: processor time, invariants included; drone_s: time in the air of all drones
-    together.
+    faults: entries of the scenario. able: number of drones able to finish the mission after the faults have ended (heal).
+    located: their source estimates were off by less than 2 m at the end of the last tracking; error_m: the largest of these
+    errors, None without able drones or with a missing estimate. converged: all able drones held one log and one estimate after
+    the heal. min_separation_m: smallest distance between two vehicles in the air, except vehicles with a fault of their own
+    position or thrust; None without such a pair. core_s: processor time, judgement included; drone_s: time in the air of all
+    drones together.
     """
 
     seed: int
@@ -78,7 +82,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 
 def fly_mission(mission: Mission) -> Verdict:
-    """Fly and judge a mission. An exception in it is a violation like any other."""
+    """Fly a random mission, judge it, and return the verdict. An exception in it is a violation like any other."""
     from radron.sim.lockstep.flight import watched  # noqa: PLC0415  (only the workers need the physics)
 
     document, course = mission.drawn, mission.course
@@ -120,16 +124,17 @@ def fly_mission(mission: Mission) -> Verdict:
 
 
 class Log:
-    """The figures of a verdict besides its violations."""
+    """Collects the numbers of a verdict besides the violations: time in the air, and errors of the source estimates."""
 
     def __init__(self, drones: int) -> None:
         self.time_s = self.drone_s = 0.0
         self.error_m: list[float | None] = [None] * drones  # of the source estimate, at the last search of an able drone
 
     def see(self, moment: Scene, able: Collection[int] | None) -> bool:
-        """Note a moment; always False: the flight continues. ``able``: the able drones; None before they are known.
+        """Record the state of the world at one time; the result is always False: the flight continues.
 
-        A drone that has returned without link has the complete log again after the heal, and the estimate from it.
+        ``able``: drones that must finish the mission; None before they are known. A drone that has returned without a link has
+        the complete log again after the faults have ended, and the estimate from it.
         """
         step_s, self.time_s = moment.time_s - self.time_s, moment.time_s
         self.drone_s += step_s * sum(map(moment.airborne, range(len(self.error_m))))
@@ -142,7 +147,7 @@ class Log:
         return False
 
     def largest_error_m(self, drones: Collection[int]) -> float | None:
-        """Return the largest error of these drones' last estimates; None without drones, or with a missing estimate."""
+        """Return the largest error of these drones' last source estimates; None without drones, or with a missing estimate."""
         known = [error for drone in drones if (error := self.error_m[drone]) is not None]
         return max(known) if known and len(known) == len(drones) else None
 

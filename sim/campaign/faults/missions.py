@@ -1,4 +1,4 @@
-"""A random mission: the swarm, its area, the source, and the kinds of localisation. Faults are drawn elsewhere."""
+"""Random missions without their faults: the swarm, its area, the source, and the kinds of localisation."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def draw_mission(
     dealt: bool = False,
     alone: bool = False,
 ) -> dict[str, Any]:
-    """Return a scenario document without faults.
+    """Return a random scenario without faults, as the content of a scenario file.
 
-    ``estimated``: whether the drones' frames have to be estimated; None: random. ``dealt``: then each kind of localisation
+    ``estimated``: whether the drones' local frames have to be estimated; None: random. ``dealt``: then each kind of localisation
     occurs, also with an unknown heading. ``alone``: then all fly by satellites, without a base or sightings of other drones.
     """
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))

@@ -1,4 +1,4 @@
-"""The agents of one drone recorded in flight, and replayed after it: the results must be equal, bit for bit."""
+"""Recording and replay of one drone's agents in a random mission: the replay must give equal results, bit for bit."""
 
 from __future__ import annotations
 
@@ -60,7 +60,10 @@ class _Recorded(RecordedPilot):
 
 
 class Recording:
-    """Makes the pilots of a flight (``radron.sim.lockstep.flight.watched(make=...)``) and records the pilots of one drone."""
+    """Makes the pilots (decision part of the agents) of a flight, and records the pilots of one drone.
+
+    It is passed to ``radron.sim.lockstep.flight.watched(make=...)``.
+    """
 
     def __init__(self, drone: str, folder: Path) -> None:
         """``folder``: for the records; one subfolder for each start of the agent."""
@@ -79,7 +82,10 @@ class Recording:
         nonce_key: bytes,
         computing: Computing = ALONE,
     ) -> Pilot:
-        """Make a pilot, as ``Pilot``. The recorded pilot shares computations with the others; the replay computes on its own."""
+        """Make a pilot, with the arguments of ``Pilot``.
+
+        The recorded pilot shares computations with the other drones; the replay computes on its own.
+        """
         pilot = Pilot(mission, drone, boot, listeners, memory, trust, nonce_key=nonce_key, computing=computing)
         if drone.id != self._drone:
             return pilot

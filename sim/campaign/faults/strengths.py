@@ -1,4 +1,4 @@
-"""A random fault of each kind: targets and strength. Strengths range from hardly felt to the end of a drone's flight."""
+"""Random strength of each kind of fault, from hardly felt to the end of a drone's flight."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ V = TypeVar("V")
 
 
 class Strike(NamedTuple):
-    """The drones of the mission, the struck drones, and the random numbers."""
+    """The data from which the numbers of a fault are drawn: random numbers, drones of the mission, and affected drones."""
 
     rng: np.random.Generator
     drones: Sequence[str]
     target: Sequence[str]
 
     def uniform(self, low: float, high: float) -> float:
-        """Draw a uniform number, rounded for a file."""
+        """Draw a uniform random number, rounded for a file."""
         return round(float(self.rng.uniform(low, high)), 3)
 
     def scale(self, low: float, high: float) -> float:
-        """Draw a number with a uniform logarithm, to three digits."""
+        """Draw a random number with a uniform logarithm, to three digits."""
         return float(f"{np.exp(self.rng.uniform(np.log(low), np.log(high))):.3g}")
 
     def one(self, *values: V) -> V:
-        """Choose one of the values."""
+        """Choose one of the values at random."""
         return values[int(self.rng.integers(len(values)))]
 
 

@@ -1,4 +1,4 @@
-"""The summary of many random missions: numbers, a table by kind of fault, and a line for each violation."""
+"""Summary of many random missions with faults: numbers, a table by kind of fault, and a line for each violation."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from radron.sim.runfile import write_text
 
 
 class KindRow(Struct, frozen=True, kw_only=True):
-    """Missions with a kind of fault: their number, the violated ones, and, of those with one able drone or more, the number
-    that located the source.
+    """Results of all random missions that contain one kind of fault.
+
+    missions: their number. violated: missions with a violated condition. able: missions in which one drone or more was able to
+    finish. located: missions of these in which the source was located.
     """
 
     kind: str
@@ -31,11 +33,12 @@ class KindRow(Struct, frozen=True, kw_only=True):
 
 
 class Summary(Struct, frozen=True, kw_only=True):
-    """``summary.json``. violations: of all invariants; collisions, separation_breaches, fence_breaches, exceptions: of these.
+    """Results of many random missions, as in ``summary.json``.
 
-    violated: missions with a violation. able: missions with one able drone or more; able_swarm: two or more. located and
-    located_swarm: the able missions that located the source; converged: missions whose able drones agreed. core_s, sim_s,
-    drone_s: sums (see ``Verdict``). by_invariant: violations of each. kinds: by kind of fault.
+    violations: of all conditions; collisions, separation_breaches, fence_breaches, exceptions: of these. violated: missions with
+    a violation. able: missions with one drone or more able to finish; able_swarm: two or more. located and located_swarm: the
+    able missions that located the source; converged: missions whose able drones agreed. core_s, sim_s, drone_s: sums (see
+    ``Verdict``). by_invariant: violations of each condition. kinds: by kind of fault.
     """
 
     missions: int
@@ -58,12 +61,12 @@ class Summary(Struct, frozen=True, kw_only=True):
 
     @property
     def core_s_per_drone_s(self) -> float:
-        """Return the processor time for each second of a drone in the air."""
+        """Processor time for each second of a drone in the air."""
         return self.core_s / max(self.drone_s, 1.0)
 
 
 def summarise(verdicts: Sequence[Verdict]) -> Summary:
-    """Return the summary of these missions."""
+    """Compute the summary of many random missions."""
     count = Counter(violation.invariant for verdict in verdicts for violation in verdict.violations)
     able = [verdict for verdict in verdicts if verdict.able]
     swarm = [verdict for verdict in able if verdict.able > 1]
@@ -101,7 +104,7 @@ def _row(kind: str, verdicts: Sequence[Verdict]) -> KindRow:
 
 
 def table(summary: Summary) -> str:
-    """Return the table by kind of fault, in Markdown."""
+    """Return the results by kind of fault as a table in Markdown."""
     head = ("fault", "missions", "violated", "able", "located")
     counts = [(row.kind, row.missions, row.violated, row.able, row.located) for row in summary.kinds]
     counts.append(("all", summary.missions, summary.violated, summary.able, summary.located))
@@ -114,7 +117,7 @@ def table(summary: Summary) -> str:
 
 
 def sentences(summary: Summary) -> list[str]:
-    """Return the summary in sentences."""
+    """Return the summary of many random missions in sentences."""
     return [
         f"{summary.missions} missions, {summary.violated} of them with {summary.violations} violations: "
         + (", ".join(f"{name} {number}" for name, number in summary.by_invariant.items()) or "none"),
@@ -127,7 +130,7 @@ def sentences(summary: Summary) -> list[str]:
 
 
 def told(verdict: Verdict, course: Course) -> list[str]:
-    """Return a line for each violated invariant of a mission, and the command that repeats it; empty without a violation."""
+    """Return a line for each violated condition of a mission, and the command that repeats it; empty without a violation."""
     first = {violation.invariant: violation for violation in reversed(verdict.violations)}
     lines = [
         f"seed {verdict.seed}: {name} at {violation.time_s:.2f} s, {' '.join(violation.drones) or 'all'}: {violation.text}"
@@ -137,7 +140,7 @@ def told(verdict: Verdict, course: Course) -> list[str]:
 
 
 def write_summary(folder: Path, summary: Summary) -> list[Path]:
-    """Write ``summary.json``, ``summary.md`` and ``kinds.png``; returns the files."""
+    """Write ``summary.json``, ``summary.md`` and ``kinds.png`` into a folder; return the files."""
     text = msgspec.json.format(msgspec.json.encode(summary), indent=2).decode() + "\n"
     write_text(folder / "summary.json", text)
     write_text(folder / "summary.md", table(summary))
