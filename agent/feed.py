@@ -29,7 +29,7 @@ class Feed(Generic[Item]):
     """
 
     def __init__(self, what: str, key: str, address: str, decoder: Callable[[], Callable[[bytes], Iterable[Item]]]) -> None:
-        """A feed that is not connected yet.
+        """Set up a client that is not connected yet.
 
         Args:
             what: the sender, in words.

@@ -78,23 +78,24 @@ class Pilot:
         tells_obeyed: bool = True,
         judges_exposures: bool = True,
     ) -> None:
-        """Set up a drone.
+        """Set up the pilot program of one drone.
 
         Args:
-            mission: the same on every drone.
-            drone: this one.
+            mission: the mission file's content, equal on every drone.
+            drone: the drone file's content.
             boot: 16 hex digits, new at every start of the agent.
-            listeners: estimators that fuse the same log without influence on the flight.
-            memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
-            trust: signs own publications and verifies the peers'; None: in a swarm without certificates.
-            nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
-            computing: computations that depend on their inputs alone.
-            tells_obeyed: whether its statuses name the order obeyed last; False in the replay of an older record.
-            judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
+            listeners: estimators that fuse the log, too, without influence on the flight.
+            memory: from the agent that flew this drone before; the flight continues if telemetry shows the drone in the air.
+                trust: signs this drone's messages and verifies other drones' messages; None: in a swarm without certificates.
+                nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces (random numbers) that
+                commands need. computing: computations that depend on their inputs alone.
+            tells_obeyed: whether the drone's statuses name the order obeyed last; False in the replay of an older record.
+                judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older
+                record.
 
         Raises:
-            ConfigError: the drone is not one of the mission's.
-            DetectorError: its camera's calibration cannot be read.
+            ConfigError: the mission does not contain the drone.
+            DetectorError: the camera's calibration cannot be read.
         """
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
         self._swarm, self._mission_id, self._id, self._boot = mission.swarm, mission.mission_id, drone.id, boot
@@ -335,7 +336,9 @@ class Pilot:
         return self.fusion.outlook
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
-        """Posteriors of the flight's estimator and of the listeners, by name; estimators without a posterior are left out."""
+        """Return the posteriors of all estimators that have one, by name: of the flight's estimator, and of the further ones
+        (listeners).
+        """
         return self._world.posteriors(now_ns)
 
     @property
@@ -370,7 +373,7 @@ class Pilot:
 
     @property
     def whereabouts(self) -> Whereabouts | None:
-        """This drone's own position estimate; None without one."""
+        """This drone's estimate of its own position in the mission frame; None without one."""
         return self._own.whereabouts
 
     @property

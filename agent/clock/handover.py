@@ -36,7 +36,7 @@ class Valid(NamedTuple):
     end_ns: int
 
     def __contains__(self, at_ns: object) -> bool:
-        """Whether a time is in the interval."""
+        """Return whether a time (UTC, ns) is in the interval."""
         return isinstance(at_ns, int) and self.begin_ns <= at_ns < self.end_ns
 
 

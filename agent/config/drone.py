@@ -83,7 +83,9 @@ class VehicleConfig(Section, frozen=True, kw_only=True):
 
 
 class SightingsConfig(Section, frozen=True, kw_only=True):
-    """The TCP feed of a sensor for relative observations of other drones (a camera that sees their lamps, a ranging radio)."""
+    """Address of the TCP feed of a sensor for relative observations of other drones (a camera that sees their lamps, a ranging
+    radio).
+    """
 
     address: str | None = None  # "host:port"; none: there is no such sensor
 

@@ -36,10 +36,12 @@ class DetectorChain:
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
-        """Args:
+        """Set up the chain of one camera.
+
+        Args:
             config: coincidence window, thresholds and line windows.
-            nuclide: the lines of this nuclide make cones, as in the mission; None: hits and coincidences only.
-            calibration: of the camera.
+            nuclide: the lines of this nuclide make cones, as in the mission; None: hits and coincidences only. calibration: of
+                the camera.
             on_energies: receives the energies (keV) of all events.
 
         Raises:

@@ -37,7 +37,7 @@ class Gathering:
         self._lost_hits = self._lost_ns = self._repaired_hits = 0
 
     def __bool__(self) -> bool:
-        """Whether there are hits that no readout has yet."""
+        """Return whether there are hits that are not in a readout yet."""
         return bool(self._hits)
 
     def add(self, delivery: Delivery, offset: int = 0) -> None:

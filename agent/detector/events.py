@@ -47,8 +47,10 @@ class EventReader:
         thickness_mm: float = SENSOR_THICKNESS_MM,
         drift_ns: float = DRIFT_NS,
     ) -> None:
-        """``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. ``drift_ns``: of electrons
-        across the sensor's thickness. Raises ConfigError for an unknown nuclide.
+        """Set up the energy windows of the nuclide's lines. Raises ConfigError for an unknown nuclide.
+
+        ``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. ``drift_ns``: drift time of
+        electrons across the sensor's thickness.
         """
         self._windows = Windows(() if nuclide is None else candidates_of(nuclide), config)
         self._window_ticks = config.coincidence_window_ns / TICK_NS

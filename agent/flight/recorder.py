@@ -41,12 +41,12 @@ class FlightRecorder:
     def __init__(
         self, folder: str | Path, limit_mb: int, header: FlightHeader, clock_ns: Callable[[], int] = time.time_ns
     ) -> None:
-        """Open the first segment.
+        """Open the first file of the record.
 
         Args:
             folder: for the files; created if missing.
-            limit_mb: of all files in the folder together; the oldest are removed first, files of this flight included.
-            header: of the flight.
+            limit_mb: of all files in the folder together; the oldest are removed first, files of this flight included. header: of
+                the flight.
             clock_ns: wall time.
 
         Raises:

@@ -41,7 +41,7 @@ class SwarmFrames:
     """
 
     def __init__(self, mission: MissionConfig, estimates: FrameEstimates = Estimate) -> None:
-        """``estimates``: factory of the frame estimate."""
+        """Start with the frames that the mission file gives. ``estimates``: makes the estimator of the frames."""
         self.graph = FrameGraph.from_launch_layout(mission)
         self._carried = CarriedFrames(mission, self.graph)
         self._names = [drone.id for drone in mission.drones]

@@ -83,7 +83,10 @@ class Transform:
         return Transform(-self.yaw_rad, back, jacobian @ self.covariance @ jacobian.T)
 
     def __matmul__(self, other: Transform) -> Transform:
-        """``a_from_b @ b_from_c`` is ``a_from_c``; the two errors are taken as independent and propagated to first order."""
+        """Return the composed transform: ``a_from_b @ b_from_c`` is ``a_from_c``.
+
+        The errors of the two are taken as independent, and propagated to first order.
+        """
         yaw_rad = math.remainder(self.yaw_rad + other.yaw_rad, math.tau)
         translation = self.apply_point(other.translation)
         if self.covariance is None and other.covariance is None:

@@ -67,7 +67,7 @@ class Fusion:
         *,
         judges_exposures: bool = True,
     ) -> None:
-        """``judges_exposures``: see ``ObservationLog``."""
+        """Start with an empty log. ``judges_exposures``: see ``ObservationLog``."""
         drones = [drone.id for drone in mission.drones]
         self.log = ObservationLog(mission.mission_id, drones, judges_exposures=judges_exposures)
         self.hypothesis: Hypothesis | None = None

@@ -23,7 +23,7 @@ class Latecomers:
         self._calls = 0  # since the first entry of the batch came
 
     def __bool__(self) -> bool:
-        """Return whether any entries wait."""
+        """Return whether any entries wait here."""
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None, steps: int) -> None:
@@ -65,7 +65,7 @@ class Late:
         self._entries: dict[EntryId, AnyEntry | None] = {}
 
     def __bool__(self) -> bool:
-        """Return whether any entries wait."""
+        """Return whether any entries wait here."""
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None) -> None:

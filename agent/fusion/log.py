@@ -63,7 +63,9 @@ class ObservationLog:
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:
-        """``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures may
+        """Start an empty log.
+
+        ``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures may
         neither overlap nor be longer than ``MAX_EXPOSURE_NS``; False: for the replay of an older record.
         """
         self.mission_id = mission_id
@@ -83,11 +85,11 @@ class ObservationLog:
         self._sum = 0
 
     def __len__(self) -> int:
-        """Return the number of held entries."""
+        """Return the number of entries in the log."""
         return sum(map(len, self._payloads.values()))
 
     def __iter__(self) -> Iterator[Record]:
-        """Iterate over the held records, in the order of their identities."""
+        """Iterate over the entries in the log, as bytes with their kind, in the order of their identities."""
         return (self.record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
     def payloads(self) -> Iterator[bytes]:

@@ -31,8 +31,11 @@ class Proofs:
         verifier: Verifier | None,
         leaves_out: Callable[[Entry], bool] = lambda _: False,
     ) -> None:
-        """``drones``: of the mission; only their entries are verified. ``own``: drone, mission and boot of the own entries.
-        ``trust`` None: no signatures, all entries are accepted. ``leaves_out``: whether a signed entry does not count.
+        """Set up signing and verification.
+
+        ``drones``: of the mission; only their entries are verified. ``own``: drone, mission and boot (start of the agent) of this
+        drone's entries. ``trust`` None: no signatures, all entries are accepted. ``leaves_out``: whether a signed entry does not
+        count.
         """
         self._leaves_out = leaves_out
         self._own, self._trust, self._verifier = own, trust, verifier

@@ -42,7 +42,7 @@ class Timeline:
         self._step_of: dict[EntryId, int] = {}
 
     def __len__(self) -> int:
-        """Return the number of steps with observations."""
+        """Return the number of time steps with observations."""
         return len(self._steps)
 
     def add(self, step: int, identity: EntryId, epoch: int, *, is_exposure: bool) -> bool:

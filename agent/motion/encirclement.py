@@ -47,7 +47,7 @@ class Encirclement:
     """
 
     def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = MARGIN_M) -> None:
-        """``margin_m``: distance between neighbours on the smallest circle, beyond ``limits.separation_m``."""
+        """Set up the circle. ``margin_m``: distance between neighbours on the smallest circle, beyond ``limits.separation_m``."""
         self._config = config
         self._limits = limits
         self._spacing_m = limits.separation_m + margin_m

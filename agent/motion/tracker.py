@@ -176,7 +176,7 @@ class Tracker:
 
     @property
     def has_plan(self) -> bool:
-        """Whether there is a plan to follow."""
+        """Whether there is a plan, so that ``sample`` can be called."""
         return self._plan is not None
 
     @property

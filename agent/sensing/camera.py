@@ -27,10 +27,10 @@ class Camera:
     """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:
-        """``calibration``: the camera's folder or file; None: the nominal camera.
+        """Set up the camera's processing. ``calibration``: the camera's folder or file; None: the nominal camera.
 
         Raises:
-            DetectorError: they cannot be read.
+            DetectorError: the calibration cannot be read.
         """
         constants = load_flight_calibration(Path(calibration)) if calibration else Calibration.nominal()
         self._watch = NuclideWatch(mission.nuclide)

@@ -43,7 +43,7 @@ class Numbering(Iterator[int]):
         self._told = 1, 1  # the first number returned by ``since``, and the next number after that and its retraction
 
     def __next__(self) -> int:
-        """The next number."""
+        """Return the next sequence number."""
         number, self._next = self._next, self._next + 1
         return number
 

@@ -37,7 +37,11 @@ class PositionSensors:
         numbers: Iterator[int],
         counters: Counter[str],
     ) -> None:
-        """``history``: the own poses; ``numbers``: sequence numbers of this boot's entries; ``counters``: of dropped ones."""
+        """Set up the sensors of one drone.
+
+        ``history``: the drone's own poses; ``numbers``: sequence numbers of this run's entries; ``counters``: count dropped
+        measurements.
+        """
         self._drone, self._others = drone, frozenset(others)
         self._mission, self._boot = mission_id, boot
         self._history, self._numbers, self._counters = history, numbers, counters

@@ -30,7 +30,7 @@ class SightingsFeed:
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Raises ConfigError for an invalid address."""
+        """Set up the receiver; it connects when ``sightings`` is iterated. Raises ConfigError for an invalid address."""
         self._feed = LineFeed("the sightings sensor", "sightings.address", address)
         self._clock_ns = clock_ns
         self._flaw: str | None = None

@@ -77,7 +77,9 @@ class Node:
         detector_of: DetectorOf = open_detector,
         patience: Patience | None = None,
     ) -> None:
-        """``filed``: the mission in the mission file; ``force``: the mission flown. ``heartbeat``: reports every step.
+        """Prepare the process; nothing is connected yet.
+
+        ``filed``: the mission in the mission file; ``force``: the mission flown. ``heartbeat``: reports every step.
         ``detector_of``: opens the camera; a test replaces it. ``patience``: waits for the autopilot; None: ends without it.
         """
         self._drone = drone

@@ -73,12 +73,12 @@ class Slots:
         self._change(**{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def mark_bad(self, slot: str) -> None:
-        """Exclude a slot from booting, and put the other slot first."""
+        """Exclude a slot (system partition) from booting, and let the boot loader try the other slot first."""
         order = " ".join((self.other(slot), slot))
         self._change(ORDER=order, **{f"{slot}_OK": "0", f"{slot}_TRY": "0"})
 
     def put_first(self, slot: str) -> None:
-        """Boot this slot next, with all its attempts, and the other slot afterwards."""
+        """Let the boot loader boot this slot (system partition) next, with all its attempts, and the other slot afterwards."""
         order = " ".join((slot, self.other(slot)))
         self._change(ORDER=order, **{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 

@@ -63,7 +63,7 @@ class LaunchSurvey:
         return replace(self._place, flown=self._flown) if self._frozen else None
 
     def take_origin(self, origin: GlobalOrigin) -> None:
-        """Take the geodetic origin of the autopilot's local frame."""
+        """Take the geodetic origin of the autopilot's local frame from its message."""
         self._origin = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)
 
     def observe(

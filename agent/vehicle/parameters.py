@@ -55,7 +55,7 @@ class Parameters:
     """The known values of the autopilot's parameters: of those with rules, of the takeoff altitude, and of further names."""
 
     def __init__(self, demands: Demands, others: tuple[str, ...] = ()) -> None:
-        """``others``: names of parameters that are read, but not judged."""
+        """Start without known values. ``others``: names of further parameters, which are read but have no rule."""
         self.demands = demands
         height_m = demands.return_height_m if demands.vehicle.gnss else None
         self._return_m = float32(height_m) if height_m is not None else None

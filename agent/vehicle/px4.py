@@ -61,14 +61,14 @@ class Px4Vehicle:
         clock_s: Callable[[], float] = time.monotonic,
         link: Link | None = None,
     ) -> None:
-        """Not connected yet.
+        """Set up a driver that is not connected yet.
 
         Args:
-            demands: of the mission, with the connection to the autopilot.
-            launch: of before a restart in flight.
+            demands: values that the mission requires of the autopilot, with the connection to it.
+            launch: the launch place from before a restart in flight.
             clock_ns: UTC.
-            exact: the mission's local frame is known exactly, so that it has only one epoch.
-            clock_s: a clock that never goes back.
+            exact: the mission's local frame is known exactly, so that it has only one epoch (period without a jump). clock_s: a
+                clock that never goes back.
             link: to the autopilot; None: as in ``config``.
         """
         self._config = config = demands.vehicle

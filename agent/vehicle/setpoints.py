@@ -18,7 +18,7 @@ class SetpointStream:
     """Sends setpoints to the autopilot over one link; PX4 enters offboard mode only while a stream without gaps arrives."""
 
     def __init__(self, link: Link) -> None:
-        """None sent yet."""
+        """Start before the first setpoint. ``link``: to the autopilot."""
         self._link = link
         self._from_s = self._last_s = float("-inf")
 

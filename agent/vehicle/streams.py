@@ -18,7 +18,7 @@ class Streams:
     """Requests the message streams that the agent needs from the autopilot, and requests them again while they are too slow."""
 
     def __init__(self, link: Link) -> None:
-        """Nothing asked for yet."""
+        """Start before the first request. ``link``: to the autopilot."""
         self._link = link
         self._asks = self.positions = 0  # positions received since the last check of the rates
 

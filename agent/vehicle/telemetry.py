@@ -66,7 +66,10 @@ class Telemetry:
     """Turns the messages of an autopilot into vehicle states. It keeps the newest message of each kind, and queues nothing."""
 
     def __init__(self, config: VehicleConfig, launch: LaunchPlace | None, exact: bool = False) -> None:
-        """``launch``: stored before a restart; ``exact``: the mission's local frame is known exactly."""
+        """Start without messages.
+
+        ``launch``: launch place stored before a restart; ``exact``: the mission's local frame is known exactly.
+        """
         self.launch = LaunchSurvey(launch, config.gnss, exact)
         self._resets = Resets(launch.resets if launch is not None else None, axes_fixed=config.by_satellites)
         self._trust = PositionTrust(config.by_satellites)
@@ -185,7 +188,7 @@ class Telemetry:
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:
-        """Return the obstacles to flying, by the autopilot's reports."""
+        """Return the reasons why the vehicle cannot fly, by the autopilot's reports, one line each."""
         if self._heartbeat is None:
             return ["no heartbeat from the autopilot yet"]
         if self.is_lost(now_s):

@@ -57,7 +57,10 @@ class Vision:
     """
 
     def __init__(self, address: str, send: Callable[[str, dict[str, Any]], None], clock_ns: Callable[[], int]) -> None:
-        """``send``: a MAVLink message to the autopilot, by its name. Raises ConfigError for an invalid address."""
+        """Set up the forwarding. Raises ConfigError for an invalid address.
+
+        ``send``: sends a MAVLink message to the autopilot, by name and fields.
+        """
         self._feed = LineFeed("the vision system", "vehicle.vision.address", address)
         self._send = send
         self._clock_ns = clock_ns

@@ -12,7 +12,9 @@ from radron.agent.errors import ConfigError
 
 
 def open_detector(config: DetectorConfig) -> Detector | None:
-    """The driver named by the configuration; None where none is named. Links and devices are opened by ``readouts``.
+    """Return the driver of the camera that the drone file names; None if it names none.
+
+    Links and devices are not opened here, but by ``readouts``.
 
     Raises:
         ConfigError: a setting of this driver is missing or wrong.

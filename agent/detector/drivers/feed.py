@@ -22,7 +22,7 @@ class FeedDetector:
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Raises ConfigError for an invalid address."""
+        """Set up the receiver; it connects when ``readouts`` is iterated. Raises ConfigError for an invalid address."""
         self._feed = Feed("the detector", "detector.address", address, self._decoder)
         self._address = address
         self._clock_ns = clock_ns

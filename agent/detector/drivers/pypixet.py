@@ -68,7 +68,11 @@ class PixetDetector:
     """
 
     def __init__(self, module: Any, bias_v: float | None = None, utc_ns: Callable[[], int] = time.time_ns) -> None:
-        """``module``: pypixet. ``bias_v``: None keeps the value of the camera's own configuration."""
+        """Set up the driver; it searches for the camera when ``readouts`` is iterated.
+
+        ``module``: the vendor's module pypixet. ``bias_v``: bias voltage (V) of the sensor; None keeps the value of the camera's
+        own configuration.
+        """
         self._module = module
         self._bias_v = bias_v
         self._utc, self._steady_ns = Utc(utc_ns, time.monotonic_ns), time.monotonic_ns

@@ -24,7 +24,7 @@ class RecordedDetector:
     """
 
     def __init__(self, path: Path, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Raises DetectorError where the file cannot be read or does not begin like a .t3pa file."""
+        """Open the recording. Raises DetectorError if it cannot be read, or does not begin like a .t3pa file."""
         self._path = path
         self._clock_ns = clock_ns
         self._problem: str | None = None

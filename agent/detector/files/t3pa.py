@@ -60,7 +60,9 @@ class T3paReader:
         measurement: int | None = None,
         chip: int | None = None,
     ) -> None:
-        """Args:
+        """Open the file and read its header.
+
+        Args:
             path: the file.
             toa_bits: width of the counter in the file; None: recognised.
             piece_bytes: size of a piece; parsing one holds the interpreter lock, about 14 ms per MB.
@@ -92,7 +94,9 @@ class T3paReader:
             raise DetectorError(f"{path}: cannot be read: {error.strerror}") from None
 
     def __iter__(self) -> Iterator[Delivery]:
-        """Raises DetectorError with the number of the first line that is not a row of such a file."""
+        """Yield the hits of the file piece by piece. Raises DetectorError with the number of the first line that is not a valid
+        row.
+        """
         tables = self._tables()
         for table, numbers in tables:
             for start, end in self._measurements(table):

@@ -44,7 +44,9 @@ class EnergyScale:
     """
 
     def __init__(self, named: str | None) -> None:
-        """``named``: the nuclide of the one source; None: see ``follow``."""
+        """Start with the calibration's gain. ``named``: the nuclide of the one source that the mission names; None: see
+        ``follow``.
+        """
         self.factor = 1.0
         self._is_read = False  # whether the lines have been seen where the scale has them
         self._named, self._nuclides = named, tuple[str, ...]()

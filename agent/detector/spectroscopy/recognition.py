@@ -75,7 +75,7 @@ class Recogniser:
         self._plain: dict[int, Array] = {}  # by candidate, (G, K - 1) of its last fit without peaks
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events: single clusters, and sums over the clusters of one photon."""
+        """Add the energies (keV) of events to the spectrum: of single clusters, and the sums over the clusters of one photon."""
         place = np.searchsorted(EDGES_KEV, energies_kev)  # 0 and the last are outside of the spectrum
         self._counts = self._counts + np.bincount(place, minlength=len(EDGES_KEV) + 1)[1:-1]
 

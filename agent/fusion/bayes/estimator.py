@@ -75,9 +75,11 @@ class BayesEstimator:
         response: Response | None = None,
         beside: Callable[[CountObservation], Array] | None = None,
     ) -> None:
-        """``area``: search area of the source, mission frame. ``response``: None: to the mission's nuclide.
+        """Set up the estimator of a mission.
 
-        ``beside``: (2,) counts that a track expects of an exposure besides source and background; None: no such counts.
+        ``area``: search area of the source, mission frame. ``response``: of the cameras to the nuclide; None: to the mission's
+        nuclide. ``beside``: returns the counts (2,) that a track expects in an exposure besides source and background; None: no
+        such counts.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.

@@ -106,7 +106,9 @@ class Grid:
     """
 
     def __init__(self, area: Polygon, fence_margin_m: float, config: BayesEstimatorConfig, ground: Ground) -> None:
-        """``area``: mission frame, metres. Cells of ``config.cell_m``, or larger to stay within ``config.most_cells``."""
+        """Make the cells of a search area (mission frame, metres), of size ``config.cell_m``, or larger for at most
+        ``config.most_cells``.
+        """
         west, south, east, north = area.bounds
         cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
         rows, columns = (max(1, math.ceil((side - cell_m / 2.0) / cell_m)) for side in (north - south, east - west))

@@ -53,10 +53,11 @@ class Link:
         system_id: int | None = None,
         source: str | None = None,
     ) -> None:
-        """``clock_ns``: UTC; ``clock_s``: a clock that never goes back; ``system_id``: of the vehicle; None: the first vehicle
-        heard.
+        """Set up a link that is not open yet.
 
-        ``source``: IP address whose packets are taken; None: that of the first vehicle heard, or any on a loopback.
+        ``clock_ns``: UTC; ``clock_s``: a clock that never goes back; ``system_id``: MAVLink system id of the vehicle; None: the
+        first vehicle heard. ``source``: IP address whose packets are accepted; None: the address of the first vehicle heard, or
+        any on a loopback.
         """
         self.address = address
         self.counters: Counter[str] = Counter()
