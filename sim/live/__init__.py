@@ -1,1 +1,1 @@
-"""The swarm as real processes over real Zenoh and MAVLink, in real time."""
+"""Live flights: the agents as real processes, linked by real Zenoh and MAVLink, in real time."""

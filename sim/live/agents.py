@@ -1,4 +1,4 @@
-"""The agents of a live swarm on this machine: started, struck by faults, restarted, and ended."""
+"""The agents' processes of a live swarm on this machine: started, affected by faults, restarted, and ended."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ GONE_S = 5.0  # after a kill; else it is stuck in the kernel
 
 
 class Agents:
-    """``running``: the agents without a reported end, in the order of their starts."""
+    """Starts, signals and ends the agents' processes of a live swarm on this machine.
+
+    ``running``: the agents whose end has not been reported yet, in the order of their starts.
+    """
 
     def __init__(self, files: RunFolder, drones: Sequence[str]) -> None:
         """``drones``: in the mission's order; empty without agents on this machine. Their files are written before their
@@ -29,7 +32,10 @@ class Agents:
         self._children: dict[str, Child] = {}
 
     async def start(self, drone: str) -> None:
-        """Start an agent; the end of a killed one is awaited first, and its log is continued."""
+        """Start the agent of a drone.
+
+        After a kill, the end of its earlier process is awaited first, and its log is continued.
+        """
         if (before := self._children.get(drone)) is not None:
             with suppress(TimeoutError):
                 await asyncio.wait_for(before.ended(), GONE_S)
@@ -40,7 +46,7 @@ class Agents:
         self.running.append(child)
 
     def signal(self, drone: str, number: int) -> None:
-        """Send a signal to an agent and its watchdog; no effect on an ended agent."""
+        """Send a signal to an agent and its watchdog; no effect on an agent that has ended."""
         child = self._children.get(drone)
         if child is not None and child.exit_code is None:
             with suppress(ProcessLookupError):
@@ -54,11 +60,11 @@ class Agents:
                 os.kill(int(Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()[0]), number)
 
     def exit_code(self, drone: str) -> int | None:
-        """Exit code of an agent's last process; None while it runs."""
+        """Return the exit code of a drone's last agent process; None while it runs."""
         return self._children[drone].exit_code
 
     async def has_ended(self, drone: str) -> bool:
-        """Return whether its last process has started and ended; a killed agent gets a moment to end."""
+        """Return whether a drone's last agent process has started and ended; a killed agent gets a moment to end."""
         child = self._children.get(drone)
         if child is None:
             return False
@@ -67,7 +73,7 @@ class Agents:
         return child.exit_code is not None
 
     def folder(self, drone: str) -> Path:
-        """Return its folder, with ``state/`` and ``flight/``."""
+        """Return the folder of a drone's agent, with ``state/`` and ``flight/``."""
         return self._files.agent(drone)
 
     async def stop(self) -> None:

@@ -173,7 +173,7 @@ def _listed(text: str | None) -> tuple[str, ...]:
 
 
 def run_live(flight: Coroutine[None, None, T]) -> T:
-    """Fly; a signal stops the flight cleanly and ends the command with the signal's exit code."""
+    """Run a live flight; a signal stops the flight cleanly and ends the command with the signal's exit code."""
     received: list[int] = []
 
     async def fly() -> T:

@@ -1,4 +1,4 @@
-"""The course of a live mission, from the agents' start to landed agents with equal logs."""
+"""Course of a live mission, from the start of the agents to landed agents with equal logs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SETTLE_S = 15.0  # time for the agents' logs to become equal after the cameras a
 
 
 class Course:
-    """One mission of a started swarm."""
+    """Conducts one mission of a live swarm whose processes have been started."""
 
     def __init__(
         self,
@@ -53,7 +53,9 @@ class Course:
         self._late_s, self._dropped = 0.0, 0
 
     async def fly(self, patience_s: float) -> tuple[Flight, LiveReport]:
-        """Fly the whole mission; the agents have ``patience_s`` to get ready. The cameras are off at the end.
+        """Fly the whole mission, and return its scores and a report. At the end the cameras are off.
+
+        ``patience_s``: time that the agents have to get ready, seconds.
 
         Raises:
             LiveError: the agents do not get ready, none takes off, or the world fails.
@@ -80,7 +82,7 @@ class Course:
         )
 
     async def mission_flown(self) -> Flight:
-        """Fly from the start command to the landing, by the scenario's rules; the agents are ready.
+        """Fly from the start command to the landing, by the scenario's rules; the agents must be ready.
 
         Raises:
             LiveError: no drone takes off, or the world fails.

@@ -1,4 +1,4 @@
-"""PX4 parameters set by a crew before a mission; the others keep their defaults."""
+"""PX4 parameters that a crew sets before a mission; all other parameters keep their defaults."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _LAND, _LAND_WITHOUT_REMOTE = 4, 3  # values of COM_OBL_RC_ACT and NAV_RCL_ACT
 
 
 class Guidance(NamedTuple):
-    """A vehicle's kinds of localisation: satellites, a SLAM on board, or one after the other."""
+    """How a vehicle localises: by satellites, by SLAM on board, or by one after the other."""
 
     gnss: bool = True
     vision: bool = False
 
     @classmethod
     def of(cls, truth: VehicleTruth | None) -> Guidance:
-        """Return the localisation in the scenario; None: the scenario does not mention the vehicle."""
+        """Return how a vehicle localises according to the scenario. None: the scenario does not mention the vehicle."""
         if truth is None:
             return cls()
         switches = any(event.switch_to == "slam" for event in truth.events)
@@ -31,7 +31,7 @@ class Guidance(NamedTuple):
 
 
 def crew_parameters(mission: MissionConfig, place: Sequence[float], guidance: Guidance = Guidance()) -> dict[str, float]:  # noqa: B008
-    """Return the parameters of a vehicle with launch place ``place`` in the mission frame."""
+    """Return the PX4 parameters of a vehicle for a mission. ``place``: its launch place in the mission frame."""
     area = mission.area
     farthest_m = max(hypot(x - place[0], y - place[1]) for x, y in area.polygon_m) + area.fence_margin_m
     parameters: dict[str, float] = {

@@ -1,4 +1,4 @@
-"""TCP feeds of a drone's simulated sensors on the vehicle network."""
+"""TCP servers from which an agent reads its drone's simulated sensors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BACKLOG_BYTES = 1 << 20  # of a slow client; at 12 bytes a hit, several seconds 
 
 
 class ByteServer:
-    """Serves frames to all clients, each from the next frame on.
+    """Sends data frames of a sensor to all connected clients, each from the next frame on.
 
     A slow client loses frames instead of growing the queue. ``counters``: sent, dropped, clients.
     """
@@ -26,7 +26,7 @@ class ByteServer:
         self.counters: Counter[str] = Counter()
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Listen; return the port (0: a free one is chosen). Raises OSError if it is in use."""
+        """Listen for clients, and return the port. ``port``: 0: a free one is chosen. Raises OSError if it is in use."""
         self._server = await asyncio.start_server(self._serve, host, port)
         found: int = self._server.sockets[0].getsockname()[1]
         return found
@@ -37,7 +37,7 @@ class ByteServer:
         return len(self._clients)
 
     def send_bytes(self, frame: bytes) -> None:
-        """Send a frame to every client; never waits."""
+        """Send a frame to every client; the call never waits."""
         for writer in self._clients:
             if writer.transport.get_write_buffer_size() + len(frame) > max(BACKLOG_BYTES, len(frame)):
                 self.counters["dropped"] += 1
@@ -58,7 +58,7 @@ class ByteServer:
             writer.transport.abort()
 
     async def close(self) -> None:
-        """Stop listening and drop all clients."""
+        """Stop listening and disconnect all clients."""
         if self._server is None:
             return
         self._server.close()
@@ -70,18 +70,18 @@ class ByteServer:
 
 
 class FeedServer(ByteServer):
-    """Serves one camera's readouts."""
+    """Sends the readouts of one camera to its agent."""
 
     def send(self, readout: Readout) -> None:
-        """Send a readout to every client; never waits."""
+        """Send a readout to every client; the call never waits."""
         if self.clients:
             self.send_bytes(pack(readout))
 
 
 class LineServer(ByteServer):
-    """Serves one sensor's data, a JSON object per line."""
+    """Sends the data of one sensor to its agent, a JSON object per line."""
 
     def send(self, said: Sequence[object]) -> None:
-        """Send some lines; without any, an empty line as a keep-alive."""
+        """Send some objects as lines; without any, an empty line as a keep-alive."""
         if self.clients:
             self.send_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in said) or b"\n")

@@ -1,4 +1,4 @@
-"""An operator's view of a live swarm: each agent's status and source estimate, as published."""
+"""The agents of a live swarm as an operator sees them: status and source estimate, as published."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SILENT_S = 3.0  # a status comes each second: after so long without a message an
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A published hypothesis. position: (3,) mission frame, metres; covariance: (3, 3)."""
+    """A source estimate that an agent has published. position: (3,) mission frame, metres; covariance: (3, 3)."""
 
     position: Array
     covariance: Array
@@ -32,12 +32,12 @@ class Belief:
     evidence: float | None = None
 
     def sight_of(self, drone: str) -> Belief:
-        """Return the estimate itself: each drone's own view of the source is not published."""
+        """Return the estimate itself, as the source's position in a drone's own view is not published."""
         return self
 
 
 class ObservedAgent:
-    """One agent, as observed in the mesh."""
+    """One agent of a live swarm, as its messages show it."""
 
     def __init__(self, drone: str) -> None:
         self.drone = drone
@@ -54,7 +54,7 @@ class ObservedAgent:
 
     @property
     def stage(self) -> Stage:
-        """Return its reported stage; after its death, the autopilot's action: return, then landed.
+        """Mission stage that the agent reports; after its death, what the autopilot does: return, then landed.
 
         An agent that died on the ground, or was restarted there after its flight, counts as landed.
         """
@@ -67,27 +67,27 @@ class ObservedAgent:
 
     @property
     def hypothesis(self) -> Belief | None:
-        """Its latest estimate."""
+        """The latest source estimate of the agent; None without one."""
         return self._belief
 
     @property
     def outlook(self) -> None:
-        """Return None: its search state is not published."""
+        """None, as the state of an agent's search is not published."""
         return None
 
     @property
     def ticket(self) -> Ticket | None:
-        """Return the ticket needed by a command to the drone; None before a status."""
+        """The ticket (proof of freshness) that a command to the drone needs; None before its first status."""
         return self.status.ticket if self.status is not None else None
 
     @property
     def finding(self) -> str:
-        """Return the result of a search without a find; else empty."""
+        """Result of a search that has found nothing; empty otherwise."""
         return self.status.finding if self.status is not None else ""
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Return its reported problems."""
+        """Problems that the agent reports."""
         return self.status.problems if self.status is not None else ()
 
     def hear(self, message: DroneMessage, now_s: float) -> None:
@@ -108,7 +108,10 @@ class ObservedAgent:
             self._believed_s = now_s
 
     def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
-        """Update from the vehicle itself. An agent without an estimate for a while has died, or has withdrawn its hypothesis."""
+        """Update the state from the vehicle itself.
+
+        An agent without an estimate for a while has died, or has withdrawn its estimate.
+        """
         self.alive, self._met = alive, self._met or alive
         self._flew = self._flew or vehicle.armed
         self._down = self._flew and not vehicle.armed
@@ -120,7 +123,7 @@ class ObservedAgent:
             self._belief = None
 
     def obstacle(self, mission_id: str, now_s: float, without: Collection[str] = ()) -> str | None:
-        """Return the obstacle to its start, or None; ``without``: drones that it does not wait for."""
+        """Return why the drone cannot be started yet, or None. ``without``: drones that it does not wait for."""
         if not self.alive:
             return "not in the mesh yet"
         if self.status is None or now_s - self.heard_s > SILENT_S:
@@ -134,13 +137,13 @@ class ObservedAgent:
 
 
 class Observer:
-    """All agents of a mission.
+    """Collects the messages of all agents of a live mission.
 
     Args:
-        mission: of the agents.
+        mission: the agents' mission.
         clock_s: monotonic clock.
 
-    ``verifier``: of the statuses' signatures; None: in a swarm without certificates.
+    ``verifier``: checks the signatures of the statuses; None: in a swarm without certificates.
     """
 
     def __init__(self, mission: MissionConfig, clock_s: Callable[[], float]) -> None:
@@ -153,7 +156,7 @@ class Observer:
         self.refused = 0  # invalid messages, and statuses without their drones' signatures
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Process a message from the mesh."""
+        """Process a message from the network."""
         try:
             message = decode_from(key, payload)
         except ProtocolError:
@@ -172,13 +175,16 @@ class Observer:
             listen(place, message)
 
     def look(self, vehicles: Sequence[VehicleReport], alive: frozenset[str]) -> None:
-        """Update from the vehicles and the present liveliness tokens."""
+        """Update the agents' states from their vehicles and from the liveliness tokens (signs of connected programs)."""
         now_s = self._clock_s()
         for agent, vehicle in zip(self.agents, vehicles, strict=True):
             agent.look(vehicle, now_s, agent.drone in alive)
 
     def obstacles(self, without: Collection[str] = ()) -> list[str]:
-        """Return the obstacles to a start, at most one line for each drone; ``without``: drones that are not waited for."""
+        """Return why the swarm cannot be started yet, at most one line for each drone.
+
+        ``without``: drones that are not waited for.
+        """
         now_s = self._clock_s()
         waiting = [agent for agent in self.agents if agent.drone not in without]
         found = [(agent.drone, agent.obstacle(self._mission_id, now_s, without)) for agent in waiting]
@@ -189,7 +195,7 @@ class Observer:
         return any(agent.alive and agent.problems for agent in self.agents)
 
     def agreed(self) -> bool:
-        """Return whether all live agents have reported the same digest, and with it the same position, bit for bit."""
+        """Return whether all live agents have reported equal log digests and bitwise equal source positions."""
         told = [agent.estimate for agent in self.agents if agent.alive]
         estimates = [estimate for estimate in told if estimate is not None]
         return len(estimates) == len(told) > 0 and len({(each.digest, each.sources[0].position_m) for each in estimates}) == 1

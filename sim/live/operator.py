@@ -1,4 +1,4 @@
-"""An operator's station for a live swarm: observes agents and world, sends commands, and waits for conditions."""
+"""Operator of a live swarm: observes agents and world, sends commands, and waits for conditions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ STATION = "sim"  # its name in a swarm without certificates
 
 
 class Operator:
-    """``observer``: the agents as observed. ``watchers``: called with each truth."""
+    """The simulated operator of a live swarm, with a station of its own in the network.
+
+    ``observer``: the agents as observed. ``watchers``: functions called with each state of the true world.
+    """
 
     def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Agents, view: View) -> None:
         """``agents``: the agents on this machine."""
@@ -44,7 +47,7 @@ class Operator:
         self._watching: asyncio.Task[None]
 
     async def join(self, config: MeshConfig, stack: AsyncExitStack) -> None:
-        """Join the mesh and watch the world, until the stack unwinds."""
+        """Connect to the swarm's network and watch the world, until the stack unwinds."""
         self._trust = trust_of(config.identity)
         self.observer.verifier = Verifier(self._trust.authority, self._trust.revoked) if self._trust is not None else None
         self._mesh = await Mesh.open(config, self.mission.swarm, None, receive=self.observer.receive)
@@ -54,7 +57,7 @@ class Operator:
 
     @property
     def mesh_counters(self) -> dict[str, int]:
-        """Counters of this station's link."""
+        """Return the counters of this station's link."""
         return dict(self._mesh.counters)
 
     @property
@@ -63,7 +66,9 @@ class Operator:
         return all(agent.stage in ON_GROUND for agent in self.observer.agents)
 
     async def get_ready(self, within_s: float, without: Collection[str] = ()) -> None:
-        """Wait until every agent can be started, and report the obstacles; ``without``: drones that come later.
+        """Wait until every agent can be started, and report what they wait for.
+
+        ``without``: drones whose agents are started later.
 
         Raises:
             LiveError: an agent ends, or they are not ready in time.
@@ -90,9 +95,10 @@ class Operator:
         within_s: float | None,
         addressees: Callable[[], tuple[str, ...]] | None = None,
     ) -> bool:
-        """Send a command until it is obeyed. Copies have the same stamp: the mission begins at one time for all drones.
+        """Send a command repeatedly until it is obeyed; return whether it was obeyed in time.
 
-        ``addressees``: the drones that have yet to obey; None: all.
+        Copies have equal stamps, so that the mission begins at one time for all drones. ``obeyed``: tells whether the command has
+        been obeyed. ``addressees``: the drones that have yet to obey; None: all.
         """
         deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
         while not obeyed() and time.monotonic() < deadline_s:
@@ -116,7 +122,7 @@ class Operator:
             self._mesh.publish(key_of(self.mission.swarm, message), encode(message))
 
     async def until(self, condition: Callable[[], bool], within_s: float | None) -> bool:
-        """Wait for a condition; False if it has not come true in time. Reports agents that end meanwhile.
+        """Wait for a condition; return False if it has not come true in time. Agents that end meanwhile are reported.
 
         Raises:
             LiveError: the world fails.

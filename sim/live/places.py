@@ -1,4 +1,4 @@
-"""Addresses of a live swarm's links."""
+"""Network addresses of a live swarm's links."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ MAVLINK_PORT, GROUND_STATION_PORT = 14540, 14550
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Addresses of a swarm's links.
+    """Network addresses of a live swarm's links.
 
-    onboard: MAVLink address of vehicle 1, 2, ... mesh: the agents' endpoints. bind, feed_ports, vision_ports,
-    sightings_ports: listening address of the feeds of cameras and other sensors; empty: free ports. ground_station: listening
-    address for vehicles that are not emulated; None: emulated vehicles. agents_here: the agents are started on this machine.
-    mesh_relays: ports of the relays between agents 1 and 2, 1 and 3, ..., 2 and 3, ...; mavlink_relays: ports to which the
-    emulated vehicles send instead of to their agents; both empty: the links are direct. operator: folder with the operator's
-    certificate; None: certificates are made for the flight, with endpoints ``tls/...``.
+    onboard: MAVLink addresses of vehicle 1, 2 and so on. mesh: the agents' addresses for each other. bind, feed_ports,
+    vision_ports, sightings_ports: listening address of the feeds of cameras and other sensors; empty: free ports. ground_station:
+    listening address for vehicles that are not emulated; None: emulated vehicles. agents_here: the agents are started on this
+    machine. mesh_relays: ports of the relays (which impair links) between agents 1 and 2, 1 and 3, and so on, then 2 and 3;
+    mavlink_relays: ports to which the emulated vehicles send instead of to their agents; both empty: the links are direct.
+    operator: folder with the operator's certificate; None: certificates are made for the flight, with endpoints ``tls/...``.
     """
 
     onboard: tuple[Address, ...]
@@ -42,14 +42,15 @@ class Places:
 
     @classmethod
     def here(cls, count: int, encrypted: bool = True) -> Places:
-        """Return places of agents and emulated vehicles on this machine, at free ports."""
+        """Return addresses of agents and emulated vehicles on this machine, at free ports."""
         places = cls.with_vehicles(free_ports(count, socket.SOCK_DGRAM), None)
         return places if encrypted else replace(places, mesh=tuple(end.replace("tls/", "tcp/") for end in places.mesh))
 
     @classmethod
     def with_vehicles(cls, ports: Sequence[int], ground_station: Address | None) -> Places:
-        """Return places of agents on this machine, each with its vehicle at one of these ports; with a ground station, the
-        vehicles are flown elsewhere.
+        """Return addresses of agents on this machine, each with its vehicle at one of these ports.
+
+        With a ``ground_station``, the vehicles are flown by other programs.
         """
         onboard = tuple((LOCAL, port) for port in ports)
         mesh = tuple(f"tls/{LOCAL}:{port}" for port in free_ports(len(ports), socket.SOCK_STREAM))
@@ -57,7 +58,7 @@ class Places:
 
     @classmethod
     def relayed(cls, count: int) -> Places:
-        """Return places of agents and emulated vehicles on this machine, with a relay in each of their links."""
+        """Return addresses of agents and emulated vehicles on this machine, with a relay in each of their links."""
         pairs = count * (count - 1) // 2
         streams, datagrams = free_ports(count + pairs, socket.SOCK_STREAM), free_ports(2 * count, socket.SOCK_DGRAM)
         return cls(
@@ -73,7 +74,7 @@ class Places:
     def elsewhere(
         cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True, operator: Path | None = None
     ) -> Places:
-        """Return places of agents on one host each, in containers or on drones, with the same ports."""
+        """Return addresses of agents on one host each, in containers or on drones, all with equal ports."""
         feeds, visions, sightings = (
             tuple(range(first, first + len(hosts))) for first in (FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT)
         )
@@ -83,16 +84,19 @@ class Places:
 
     @property
     def encrypted(self) -> bool:
-        """Return whether the agents' links are encrypted."""
+        """Whether the agents' links are encrypted."""
         return all(endpoint.startswith("tls/") for endpoint in self.mesh)
 
     @property
     def vehicles(self) -> tuple[Address, ...]:
-        """Return the addresses to which the emulated vehicles send."""
+        """Addresses to which the emulated vehicles send."""
         return tuple((LOCAL, port) for port in self.mavlink_relays) or self.onboard
 
     def endpoints(self, drones: Sequence[str], drone: str) -> dict[str, str]:
-        """Return the endpoints for a drone's file: its own, and those of the drones before it, which it dials."""
+        """Return the network addresses for a drone's configuration.
+
+        They are its own address, and the addresses of the drones before it in the mission, which it dials.
+        """
         found = dict(zip(drones, self.mesh, strict=True))
         for (earlier, later), port in zip(combinations(drones, 2), self.mesh_relays, strict=False):
             if later == drone:
@@ -100,7 +104,7 @@ class Places:
         return found
 
     def relay_plan(self, seed: int, drones: Sequence[str]) -> RelayPlan:
-        """Return the relays of these places. Of two agents the later one in the mission dials the other."""
+        """Return the relays in the links of these addresses. Of two agents the later one in the mission dials the other."""
         listens = {drone: (LOCAL, int(endpoint.rpartition(":")[2])) for drone, endpoint in zip(drones, self.mesh, strict=True)}
         pairs = zip(combinations(drones, 2), self.mesh_relays, strict=True)
         mesh = [Carried(later, earlier, port, listens[earlier]) for (earlier, later), port in pairs]

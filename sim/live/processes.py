@@ -19,7 +19,7 @@ KILL_S = 2.0  # time for a killed process to be gone; else it is stuck in the ke
 
 
 class Child:
-    """A process in a session of its own. The kernel kills it when its parent ends."""
+    """A child process in a session of its own. The kernel kills it when its parent ends."""
 
     def __init__(self, name: str, process: asyncio.subprocess.Process, log: Path | None) -> None:
         """Use :meth:`start`."""
@@ -39,7 +39,7 @@ class Child:
         folder: Path | None = None,
         extra: Mapping[str, str] = MappingProxyType({}),
     ) -> Child:
-        """Start a process.
+        """Start a child process.
 
         Args:
             name: for messages.
@@ -67,7 +67,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Process id, which is its process group's too."""
+        """Process id, which is also the id of its process group."""
         return self._process.pid
 
     @property
@@ -84,15 +84,15 @@ class Child:
 
     @property
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code of the process; None while it runs."""
         return self._process.returncode
 
     async def ended(self) -> None:
-        """Wait for its end."""
+        """Wait for the end of the process."""
         await self._process.wait()
 
     def last_line(self) -> str:
-        """The last line of its log."""
+        """Last line of the process's log; empty without one."""
         if self._log is None:
             return ""
         with self._log.open(encoding="utf-8", errors="replace") as lines:
@@ -100,7 +100,7 @@ class Child:
         return last[0] if last else ""
 
     async def stop(self, grace_s: float) -> None:
-        """End it by SIGTERM and the end of its input; after ``grace_s`` kill its process group."""
+        """End the process by SIGTERM and the end of its input; after ``grace_s`` seconds kill its process group."""
         if self._process.stdin is not None:
             self._process.stdin.close()
         with suppress(ProcessLookupError):

@@ -1,4 +1,4 @@
-"""Report on a live flight beside its result: state of the processes and links, and of each agent at the end."""
+"""Report on a live flight besides its scores: state of processes and links, and of each agent at the end."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from radron.sim.vehicle.px4.fleet import VehicleReport
 
 
 class AgentEnd(Struct, frozen=True, kw_only=True):
-    """One agent at the end of a flight: its source estimate, the digest of its log, and its counters.
+    """State of one agent at the end of a live flight: its source estimate, the digest of its log, and its counters.
 
-    position_m: mission frame; None without a hypothesis. setpoints: position targets received by its vehicle (known only of
-    emulated vehicles); computed_setpoints: targets that differ from the one before; largest_gap_s: longest time between two
-    of these in offboard. failsafes: number of the autopilot's failsafes. truth: source of the vehicle's position: the
-    emulated "world", PX4's own "simulation", or the vehicle's own "estimate".
+    position_m: mission frame; None without an estimate. setpoints: position targets received by its vehicle (known only of
+    emulated vehicles); computed_setpoints: targets that differ from the one before; largest_gap_s: longest time between two of
+    these in offboard. failsafes: number of the autopilot's failsafes. truth: source of the vehicle's position: the emulated
+    "world", PX4's own "simulation", or the vehicle's own "estimate".
     """
 
     drone: str
@@ -38,12 +38,12 @@ class AgentEnd(Struct, frozen=True, kw_only=True):
 
 
 class LiveReport(Struct, frozen=True, kw_only=True):
-    """One live flight.
+    """Report on one live flight, besides its scores.
 
-    agreed: all living agents ended with the same digest and, bit for bit, the same position. ready_s: from the start of the
-    agents until all were ready for the start command. world_late_s: largest delay of the world behind the clock;
-    truths_dropped: samples of the truth that the launcher missed; both since the start command. mesh: counters of the
-    launcher's station. faults: the faults played.
+    agreed: all living agents ended with equal digests and, bit for bit, equal positions. ready_s: time from the start of the
+    agents until all were ready for the start command. world_late_s: largest delay of the world behind the clock; truths_dropped:
+    samples of the truth that the launcher missed; both since the start command. mesh: counters of the launcher's station. faults:
+    the faults played.
     """
 
     agreed: bool
@@ -56,12 +56,12 @@ class LiveReport(Struct, frozen=True, kw_only=True):
 
 
 def ends_of(agents: Sequence[ObservedAgent], vehicles: Sequence[VehicleReport]) -> tuple[AgentEnd, ...]:
-    """The final state of all agents."""
+    """Return the state of all agents at the end of a live flight."""
     return tuple(_end_of(agent, vehicle) for agent, vehicle in zip(agents, vehicles, strict=True))
 
 
 def agreement(report: LiveReport) -> str:
-    """A sentence on whether the agents agree at the end."""
+    """Return a sentence on whether the agents agree at the end of a live flight."""
     living = [agent for agent in report.agents if agent.alive]
     missing = "".join(f"; {agent.drone} is gone" for agent in report.agents if not agent.alive)
     if report.agreed:
@@ -72,7 +72,7 @@ def agreement(report: LiveReport) -> str:
 
 
 def judged_by(report: LiveReport) -> str:
-    """A sentence on the source of the vehicles' positions; empty if they were emulated."""
+    """Return a sentence on where the true positions of the vehicles came from; empty if the vehicles were emulated."""
     said = {"simulation": "by the true states of their simulation", "estimate": "by their own estimates"}
     told = [f"{agent.drone} {said[agent.truth]}" for agent in report.agents if agent.truth in said]
     if len({agent.truth for agent in report.agents}) == 1 and told:

@@ -1,4 +1,4 @@
-"""The files of a live flight: the mission, a drone file and a folder for each agent, the world's configuration."""
+"""Files of a live flight: the mission, a drone file and a folder for each agent, and the world's configuration."""
 
 from __future__ import annotations
 
@@ -60,46 +60,46 @@ class RunFolder:
         make_folder(folder / "agents")
 
     def agent(self, drone: str) -> Path:
-        """Folder of an agent."""
+        """Return the folder of a drone's agent."""
         return self.folder / "agents" / drone
 
     def drone_file(self, drone: str) -> Path:
-        """Its drone file."""
+        """Return the path of a drone's configuration file."""
         return self.agent(drone) / "drone.toml"
 
     def log_file(self, drone: str) -> Path:
-        """Its standard error."""
+        """Return the path of the file with the standard error of a drone's agent."""
         return self.agent(drone) / "agent.log"
 
     def calibration(self, drone: str) -> Path:
-        """Its camera's calibration files."""
+        """Return the folder with the calibration files of a drone's camera."""
         return self.agent(drone) / "calibration"
 
     def identity(self, drone: str) -> Path:
-        """Folder with an agent's certificate and key."""
+        """Return the folder with the certificate and the key of a drone's agent."""
         return self.agent(drone) / "identity"
 
     def make_identities(self, drones: Sequence[str]) -> None:
-        """Make certificates for this flight only, of an authority whose key is not kept."""
+        """Make certificates that are valid for this flight only; the key of their authority is not kept."""
         members = {self.identity(drone): (drone, Role.DRONE) for drone in drones}
         stations = {self.operator: (OPERATOR, Role.OPERATOR), self.page: (PAGE, Role.OPERATOR)}
         throwaway({**members, **stations}, time.time_ns())
 
     def write_mission(self, mission: MissionConfig) -> None:
-        """Write the mission file and its elevation grid; the mission id is unchanged."""
+        """Write the mission file and its elevation grid; the mission's id is unchanged."""
         ground = mission.ground
         if ground.grid is not None and ground.grid_data is not None:
             (self.mission_file.parent / ground.grid).write_bytes(ground.grid_data)
         write_text(self.mission_file, as_toml(replace(mission, ground=replace(ground, grid_data=None))))
 
     def write_drone(self, drone: DroneConfig) -> None:
-        """Write a drone file into its folder."""
+        """Write a drone's configuration file into its folder."""
         self.agent(drone.id).mkdir(exist_ok=True)
         write_text(self.drone_file(drone.id), as_toml(drone))
 
 
 def live_mission(scenario: Scenario, seed: int) -> MissionConfig:
-    """Return the scenario's mission for a live swarm: each drone's frame begins at its true launch place."""
+    """Return the scenario's mission for a live swarm, in which each drone's local frame begins at its true launch place."""
     mission = scenario.mission
     places = launch_places(scenario.start, mission, streams(seed, len(mission.drones)).start).tolist()
     drones = tuple(
@@ -118,14 +118,14 @@ class Ports(NamedTuple):
 
 
 def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: PeerMeshConfig) -> DroneConfig:
-    """Return the drone file on this machine, with the true settings of vehicle and localisation.
+    """Return the configuration of a drone on this machine, with the true settings of vehicle and localisation.
 
     Args:
         scenario: of the flight.
-        drone: its id.
+        drone: id of the drone.
         calibrated: its camera has calibration files.
         ports: of its links.
-        mesh: the endpoints at which it reaches the others.
+        mesh: the addresses at which it reaches the other drones.
     """
     error = scenario.localization
     guidance = Guidance.of(error.vehicles.get(drone))

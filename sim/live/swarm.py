@@ -1,6 +1,6 @@
 """A live swarm of real processes over Zenoh and MAVLink in real time: start, observation, evaluation, end.
 
-The launcher is an operator's station in the mesh; only it and the world process know the truth.
+The launcher is an operator's station in the network; only the launcher and the world process know the truth.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 
 
 class Swarm(NamedTuple):
-    """A started swarm. agents: those on this machine. faults, relays: None without any."""
+    """A live swarm whose processes have been started.
+
+    agents: processes on this machine. faults, relays: None if there are none.
+    """
 
     scenario: Scenario
     operator: Operator
@@ -60,21 +63,21 @@ async def fly_live(
     page: bool = False,
     ground_station: Address | None = None,
 ) -> tuple[Flight, LiveReport]:
-    """Fly one mission with real agents; all started processes are ended in any case.
+    """Fly one mission with real agents, and return its scores and a report; all started processes are ended in any case.
 
     Args:
         scenario: the mission, the truth, and the faults.
-        seed: of the world's random numbers; the flight itself also depends on real time.
-        folder: for the files of the run, see ``RunFolder``.
-        elsewhere: addresses of agents that are started by others; None: they are started here.
+        seed: seed of the world's random numbers; the flight itself also depends on real time.
+        folder: for the files of the flight, see ``RunFolder``.
+        elsewhere: addresses of agents that other programs start; None: they are started here.
         view: receives progress messages.
         page: serve the operator's page meanwhile.
-        ground_station: to which emulated vehicles send their ground-station links.
+        ground_station: address to which emulated vehicles send their ground-station links.
 
     Raises:
         LiveError: the swarm does not get ready, or the world fails.
         ConfigError: the scenario cannot be flown.
-        ProtocolError: the mesh cannot be joined.
+        ProtocolError: the network cannot be joined.
     """
     check_playable(scenario, here=elsewhere is None)
     count = len(scenario.mission.drones)
@@ -94,8 +97,9 @@ async def live_swarm(
     page: bool = False,
     ground_station: Address | None = None,
 ) -> AsyncIterator[Swarm]:
-    """Start a world, its agents and an operator in their mesh, for the duration of the block; arguments and errors of
-    ``fly_live``.
+    """Start a world, its agents and an operator in their network, for the duration of the block.
+
+    Arguments and errors are those of :func:`fly_live`. ``places``: addresses of all links.
     """
     files = RunFolder(folder, agents_here=places.agents_here)
     scenario = replace(scenario, mission=live_mission(scenario, seed))

@@ -1,4 +1,4 @@
-"""The interface of the vehicles in a live world: emulated in its process, or flown elsewhere."""
+"""Interface of the vehicles in a live world: emulated in its process, or flown by other programs."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from radron.sim.vehicle.px4.fleet import VehicleReport
 
 
 class Vehicles(Protocol):
-    """The vehicles' simulation, here or elsewhere."""
+    """The vehicles of a live flight, whether they are emulated here or flown by other programs."""
 
     async def start(self) -> None:
-        """Open the links on the running loop."""
+        """Open the links in the running event loop."""
 
     def begin(self) -> None:
-        """Start the mission."""
+        """Mark the start of the mission: times of localisation events count from now."""
 
     def step(self) -> None:
-        """Advance by one step."""
+        """Emulate the vehicles for one time step."""
 
     def switch_satellites(self, drone: int, received: bool) -> None:
         """Switch a vehicle's satellite reception."""
 
     def take_over(self, drone: int, mode: str) -> None:
-        """Override a vehicle as a safety pilot by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+        """Override a vehicle as a safety pilot does by remote control. ``mode``: ``manual``, ``hold``, ``return`` or ``land``."""
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
         """Begin a fault of a vehicle."""
@@ -33,7 +33,7 @@ class Vehicles(Protocol):
         """End a fault of a vehicle."""
 
     def reports(self) -> list[VehicleReport]:
-        """Return an observer's view of each vehicle, besides its motion."""
+        """Return what an observer sees of each vehicle, besides its motion."""
 
     def close(self) -> None:
-        """Close the links."""
+        """Close the links of all vehicles."""

@@ -1,4 +1,4 @@
-"""Console view of a live flight: messages, and a table of the agents if there is a terminal."""
+"""Progress display of a live flight: messages, and a table of the agents if there is a terminal."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _LATE_S = 0.1  # delay of the world that is reported
 
 
 class View:
-    """The interface for a flight's progress reports; this implementation shows nothing."""
+    """Interface for the progress messages of a live flight; this implementation shows nothing."""
 
     def say(self, text: str) -> None:
-        """Report an event."""
+        """Report an event as a line of text."""
 
     def show(self, time_s: float, truth: Truth, agents: Sequence[ObservedAgent]) -> None:
-        """Report the present state, ``time_s`` after the start; called often."""
+        """Report the present state of world and agents, ``time_s`` seconds after the start; called often."""
 
 
 class ConsoleView(View):
-    """A view on standard error."""
+    """Shows the progress of a live flight on standard error."""
 
     def __init__(self, name: str, live: Live | None) -> None:
         """``live``: display of the table; None: a line from time to time."""
@@ -42,11 +42,11 @@ class ConsoleView(View):
         self._late_due = Every(_PLAIN_S)
 
     def say(self, text: str) -> None:
-        """Print a line above the table."""
+        """Print a line above the table of agents."""
         say(f"{self._name}: {text}")
 
     def show(self, time_s: float, truth: Truth, agents: Sequence[ObservedAgent]) -> None:
-        """Redraw the table, or print a line, from time to time."""
+        """Redraw the table of agents, or print a line, if enough time has passed."""
         if truth.late_s > _LATE_S and self._late_due():
             self.say(f"the world is {truth.late_s:.1f} s behind the clock: this machine is too busy")
         if not self._due():
@@ -59,7 +59,7 @@ class ConsoleView(View):
 
 @contextmanager
 def console_view(name: str) -> Iterator[ConsoleView]:
-    """Open the view of one flight, for the duration of the block."""
+    """Open the progress display of one flight, for the duration of the block."""
     if not err.is_terminal:
         yield ConsoleView(name, None)
         return

@@ -54,7 +54,10 @@ _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
 
 
 class World:
-    """The complete state of the simulated world. Same seed, same random streams as in lockstep."""
+    """The simulated world of a live flight: vehicles, cameras and sources, advanced in real time.
+
+    Equal seeds give the random streams of a flight in lockstep (faster than real time).
+    """
 
     def __init__(self, config: WorldConfig) -> None:
         self._config = config
@@ -85,7 +88,7 @@ class World:
         self._dead_cameras: set[int] = set()
 
     async def start(self) -> Ready:
-        """Open the links and the feeds, and write the cameras' calibrations."""
+        """Open the links and the sensor feeds, and write the cameras' calibrations."""
         config = self._config
         if self._cameras is not None and config.calibrations and config.scenario.camera.calibration_spread > 0.0:
             self._cameras.write_calibrations([Path(folder) for folder in config.calibrations])
@@ -102,7 +105,7 @@ class World:
         return tuple([0 if feed is None else await feed.start(host, port) for feed, port in zip(feeds, asked, strict=False)])
 
     async def run(self, out: asyncio.WriteTransport, orders: asyncio.StreamReader) -> None:
-        """Run in real time until the orders end."""
+        """Simulate in real time until the stream of the launcher's orders ends. ``out``: pipe to the launcher, for the truth."""
         obeying = asyncio.create_task(self._obey(orders))
         loop = asyncio.get_running_loop()
         began_s = loop.time()
@@ -121,7 +124,7 @@ class World:
             await asyncio.sleep(max(0.0, began_s + self._steps * STEP_S - loop.time()))
 
     async def close(self) -> None:
-        """Close everything."""
+        """Close all links and feeds."""
         self._vehicles.close()
         for feed in (*self._feeds, *self._slam_feeds, *self._sighting_feeds):
             if feed is not None:
@@ -288,7 +291,7 @@ async def _live(config: WorldConfig) -> None:
 
 
 def main() -> None:
-    """Run the world of a configuration file."""
+    """Run the world process with a configuration file."""
     config = msgspec.json.decode(Path(sys.argv[1]).read_bytes(), type=WorldConfig)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # handled by the launcher
     try:

@@ -1,4 +1,4 @@
-"""Messages between the world process and its launcher, over the pipes between them."""
+"""Messages between the world process of a live flight and its launcher, over the pipes between them."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _LENGTH_BYTES = 4
 
 
 class WorldConfig(Struct, frozen=True, kw_only=True):
-    """Configuration of a world.
+    """Configuration of the world process of a live flight.
 
-    vehicles: emulated here; or flown elsewhere, and observed over their ground-station links. onboard: address to which each
-    emulated vehicle sends its onboard MAVLink link. ground_station: address of the ground-station links: emulated vehicles
-    send to it, for others the world listens there. feed_host, feed_ports: listening address of each camera's feed; port 0: a
-    free one. vision_ports, sightings_ports: likewise for SLAM poses and relative observations; empty: free ports.
-    calibrations: folders for the files of each camera's own calibration; empty: not written.
+    vehicles: emulated here; or flown by other programs, and observed over their ground-station links. onboard: address to which
+    each emulated vehicle sends its onboard MAVLink link. ground_station: address of the ground-station links: emulated vehicles
+    send to it, for other vehicles the world listens there. feed_host, feed_ports: listening address of each camera's feed; port
+    0: a free one. vision_ports, sightings_ports: ports for SLAM poses and relative observations; empty: free ports. calibrations:
+    folders for the files of each camera's own calibration; empty: not written.
     """
 
     scenario: Scenario
@@ -42,10 +42,10 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """The launcher's orders to the world, one per line on its standard input. Orders for one drone are followed by its index,
-    ``BREAK`` and ``MEND`` also by the fault.
+    """The launcher's orders to the world process, one per line on its standard input.
 
-    The end of that stream ends the world.
+    Orders for one drone are followed by its index, ``BREAK`` and ``MEND`` also by the fault. The end of the stream ends the
+    world.
     """
 
     GO = "go"  # the mission begins: the source appears, and moves
@@ -63,10 +63,10 @@ class Order(StrEnum):
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    """The world is up. ``feed_ports``: of each vehicle's camera; empty if they are not read.
+    """Message from the world process that it is ready, with the ports of its sensor feeds.
 
-    ``vision_ports``: of each vehicle's SLAM, 0 without SLAM. ``sightings_ports``: of each vehicle's sensor for relative
-    observations; empty without sensors.
+    ``feed_ports``: of each vehicle's camera; empty if they are not read. ``vision_ports``: of each vehicle's SLAM, 0 without
+    SLAM. ``sightings_ports``: of each vehicle's sensor for relative observations; empty without sensors.
     """
 
     feed_ports: tuple[int, ...]
@@ -75,11 +75,11 @@ class Ready(Struct, frozen=True, tag="ready"):
 
 
 class Truth(Struct, frozen=True, tag="truth"):
-    """The world at one time; mission frame (ENU), metres.
+    """The true state of the world at one time; mission frame (ENU), metres.
 
-    time_s: since the world began; stamp_ns: the same, UTC. attitude: world-from-body quaternions (w, x, y, z). position_m,
-    velocity_mps: of the vehicles. sources: empty before the mission's start. late_s: largest lag of the world behind the clock
-    since the last truth. dropped: earlier truths that the launcher was too slow to read.
+    time_s: since the world began; stamp_ns: nanoseconds UTC at this time. attitude: quaternions (w, x, y, z) that rotate from
+    body to world. position_m, velocity_mps: of the vehicles. sources: empty before the mission's start. late_s: largest lag of
+    the world behind the clock since the last message. dropped: earlier messages that the launcher was too slow to read.
     """
 
     time_s: float
@@ -102,7 +102,7 @@ _fault_decoder = msgspec.json.Decoder(VehicleFault)
 
 
 def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> bytes:
-    """Return an order as a line; ``drone``: index of the drone concerned."""
+    """Return an order to the world process as a line of bytes. ``drone``: index of the drone concerned."""
     parts = [str(order)] if drone is None else [f"{order}: {drone}"]
     if fault is not None:
         parts.append(msgspec.json.encode(fault).decode())
@@ -110,7 +110,7 @@ def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> b
 
 
 def read_order(line: bytes) -> tuple[Order, int, VehicleFault | None]:
-    """Return the parts of such a line; without a drone its index is 0."""
+    """Return order, drone and fault from such a line; without a drone the index is 0."""
     order, _, more = line.decode().strip().partition(": ")
     drone, _, fault = more.partition(" ")
     return Order(order), int(drone or 0), _fault_decoder.decode(fault) if fault else None
@@ -120,13 +120,13 @@ _decoder = msgspec.msgpack.Decoder(Ready | Truth)
 
 
 def pack(message: Ready | Truth) -> bytes:
-    """Return a message with its length as prefix."""
+    """Return a message from the world process as bytes, with its length as prefix."""
     payload = msgspec.msgpack.encode(message)
     return len(payload).to_bytes(_LENGTH_BYTES, "big") + payload
 
 
 async def read(stream: asyncio.StreamReader) -> Ready | Truth | None:
-    """Return the next message; None at the end of the stream."""
+    """Return the next message from the world process; None at the end of the stream."""
     try:
         length = int.from_bytes(await stream.readexactly(_LENGTH_BYTES), "big")
         message: Ready | Truth = _decoder.decode(await stream.readexactly(length))

@@ -1,4 +1,4 @@
-"""The launcher's side of the world process."""
+"""The launcher's access to the world process of a live flight."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ STOP_S = 2.0
 
 
 class LiveError(RadronError):
-    """A live flight cannot begin, or failed."""
+    """A live flight cannot begin, or has failed."""
 
 
 class WorldProcess:
-    """A running world. ``ready``: its addresses; ``truth``: the latest one."""
+    """A running world process. ``ready``: its ports; ``truth``: the latest true state of the world."""
 
     def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
         """Use :meth:`start`."""
@@ -35,7 +35,7 @@ class WorldProcess:
 
     @classmethod
     async def start(cls, config: WorldConfig, file: Path) -> WorldProcess:
-        """Start a world and wait until it is up.
+        """Start a world process and wait until it is ready.
 
         Raises:
             LiveError: it does not start.
@@ -56,7 +56,7 @@ class WorldProcess:
         return cls(child, ready, truth)
 
     async def watch(self, see: Callable[[Truth], None]) -> None:
-        """Call ``see`` with each truth, forever.
+        """Call ``see`` with each true state of the world, forever.
 
         Raises:
             LiveError: the world has ended or is silent.
@@ -73,14 +73,14 @@ class WorldProcess:
             see(truth)
 
     def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
-        """Send an order; ``drone``: index of the drone concerned."""
+        """Send an order to the world process. ``drone``: index of the drone concerned."""
         self._child.stdin.write(order_line(order, drone, fault))
 
     @property
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code of the world process; None while it runs."""
         return self._child.exit_code
 
     async def stop(self) -> None:
-        """End the world."""
+        """End the world process."""
         await self._child.stop(STOP_S)

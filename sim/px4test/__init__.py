@@ -1,1 +1,1 @@
-"""`make px4-test`: missions and failures flown live, on a real PX4 if available."""
+"""Flight tests for `make px4-test`: missions and failures flown live, on a real PX4 if available."""

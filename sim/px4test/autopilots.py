@@ -33,7 +33,7 @@ _FENCE_RETURN = 3  # GF_ACTION
 
 
 def variables_of(mission: MissionConfig, place: Sequence[float]) -> dict[str, str]:
-    """The environment of an instance whose vehicle starts at ``place`` (east, north, up) in the mission frame."""
+    """Return the environment variables of a PX4 instance whose vehicle starts at ``place`` (east, north, up; mission frame)."""
     datum = Datum() if mission.datum is None else convert(to_builtins(mission.datum), Datum)
     origin = (datum.latitude_deg, datum.longitude_deg, datum.altitude_m)
     latitude_deg, longitude_deg, altitude_m = pymap3d.enu2geodetic(*place, *origin)
@@ -50,7 +50,7 @@ def variables_of(mission: MissionConfig, place: Sequence[float]) -> dict[str, st
 
 @asynccontextmanager
 async def autopilots(px4: Px4, mission: MissionConfig, folder: Path) -> AsyncIterator[Places]:
-    """Start an instance for each drone of a mission; they end with the block, whatever happens.
+    """Start a PX4 instance for each drone of a mission; they end with the block, whatever happens.
 
     Args:
         px4: binary or image.

@@ -41,7 +41,7 @@ AGAIN_S = 40.0  # time until all can be started again; a landing may be noticed 
 
 
 async def missions(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> list[Row]:
-    """The mission, and a second one without a restart, during which the operator commands hold and resume."""
+    """Fly the mission, and a second one without a restart, in which the operator commands hold and resume; return the results."""
     operator = swarm.operator
     await operator.get_ready(patience_s)
     witness, first = Witness(operator), Checks("the mission")
@@ -69,7 +69,7 @@ async def missions(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> 
 
 
 async def killed(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> list[Row]:
-    """One agent and its watchdog are killed in flight."""
+    """Fly a mission in which one agent and its watchdog are killed in flight; return the results."""
     operator, checks, victim = swarm.operator, Checks("an agent killed in flight (kill -9)"), 1
     async with _circling(swarm, seed, patience_s) as (witness, flying):
         operator.view.say(f"kill -9 of the agent of {operator.observer.agents[victim].drone}")
@@ -84,7 +84,10 @@ async def killed(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> li
 
 
 async def gnss_lost(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> list[Row]:
-    """One vehicle loses its satellites until its filter gives up, while all circle; then they return."""
+    """Fly a mission in which one vehicle loses its satellites until its filter gives up; return the results.
+
+    All drones circle meanwhile; then the satellites return.
+    """
     operator, checks, victim = swarm.operator, Checks("GNSS lost for 20 s"), 2
     async with _circling(swarm, seed, patience_s) as (witness, flying):
         operator.view.say(f"{operator.observer.agents[victim].drone} gets no satellites for {BLIND_S:g} s")

@@ -1,4 +1,4 @@
-"""The real PX4 of a flight test: the binary of a local build, or an image with docker."""
+"""The real PX4 for a flight test: the binary of a local build, or an image with docker."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _IN_IMAGE = "/opt/px4/bin/px4"
 
 @dataclass(frozen=True, slots=True)
 class Px4:
-    """The program of an instance: a local build's binary, or an image with docker (``image``)."""
+    """The PX4 program for a flight test: the binary of a local build, or an image with docker (``image``)."""
 
     binary: Path | None = None
     image: str | None = None
 
     @classmethod
     def found(cls, environment: Mapping[str, str]) -> Px4 | None:
-        """The PX4 named by PX4_BIN or PX4_IMAGE; None without either.
+        """Return the PX4 named by the environment variables PX4_BIN or PX4_IMAGE; None without either.
 
         Raises:
-            VehicleError: the named one does not exist.
+            VehicleError: the named program does not exist.
         """
         if binary := environment.get("PX4_BIN"):
             path = Path(binary).expanduser().resolve()
@@ -39,11 +39,11 @@ class Px4:
         return None
 
     def describe(self) -> str:
-        """A short description."""
+        """Return a short description of the program."""
         return str(self.binary) if self.binary is not None else f"image {self.image}"
 
     def command(self, instance: int, variables: Mapping[str, str]) -> list[str]:
-        """The command line that starts an instance; for docker, with its variables."""
+        """Return the command line that starts a PX4 instance; for docker, with its environment variables."""
         if self.binary is not None:
             etc = self.binary.parents[1] / "etc"
             return [str(self.binary), "-d", "-i", str(instance), *([str(etc)] if etc.is_dir() else [])]
@@ -54,5 +54,5 @@ class Px4:
 
 
 def container(instance: int) -> str:
-    """Name of an instance's container."""
+    """Return the name of a PX4 instance's docker container."""
     return f"radron-px4-{os.getpid()}-{instance}"

@@ -1,4 +1,4 @@
-"""Rows of a flight test's table: name, result, and figures."""
+"""Rows of a flight test's table of results: name, result, and figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ _LONGEST = 300  # longest line: a process's last output can be a whole traceback
 
 
 class Row(Struct, frozen=True):
-    """One test. failures: unmet criteria, in words; empty: it passed. figures: in SI units, by name."""
+    """Result of one flight test.
+
+    failures: criteria that were not met, in words; empty: the test passed. figures: measured values in SI units, by name.
+    """
 
     name: str
     failures: tuple[str, ...] = ()
@@ -27,7 +30,7 @@ class Row(Struct, frozen=True):
 
 
 class Checks:
-    """Collects the results of a test's criteria."""
+    """Collects the results of a flight test's criteria."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -35,12 +38,12 @@ class Checks:
         self.figures: dict[str, float] = {}
 
     def ask(self, holds: bool, otherwise: str) -> None:
-        """Note a failure of a criterion."""
+        """Record a failure with the text ``otherwise`` unless the criterion ``holds``."""
         if not holds:
             self._failures.append(otherwise)
 
     def at_most(self, name: str, value: float | None, limit: float) -> None:
-        """Note a figure with an upper limit; None: it was never reached."""
+        """Record a measured value that has an upper limit; None: it was never reached."""
         if value is None:
             self._failures.append(f"{name}: never")
             return
@@ -48,19 +51,20 @@ class Checks:
         self.ask(value <= limit, f"{name}: {value:.2f}, more than {limit:g}")
 
     def at_least(self, name: str, value: float, limit: float) -> None:
-        """Note a figure with a lower limit."""
+        """Record a measured value that has a lower limit."""
         self.figures[name] = round(value, 3)
         self.ask(value >= limit, f"{name}: {value:.2f}, less than {limit:g}")
 
     def row(self) -> Row:
-        """Return the result."""
+        """Return the result of the flight test."""
         return Row(self._name, tuple(self._failures), self.figures)
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """The whole flight test. vehicles: kind of vehicles. truth: source of their positions. wall_s: duration.
+    """Report on all flight tests.
 
-    repeated: rows that failed in sessions that were then flown again.
+    vehicles: kind of vehicles. truth: source of their true positions. wall_s: duration. repeated: results that failed in sessions
+    that were then flown again.
     """
 
     vehicles: str
@@ -71,12 +75,12 @@ class Report(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Return whether all rows passed, including repeated ones."""
+        """Whether all tests passed, including repeated ones."""
         return all(row.passed for row in self.rows)
 
 
 def table(report: Report) -> list[str]:
-    """The report as lines of text."""
+    """Return the report as lines of text."""
     width = max((len(row.name) for row in (*report.repeated, *report.rows)), default=0)
     lines = [f"Flown: {report.vehicles}; judged by: {report.truth}; {report.wall_s:.0f} s"]
     lines += [line for row in report.repeated for line in _lines(row, "AGAIN ", width)]
@@ -90,7 +94,7 @@ def _lines(row: Row, verdict: str, width: int) -> list[str]:
 
 
 def write(folder: Path, report: Report) -> Sequence[Path]:
-    """Write ``report.json`` and ``report.txt``."""
+    """Write the report into a folder, as ``report.json`` and ``report.txt``."""
     files = folder / "report.json", folder / "report.txt"
     write_text(files[0], msgspec.json.format(msgspec.json.encode(report).decode(), indent=2) + "\n")
     write_text(files[1], "\n".join(table(report)) + "\n")

@@ -1,4 +1,4 @@
-"""Sessions of a flight test, one after another: vehicles, world and agents are started for each, and end with it."""
+"""Sessions of flight tests, one after another: vehicles, world and agents are started for each, and end with it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Flights = Callable[[Swarm, int, float, Path], Awaitable[list[Row]]]
 
 
 class Session(NamedTuple):
-    """The flights of one swarm. settings: changes of the demo scenario."""
+    """The flight tests that are flown with one start of the swarm. settings: changes of the demo scenario."""
 
     name: str
     fly: Flights
@@ -43,11 +43,13 @@ SESSIONS = {
 
 
 async def fly_all(px4: Px4 | None, seed: int, chosen: Collection[str], folder: Path, attempts: int = 1) -> Report:
-    """Fly the chosen sessions. A session that breaks down counts as failed; the others are flown nevertheless.
+    """Fly the chosen sessions of flight tests, and return the report.
+
+    A session that breaks down counts as failed; the other sessions are flown nevertheless.
 
     Args:
         px4: flies the vehicles; None: they are emulated.
-        seed: of the world's random numbers.
+        seed: seed of the world's random numbers.
         chosen: names of sessions.
         folder: for all files; with a folder for each session and each further attempt.
         attempts: most attempts at a failing session; the report contains earlier failures.

@@ -1,4 +1,4 @@
-"""Observation of a flight by the vehicles' true states: distances, speeds, and errors of the agents' own positions."""
+"""Observation of a flight test by the vehicles' true states: distances, speeds, and errors of the agents' own positions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ from radron.sim.world.frame import LocalFrames
 
 
 class Moment(NamedTuple):
-    """One truth. time_s: the world's. position, velocity: (N, 3). own_error_m: of each agent's latest pose; NaN without one."""
+    """State of a flight test at one time.
+
+    time_s: time of the world. position, velocity: (N, 3) true values of N vehicles. own_error_m: error of each agent's latest
+    pose; NaN without one.
+    """
 
     time_s: float
     position: Array
@@ -29,12 +33,12 @@ class Moment(NamedTuple):
     own_error_m: tuple[float, ...]
 
     def flies(self, drone: int) -> bool:
-        """Whether a drone is in the air, by its true height above its mission's ground plane."""
+        """Return whether a drone is in the air, by its true height above its mission's ground plane."""
         return bool(self.position[drone, 2] > OFF_GROUND_M)
 
 
 class Witness:
-    """Records the flights of a swarm, from its construction on. ``moments``: 20 a second."""
+    """Records the flights of a swarm from its construction on. ``moments``: recorded states, 20 a second."""
 
     def __init__(self, operator: Operator) -> None:
         self.moments: list[Moment] = []
@@ -47,15 +51,15 @@ class Witness:
 
     @property
     def now(self) -> Moment:
-        """The latest moment."""
+        """The latest recorded state."""
         return self.moments[-1]
 
     def since(self, time_s: float) -> list[Moment]:
-        """The moments from then on."""
+        """Return the states recorded since a time (s)."""
         return [moment for moment in self.moments if moment.time_s >= time_s]
 
     def first_s(self, since_s: float, condition: Callable[[Moment], bool]) -> float | None:
-        """Time (s) from ``since_s`` until a condition first held; None: never."""
+        """Return the time (s) from ``since_s`` until a condition first held; None: never."""
         return next((moment.time_s - since_s for moment in self.since(since_s) if condition(moment)), None)
 
     def _hear(self, place: int, message: AnyDroneMessage) -> None:
@@ -82,7 +86,10 @@ class Witness:
 
 
 def least_distance_m(moments: Sequence[Moment]) -> tuple[float, float]:
-    """Return the least distance between two airborne drones, m: horizontally, and in space; infinite without two such drones."""
+    """Return the smallest distance between two airborne drones in metres, horizontally and in space.
+
+    The values are infinite without two such drones.
+    """
     flat = space = float("inf")
     for moment in moments:
         flying = [moment.position[drone].tolist() for drone in range(len(moment.position)) if moment.flies(drone)]
@@ -94,5 +101,5 @@ def least_distance_m(moments: Sequence[Moment]) -> tuple[float, float]:
 
 
 def speed_mps(moment: Moment, drone: int) -> float:
-    """True speed (m/s) of a drone."""
+    """Return the true speed of a drone, m/s."""
     return float(np.linalg.norm(moment.velocity[drone]))

@@ -1,1 +1,1 @@
-"""Faults in a live flight, and random missions with them."""
+"""Faults in live flights, and random missions with faults."""

@@ -1,4 +1,4 @@
-"""Damage to the files of an agent: its state and its flight record."""
+"""Damage to the files of an agent in a live flight: its saved state or its flight record."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from random import Random
 def damage(folder: Path, how: str, random: Random) -> str:
     """Damage the newest state file in a drone's folder, or the present flight record; return a report of the damage.
 
-    ``how``: as in the fault ``disk``.
+    ``how``: kind of damage, as in the fault ``disk``.
     """
     if how == "record-removed":
         shutil.rmtree(folder / "flight", ignore_errors=True)

@@ -30,7 +30,10 @@ BURST_S = 0.005  # between two bursts
 
 
 class FloodPlan(Struct, frozen=True):
-    """The impersonated drone, the folder of its certificate, the endpoints of the drones, and the kind of flood."""
+    """Which drone a flooding attacker impersonates, and how.
+
+    ``identity``: folder of the drone's certificate. ``mesh``: network addresses of the drones. ``fault``: kind of flood.
+    """
 
     swarm: str
     drone: str
@@ -40,7 +43,7 @@ class FloodPlan(Struct, frozen=True):
 
 
 class Padded:
-    """The drone's newest pose, again and again."""
+    """Makes a flood of copies of the drone's newest pose, padded to a given size."""
 
     def __init__(self, fault: Flood) -> None:
         self._fault = fault
@@ -48,12 +51,12 @@ class Padded:
         self._began_ns = self._sent = 0
 
     def take(self, key: str, payload: bytes) -> None:
-        """Note a message of the drone itself."""
+        """Record a message of the impersonated drone."""
         if self._copy is None and key.endswith("/pose"):
             self._copy = key, padded(payload, self._fault.message_bytes)
 
     def due(self, now_ns: int) -> Iterator[tuple[str, bytes]]:
-        """Yield the messages due by now."""
+        """Yield the messages of the flood that are due by now."""
         if self._copy is None:
             return
         self._began_ns = self._began_ns or now_ns
@@ -63,7 +66,7 @@ class Padded:
 
 
 class Entries:
-    """Valid log entries."""
+    """Makes a flood of valid log entries."""
 
     def __init__(self, fault: OldEntries | DenseEntries, swarm: str, identity: Identity) -> None:
         trust = trust_of(identity)
@@ -71,16 +74,16 @@ class Entries:
         self._crowd = Crowd(fault, swarm, trust, os.urandom(8).hex())
 
     def take(self, key: str, payload: bytes) -> None:
-        """Note a message of the drone itself."""
+        """Record a message of the impersonated drone."""
         self._crowd.follow(decode_from(key, payload))
 
     def due(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """Return the messages due by now."""
+        """Return the messages of the flood that are due by now."""
         return self._crowd.due(now_ns)
 
 
 async def flood(plan: FloodPlan, now_ns: Callable[[], int]) -> None:
-    """Send until cancelled."""
+    """Send the messages of a flood until cancelled."""
     identity = load_identity(Path(plan.identity))
     sender = Padded(plan.fault) if isinstance(plan.fault, Flood) else Entries(plan.fault, plan.swarm, identity)
     heard = {drone_key(plan.swarm, plan.drone, kind) for kind in ("pose", "exposure")}

@@ -1,4 +1,4 @@
-"""A live flight judged by its invariants: from the truth of the world process, and from the agents' messages and logs."""
+"""Judgement of a live flight by conditions that must hold, from the true world and the agents' messages and logs."""
 
 from __future__ import annotations
 
@@ -57,8 +57,10 @@ class _Autopilot(NamedTuple):
 
 
 class LiveJudge:
-    """Judge of one flight. ``violations``: in order of time. ``log``: further figures of its verdict; times since the start
-    command.
+    """Judges one live flight by the conditions that must always hold.
+
+    ``violations``: reports of violated conditions in order of time. ``log``: further numbers of the verdict; times since the
+    start command.
     """
 
     def __init__(self, setting: Setting, agents: Sequence[ObservedAgent]) -> None:
@@ -80,7 +82,7 @@ class LiveJudge:
         self._last: Scene | None = None
 
     def see(self, time_s: float, truth: Truth) -> bool:
-        """Judge the world, ``time_s`` after the start command; return True if the flight is over."""
+        """Judge the true world, ``time_s`` seconds after the start command; return True if the flight is over."""
         self._truths.append(truth)
         self.late_s = max(self.late_s, truth.late_s)
         scene = self._last = self._scene(time_s, truth)
@@ -103,7 +105,7 @@ class LiveJudge:
                 self._tell("told", (message.drone,), text)
 
     def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
-        """Judge the end of the flight. ``logs``: of the agents; ``exits``: exit codes of their processes."""
+        """Judge the end of the flight. ``logs``: log files of the agents. ``exits``: exit codes of their processes."""
         if self._last is not None:
             for invariant in self.invariants:
                 self.violations += invariant.finish(self._last)
@@ -123,7 +125,7 @@ class LiveJudge:
 
     @property
     def able(self) -> Collection[int]:
-        """The able drones; none before they are known."""
+        """Indices of the drones that must finish the mission; none before they are known."""
         return self.landed.able.drones or ()
 
     def _parts(self, fault: Fault) -> bool:
@@ -155,8 +157,10 @@ class LiveJudge:
 
 
 class OwnPose:
-    """No drone publishes an own pose that excludes its true position or heading at 6 sigma for 2 s: separation and all
-    measurements rest on it. Only poses in the first frame are judged, and only with an exact launch layout in the mission.
+    """Requires that no drone publishes a pose for 2 s that excludes its true position or heading at 6 sigma.
+
+    Separation and all measurements rest on these poses. Only poses in the first local frame are judged, and only with an exact
+    launch layout in the mission.
     """
 
     def __init__(self) -> None:
@@ -165,8 +169,9 @@ class OwnPose:
         self._wrong = False
 
     def check(self, pose: Pose, truths: Sequence[Truth], drone: int, setting: Setting) -> str | None:
-        """Return the error of the pose, once it has lasted long enough; else None. ``truths``: the pose must match one of
-        them.
+        """Return the error of a pose in words, once it has lasted long enough; else None.
+
+        ``truths``: states of the world, one of which the pose must match.
         """
         self._epoch = pose.epoch if self._epoch is None else self._epoch
         layout = setting.mission.drones[drone]
@@ -194,8 +199,9 @@ class OwnPose:
 
 
 class SilentStream:
-    """A drone reports within 6 s that its autopilot has stopped sending a needed message. An agent started since then does
-    not know the earlier messages.
+    """Requires that a drone reports within 6 s that its autopilot has stopped sending a needed message.
+
+    An agent started since then does not know the earlier messages.
     """
 
     def __init__(self, fault: StreamLost, drone: str) -> None:
@@ -203,7 +209,7 @@ class SilentStream:
         self._boot = ""  # of the agent at the begin of the fault
 
     def check(self, time_s: float, status: Status) -> str | None:
-        """Return the missing report in a status of that time, once; else None."""
+        """Return once that the report is missing in a status of that time; else None."""
         if self._word is None or status.drone != self._drone:
             return None
         if time_s < self._fault.at_s:
@@ -216,7 +222,7 @@ class SilentStream:
 
 
 class Disarmed:
-    """A vehicle disarmed by a person on site before takeoff stays disarmed: there may be a hand at its propellers."""
+    """Requires that a vehicle disarmed by a person on site before takeoff stays disarmed: a hand may be at its propellers."""
 
     def __init__(self, fault: Disarm) -> None:
         self._fault = fault
@@ -240,7 +246,7 @@ class Disarmed:
 
 
 def exceptions(log: Path) -> list[str]:
-    """Return the exceptions in an agent's log, the last line of each, without copies."""
+    """Return the Python exceptions in an agent's log, the last line of each, without copies."""
     found: dict[str, None] = {}
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
     for number, line in enumerate(lines):
@@ -256,7 +262,10 @@ def exceptions(log: Path) -> list[str]:
 
 
 def heading_rad(quaternion: Quaternion) -> float:
-    """Return the heading of a world-from-body attitude (w, x, y, z): of its forward axis; of its left axis if that is upright."""
+    """Return the heading of an attitude (w, x, y, z) that rotates from body to world.
+
+    It is the heading of the forward axis, or of the left axis if the forward axis is upright.
+    """
     w, x, y, z = quaternion
     if abs(asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))) > 1.4:
         return atan2(-2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z))

@@ -1,4 +1,4 @@
-"""Impaired links between the agents of a live flight."""
+"""Impairments of the links between the agents of a live flight."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ CUT = LinkState(cut=True)
 
 
 def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver: str, away_m: float) -> Iterator[LinkState]:
-    """Yield the effects of the active faults on messages from ``sender`` to ``receiver``, at a distance of ``away_m``."""
+    """Yield the impairments that the active faults cause for messages from ``sender`` to ``receiver``.
+
+    ``away_m``: distance of the two drones.
+    """
     for split, _ in schedule.active(Partition):
         if not any(sender in group and receiver in group for group in split.groups):
             yield CUT
@@ -35,7 +38,7 @@ def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver
 
 
 def vehicle_impairments(schedule: Schedule, index: int, *, to_agent: bool) -> Iterator[LinkState]:
-    """Yield the effects of the active faults on one direction of a drone's MAVLink, by its index."""
+    """Yield the impairments that the active faults cause for one direction of a drone's MAVLink link."""
     for loss, _ in schedule.active(MavlinkLoss, index):
         yield LinkState(loss=loss.probability)
     for bad, _ in schedule.active(MavlinkImpaired, index):

@@ -1,4 +1,4 @@
-"""One mission with faults flown live: real agents, the mesh and MAVLink, judged by their observable behaviour."""
+"""A random mission with faults flown live: real agents, network and MAVLink, judged by what can be observed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TOO_BUSY = "this machine is too busy for live missions"
 
 
 def fly_live_mission(mission: Mission, keep: Path | None = None) -> Verdict:
-    """Fly and judge a mission in real time; its processes have ended when it returns.
+    """Fly a mission in real time, judge it, and return the verdict; its processes have ended when the function returns.
 
     A live flight cannot be repeated bit for bit. After a violation, or without a judgement, its files stay in ``keep/seed-N``
     (``RunFolder``, the truth, a line for each, and the report); None: they do not.

@@ -1,4 +1,4 @@
-"""The faults that a live flight can play, and their needs."""
+"""Which faults a live flight can play, and what they need."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 
 
 def check_playable(scenario: Scenario, *, here: bool) -> None:
-    """Raise ConfigError for faults that a live flight cannot play; ``here``: the agents are started on this machine."""
+    """Raise ConfigError for faults that a live flight cannot play. ``here``: the agents are started on this machine."""
     for number, fault in enumerate(scenario.fault):
         where = f"{scenario.name}: fault[{number}] ({kind_of(fault)})"
         if not here:
@@ -66,11 +66,11 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
 
 
 def needs_relays(faults: Sequence[Fault]) -> bool:
-    """Return whether the links of the swarm must run through relays."""
+    """Return whether the faults require relays in the links of the swarm, which impair messages."""
     return any(isinstance(fault, _RELAYED) for fault in faults)
 
 
 def late_drones(scenario: Scenario) -> frozenset[str]:
-    """Return the drones with a late agent."""
+    """Return the ids of drones whose agent is started late."""
     drones = [drone.id for drone in scenario.mission.drones]
     return frozenset(drone for fault in scenario.fault if isinstance(fault, Late) for drone in fault.strikes(drones))

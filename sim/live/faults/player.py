@@ -47,14 +47,17 @@ STOP_S = 1.0
 
 
 class Played(Struct, frozen=True):
-    """An action, and its time (s since the operator's start command)."""
+    """A fault that was played in a live flight, in words, with its time (s since the operator's start command)."""
 
     time_s: float
     what: str
 
 
 class FaultPlayer:
-    """Plays a scenario's faults. ``played``: the actions so far; ``failed``: actions that failed."""
+    """Plays a scenario's faults in a live flight.
+
+    ``played``: the actions so far; ``failed``: actions that failed.
+    """
 
     def __init__(
         self,
@@ -79,7 +82,7 @@ class FaultPlayer:
         self._time_s = 0.0
 
     def step(self, time_s: float, truth: Truth) -> None:
-        """Begin and end the due faults, ``time_s`` after the start command."""
+        """Begin and end the faults that are due, ``time_s`` seconds after the start command."""
         self._time_s = time_s
         self._schedule.advance(time_s)
         for one in self._schedule.begun:
@@ -90,7 +93,7 @@ class FaultPlayer:
             self._set_links(self._relays, truth)
 
     async def close(self) -> None:
-        """Stop all running actions."""
+        """Stop all actions that still run."""
         for task in self._tasks.values():
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)

@@ -1,4 +1,4 @@
-"""Faults in the words of a live flight's report."""
+"""Descriptions of faults for the report on a live flight."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from radron.sim.vehicle.px4.faults import VehicleFault
 
 
 def vehicle_told(fault: VehicleFault) -> str:
-    """Return a fault that the world plays, as a sentence of the report."""
+    """Describe a fault of a vehicle in words, for the report on a live flight."""
     match fault:
         case Gust():
             return f"a gust, {fault.acceleration_mps2:g} m/s^2"
@@ -39,7 +39,7 @@ def vehicle_told(fault: VehicleFault) -> str:
 
 
 def links_told(fault: Fault) -> str:
-    """Return a fault of the links, as a sentence of the report."""
+    """Describe a fault of the links in words, for the report on a live flight."""
     match fault:
         case Partition():
             return f"partition: {' | '.join(' '.join(group) for group in fault.groups)}"
@@ -53,7 +53,7 @@ def links_told(fault: Fault) -> str:
 
 
 def mavlink_told(fault: MavlinkImpaired) -> str:
-    """Return a bad MAVLink, as a sentence of the report."""
+    """Describe an impaired MAVLink link in words, for the report on a live flight."""
     told = ["nothing gets through"] if fault.cut else []
     if fault.delay_s + fault.jitter_s > 0.0:
         told.append(f"packets take {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more")

@@ -1,4 +1,4 @@
-"""The launcher's side of the relays' process."""
+"""The launcher's access to the process with the relays, which impair the links of a live flight."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STOP_S = 2.0
 
 
 class RelayProcess:
-    """Running relays."""
+    """The running process with all relays of a live flight (which impair its links)."""
 
     def __init__(self, child: Child) -> None:
         """Use :meth:`start`."""
@@ -29,7 +29,7 @@ class RelayProcess:
         """Start the relays, and wait until they listen.
 
         Raises:
-            LiveError: they do not.
+            LiveError: they do not start.
         """
         child = await Child.start("relays", [sys.executable, "-m", "radron.sim.live.relays.process"], piped=True)
         child.stdin.write(msgspec.json.encode(plan) + b"\n")
@@ -47,11 +47,11 @@ class RelayProcess:
         return cls(child)
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
-        """Set the state of a direction, by the names of its ends in the plan."""
+        """Set the impairment of one direction of a link, given by the names of its ends in the plan."""
         if self._states.get((sender, receiver), PASSING) != state:
             self._states[(sender, receiver)] = state
             self._child.stdin.write(msgspec.json.encode(Impair(sender, receiver, state)) + b"\n")
 
     async def stop(self) -> None:
-        """End the relays."""
+        """End the process with the relays."""
         await self._child.stop(STOP_S)

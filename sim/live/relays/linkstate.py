@@ -1,4 +1,4 @@
-"""The state of one direction of a link, and its effect on packets."""
+"""Impairment of one direction of a link, and its effect on packets."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MOST_CHANGED_BYTES = 8
 
 
 class LinkState(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One direction of a link; the default passes all data on at once.
+    """Impairment of one direction of a link; by default all data pass at once.
 
-    cut: no data pass. frozen: data are accepted, and passed on only after its end. delay_s, jitter_s: all data take
-    ``delay_s`` longer, plus up to ``jitter_s``, uniform. rate_bytes_ps: bytes a second at most; 0: no limit. loss, duplicate,
-    reorder, corrupt: probabilities for a packet. within_s: a duplicate follows within this time. held_s: hold time of a
-    packet that is to be overtaken.
+    cut: no data pass. frozen: data are accepted, and passed on only after the freeze has ended. delay_s, jitter_s: all data take
+    ``delay_s`` longer, plus a random time up to ``jitter_s``. rate_bytes_ps: bytes a second at most; 0: no limit. loss,
+    duplicate, reorder, corrupt: probabilities for a packet. within_s: a duplicate follows within this time. held_s: hold time of
+    a packet that is to be overtaken.
     """
 
     cut: bool = False
@@ -39,7 +39,7 @@ PASSING = LinkState()
 
 
 def combined(states: Iterable[LinkState]) -> LinkState:
-    """Return the combination of all these states."""
+    """Return the impairment that results from several impairments together."""
     told = list(states) or [PASSING]
     rates = [state.rate_bytes_ps for state in told if state.rate_bytes_ps > 0.0]
     return LinkState(
@@ -66,10 +66,10 @@ def _either(probabilities: Iterable[float]) -> float:
 
 
 class Packets:
-    """One direction of a link that carries packets. ``state`` may be changed at any time; it holds for the packets from then
-    on.
+    """Impairs one direction of a link that carries packets.
 
-    ``frozen`` and ``rate_bytes_ps`` concern streams only, and have no effect here.
+    ``state`` may be changed at any time; it holds for the packets from then on. ``frozen`` and ``rate_bytes_ps`` concern streams
+    only, and have no effect here.
     """
 
     def __init__(self, random: Random) -> None:

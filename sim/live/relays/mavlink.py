@@ -1,4 +1,7 @@
-"""A UDP relay between an emulated vehicle and its agent: MAVLink with loss, delay, reordering, duplicates and wrong bytes."""
+"""UDP relay between an emulated vehicle and its agent, which impairs the MAVLink packets.
+
+Packets are lost, delayed, reordered, duplicated or changed.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ _Scheduler = Callable[[float, Callable[[], None]], object]
 
 
 class MavlinkRelay:
-    """``there``: from the vehicle to the agent; ``back``: from the agent to the vehicle."""
+    """Relay that impairs the MAVLink packets between a vehicle and its agent.
+
+    ``there``: direction from the vehicle to the agent; ``back``: from the agent to the vehicle.
+    """
 
     def __init__(
         self, agent: Address, random: Random, now_s: Callable[[], float] | None = None, call_at: _Scheduler | None = None
@@ -30,7 +36,7 @@ class MavlinkRelay:
         self._rear: asyncio.DatagramTransport | None = None
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Open the sockets; return the port for the vehicle (0: a free one is chosen). Raises OSError if it is in use."""
+        """Open the sockets, and return the port for the vehicle (0: a free one is chosen). Raises OSError if it is in use."""
         loop = asyncio.get_running_loop()
         front, _ = await loop.create_datagram_endpoint(lambda: _Receiver(self._from_vehicle), local_addr=(host, port))
         self._front = front
@@ -39,7 +45,7 @@ class MavlinkRelay:
         return cast(int, front.get_extra_info("sockname")[1])
 
     async def close(self) -> None:
-        """Close the sockets; packets under way are lost."""
+        """Close the sockets; packets on their way are lost."""
         for transport in (self._front, self._rear):
             if transport is not None:
                 transport.abort()

@@ -1,4 +1,4 @@
-"""The relays of a flight, and the orders to them."""
+"""The relays of a live flight (which impair its links), and the orders to them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from radron.sim.vehicle.px4.config import Address
 
 
 class Carried(Struct, frozen=True):
-    """A relay: its dialling end (or the vehicle), the dialled end, its own listening address, and that of the dialled end."""
+    """One relay in a link.
+
+    ``dials``: its dialling end (or the vehicle). ``dialled``: the other end. ``port``: listening port of the relay. ``target``:
+    listening address of the other end.
+    """
 
     dials: str
     dialled: str
@@ -18,7 +22,7 @@ class Carried(Struct, frozen=True):
 
 
 class RelayPlan(Struct, frozen=True):
-    """All relays of a flight. ``mesh``: between two agents; ``mavlink``: between a vehicle and its agent."""
+    """All relays of a live flight. ``mesh``: between two agents; ``mavlink``: between a vehicle and its agent."""
 
     seed: int
     host: str
@@ -27,7 +31,7 @@ class RelayPlan(Struct, frozen=True):
 
 
 class Impair(Struct, frozen=True):
-    """The state of one direction from now on, by the names of its ends in the plan."""
+    """Order to set the impairment of one direction of a link, by the names of its ends in the plan."""
 
     sender: str
     receiver: str
@@ -35,5 +39,8 @@ class Impair(Struct, frozen=True):
 
 
 def vehicle_of(drone: str) -> str:
-    """Return the vehicle's end of a drone's MAVLink relay; the other end is the drone's agent, by its id."""
+    """Return the name of the vehicle's end of a drone's MAVLink relay.
+
+    The other end is the drone's agent, with the drone's id as its name.
+    """
     return f"vehicle of {drone}"

@@ -20,7 +20,7 @@ from radron.sim.live.relays.tcp import Relay
 
 
 class Relays:
-    """The relays of a plan, in their process."""
+    """Runs all relays of a plan in this process."""
 
     def __init__(self, plan: RelayPlan) -> None:
         self._plan = plan
@@ -38,14 +38,14 @@ class Relays:
             self._relays[carried.dials, carried.dialled] = link
 
     def impair(self, order: Impair) -> None:
-        """Set the state of a direction."""
+        """Set the impairment of one direction of a link."""
         if (relay := self._relays.get((order.sender, order.receiver))) is not None:
             relay.there.state = order.state
         elif (relay := self._relays.get((order.receiver, order.sender))) is not None:
             relay.back.state = order.state
 
     async def close(self) -> None:
-        """Drop all links."""
+        """Close all relays with their links."""
         await asyncio.gather(*(relay.close() for relay in self._relays.values()))
 
     def _random(self, carried: Carried) -> Random:
@@ -67,7 +67,7 @@ async def _run() -> None:
 
 
 def main() -> None:
-    """Run until the end of the standard input."""
+    """Run the relays until the end of the standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # handled by the launcher
     try:
         asyncio.run(_run())

@@ -18,7 +18,7 @@ _Address = tuple[str, int]
 
 
 class Direction:
-    """One direction of a relay, for all its connections."""
+    """Impairs one direction of a TCP relay, for all its connections."""
 
     def __init__(self, random: Random) -> None:
         self._random = random
@@ -30,7 +30,7 @@ class Direction:
 
     @property
     def state(self) -> LinkState:
-        """The present state; its probabilities concern packets, and have no effect here."""
+        """The present impairment; its probabilities concern packets, and have no effect here."""
         return self._state
 
     @state.setter
@@ -43,7 +43,7 @@ class Direction:
                 event.clear()
 
     def due_s(self, size: int, now_s: float) -> float:
-        """Return the arrival time of a piece accepted now."""
+        """Return the arrival time of a piece of data that is accepted now."""
         state = self._state
         if state.rate_bytes_ps > 0.0:
             self._free_s = max(self._free_s, now_s) + size / state.rate_bytes_ps
@@ -51,7 +51,7 @@ class Direction:
         return now_s + state.delay_s + state.jitter_s * self._random.random()
 
     async def carry(self, early: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Pass a stream on until its end, after the bytes read from it before."""
+        """Pass a stream on until its end. ``early``: bytes that were read from it before."""
         pieces: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(MOST_PIECES)
         taking = asyncio.create_task(self._take(early, reader, pieces))
         try:
@@ -91,7 +91,10 @@ class Direction:
 
 
 class Relay:
-    """A relay to one address. ``there``: from the dialling end to the dialled one; ``back``: the reverse."""
+    """TCP relay to one address, which can be impaired like a radio link.
+
+    ``there``: direction from the dialling end to the dialled end; ``back``: the reverse direction.
+    """
 
     def __init__(self, target: _Address, random: Random) -> None:
         self.there, self.back = Direction(random), Direction(random)
@@ -100,13 +103,13 @@ class Relay:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def start(self, host: str, port: int = 0) -> int:
-        """Listen; return the port (0: a free one is chosen). Raises OSError if it is in use."""
+        """Listen, and return the port (0: a free one is chosen). Raises OSError if it is in use."""
         self._server = await asyncio.start_server(self._serve, host, port)
         found: int = self._server.sockets[0].getsockname()[1]
         return found
 
     async def close(self) -> None:
-        """Stop listening, and drop all connections."""
+        """Stop listening, and close all connections."""
         if self._server is not None:
             self._server.close()
         for task in set(self._tasks):
