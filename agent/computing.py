@@ -15,7 +15,8 @@ class Computing(NamedTuple):
     them.
 
     ``estimators``: makes an estimator by its name. ``frame_estimates``: makes an estimate of the drones' frames. ``read``:
-    decodes a message. ``signed_root``: checks the signature of a group of log entries.
+    decodes a message. ``signed_root``: returns the signature in a log entry's proof, with the bytes that the signature must
+    cover.
     """
 
     estimators: Estimators = estimator_named

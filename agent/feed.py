@@ -53,7 +53,7 @@ class Feed(Generic[Item]):
         self.counters: Counter[str] = Counter()
 
     async def items(self) -> AsyncIterator[Item]:
-        """Yield the decoded items as they arrive, across reconnections, until ``close`` is called."""
+        """Yield the sender's decoded items as they arrive, across reconnections, until ``close`` is called."""
         pause_s = BACKOFF_S[0]
         while not self._closed.is_set():
             try:
@@ -99,7 +99,7 @@ class Feed(Generic[Item]):
             pass
 
     async def close(self) -> None:
-        """Close the link, so that ``items`` ends."""
+        """Close the link to the sender, so that ``items`` ends."""
         self._closed.set()
         if self._link is not None:
             self._link.abort()

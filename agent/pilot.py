@@ -86,12 +86,12 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the log, too, without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows the drone in the air.
-                trust: signs this drone's messages and verifies other drones' messages; None: in a swarm without certificates.
-                nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces (random numbers) that
-                commands need. computing: computations that depend on their inputs alone.
+            trust: signs this drone's messages and verifies other drones' messages; None: in a swarm without certificates.
+            nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces (random numbers) that
+                commands need.
+            computing: computations that depend on their inputs alone.
             tells_obeyed: whether the drone's statuses name the order obeyed last; False in the replay of an older record.
-                judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older
-                record.
+            judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
 
         Raises:
             ConfigError: the mission does not contain the drone.
@@ -277,7 +277,9 @@ class Pilot:
         self._problems.blocked = problems
 
     def ticket(self, now_ns: int) -> Ticket:
-        """Return the ticket (a number that is valid once) for the next command to this drone, as published in its status."""
+        """Return the ticket for the next command to this drone (a nonce and a number that the command must carry), as in its
+        status.
+        """
         return self._orders.ticket(now_ns)
 
     def notice(self, notices: tuple[str, ...]) -> None:
@@ -322,7 +324,7 @@ class Pilot:
 
     @property
     def listeners(self) -> Mapping[str, Fusion]:
-        """Further estimators on the same log, by name; they do not influence the flight."""
+        """Further estimators that use the observation log but do not influence the flight, by name."""
         return self._world.listeners
 
     @property

@@ -49,20 +49,20 @@ class Collection:
         self._chain = self._new_chain()
 
     def begin_facing(self) -> None:
-        """Begin with the next direction of the source; the detector's clock may have been reset."""
+        """Begin with the next direction of the calibration source; the detector's clock may have been reset."""
         self.end_facing()
         self.cones.append([])
         self._chain = self._new_chain()
 
     def end_facing(self) -> None:
-        """Evaluate the hits still held back, at the end of one direction."""
+        """Finish one direction of the calibration source: evaluate the pixel hits that are still held back."""
         if self._pending:
             self._look()
         if self.cones:
             self.cones[-1] += self._chain.flush().cones
 
     def add(self, readout: Readout) -> None:
-        """Add a readout; the first ones are held back until the source's line shows the camera's gain."""
+        """Add the pixel hits of a readout; the first readouts are held back until the source's line shows the camera's gain."""
         if self.coarse_gain is not None:
             self._evaluate(readout)
             return
@@ -74,22 +74,24 @@ class Collection:
 
     @property
     def energies_kev(self) -> FloatArray:
-        """Energies (N,) in keV of N single clusters."""
+        """Energies (N,) in keV of N events with a single cluster (touching pixels hit by one particle)."""
         return np.concatenate((np.empty(0), *self._energies))
 
     @property
     def blocks(self) -> NDArray[np.intp]:
-        """Part of the sensor (N,), 0 .. 15, of each of N single clusters."""
+        """Part of the sensor (N,), 0 .. 15, in which each of N events with a single cluster lies; see ``energies_kev``."""
         return np.concatenate((np.empty(0, np.intp), *self._blocks))
 
     @property
     def apart_ns(self) -> FloatArray:
-        """Time differences (N,) in ns between the two clusters of N coincidences whose energies add up to the line."""
+        """Time differences (N,) in ns between the two clusters of N coincidences (scattered photons) whose energies add up to the
+        line.
+        """
         return np.concatenate((np.empty(0), *self._apart))
 
     @property
     def pairs(self) -> int:
-        """Number of coincidences whose energies add up to the line."""
+        """Number of coincidences (two clusters of one scattered photon) whose energies add up to the line."""
         return sum(map(len, self._apart))
 
     @property

@@ -33,7 +33,7 @@ class Gain(Struct, frozen=True):
     events: float
 
     def times(self, factor: float) -> Gain:
-        """Return the gain if all energies had been divided by ``factor`` before the fit."""
+        """Return the camera's gain, corrected for energies that had been divided by ``factor`` before the fit."""
         return Gain(self.value * factor, self.sigma * factor, self.events)
 
 

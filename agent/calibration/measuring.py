@@ -30,14 +30,14 @@ class BackgroundCount:
         self._events, self._live_s = 0, 0.0
 
     def add(self, readout: Readout) -> None:
-        """Add the events of a readout."""
+        """Add the events of a readout, measured without the source."""
         found = self._chain.process(readout)
         self._events += found.hits
         self._live_s += found.live_time_s
 
     @property
     def live_s(self) -> float:
-        """Live time measured so far (s)."""
+        """Live time (s) for which the background has been measured so far."""
         return self._live_s
 
     @property

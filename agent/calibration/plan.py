@@ -41,7 +41,7 @@ class Plan(Struct, frozen=True):
 
     @property
     def total_s(self) -> float:
-        """The time (s) for the whole measurement: the longest of the single times, with a margin."""
+        """Time (s) for the whole calibration: the longest of the times for the single quantities, with a margin."""
         return _MARGIN * max(self.pixels_s, self.gain_s, self.drift_s, self.orientation_s)
 
 

@@ -30,7 +30,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Valid(NamedTuple):
-    """The interval of plausible times: UTC, nanoseconds."""
+    """The interval of times (UTC, ns) that are plausible for the computer's clock."""
 
     begin_ns: int
     end_ns: int

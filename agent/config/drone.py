@@ -40,8 +40,8 @@ class VisionConfig(Section, frozen=True, kw_only=True):
 
 
 class ResponseConfig(Section, frozen=True, kw_only=True):
-    """The vehicle's response to velocity setpoints, as assumed at the start; drag, lag and tracking error are then identified in
-    flight.
+    """The vehicle's response to setpoints, as assumed at the start of a flight; drag, lag and tracking error are then identified
+    in flight.
 
     The defaults are the values of PX4 for a quadrotor, with a drag between small and large vehicles. ``radron-agent identify``
     fits them to a recorded flight.

@@ -13,7 +13,7 @@ from radron.protocol.units import Identifier
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of estimator ``paper``, the linear Kalman filter of the paper (Sec. IV-B).
 
-    ``order``: which of a cone's two clusters was hit first is not measured; the choice is the smaller scattering angle
+    ``order``: which of a cone's two clusters was the electron is not measured; the choice is the smaller scattering angle
     (``forward``) or the larger probability (``probable``).
     """
 

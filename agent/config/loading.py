@@ -34,10 +34,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Return a parsed document with the values of another one in place of its own, section by section, as for defaults and
-    overrides.
+    """Return one parsed document with the values of another in place of the first one's, section by section.
 
-    Keys that only ``base`` has keep their values; keys that both have get the value of ``over``.
+    base: the document, such as defaults; over: the values that replace. Keys that only ``base`` has keep their values.
     """
     whole = dict(base)
     for key, value in over.items():

@@ -74,8 +74,8 @@ class EncirclementConfig(Section, frozen=True, kw_only=True):
 
     ``law``: the control law of the paper, or the smooth one. With the smooth law and an estimator that states its covariance, the
     radius is ``nearest_m`` plus the RMS position error of the hypothesis, ``radius_m`` at most, and the height is in proportion
-    to the radius: ``height_m`` at ``radius_m``. ``steps``, ``step_s``: number and length of the steps that the paper's law
-    predicts.
+    to the radius: ``height_m`` at ``radius_m``. ``steps``, ``step_s``: number and length of the steps for which the flight is
+    planned.
     """
 
     law: Literal["paper", "smooth"] = "smooth"

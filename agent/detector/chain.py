@@ -40,8 +40,8 @@ class DetectorChain:
 
         Args:
             config: coincidence window, thresholds and line windows.
-            nuclide: the lines of this nuclide make cones, as in the mission; None: hits and coincidences only. calibration: of
-                the camera.
+            nuclide: the lines of this nuclide make cones, as in the mission; None: hits and coincidences only.
+            calibration: of the camera.
             on_energies: receives the energies (keV) of all events.
 
         Raises:

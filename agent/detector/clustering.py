@@ -57,11 +57,11 @@ class Clusters(Struct, frozen=True):
         return len(self.tick)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Clusters:
-        """Return the clusters that a mask or indices select."""
+        """Return the clusters (touching pixel hits of one particle) that a mask or indices select."""
         return Clusters(*(column[which] for column in self._columns))
 
     def each(self) -> list[Cluster]:
-        """Return the clusters as a list of single ``Cluster`` objects."""
+        """Return the clusters one by one, as a list of ``Cluster`` objects."""
         return [Cluster(*row) for row in zip(*(column.tolist() for column in self._columns), strict=True)]
 
     @property

@@ -30,7 +30,7 @@ class DeadBlocks:
         self.dead = 0
 
     def add(self, index: NDArray[np.uint16]) -> None:
-        """Add N hits by the matrix indices (N,) of their pixels."""
+        """Add N pixel hits to the counts of their blocks (32 x 32 pixels). index: (N,) matrix indices of the pixels."""
         self._hits += np.bincount(_block(index), minlength=BLOCKS)
         self._total += len(index)
         if self._total >= self._needed:
@@ -39,7 +39,7 @@ class DeadBlocks:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while blocks are dead; empty otherwise."""
+        """A line for the operator while the sensor has dead blocks (32 x 32 pixels without a hit); empty otherwise."""
         if self.dead == 0:
             return ()
         share = f"{self.dead} of {BLOCKS} blocks of the sensor"

@@ -33,8 +33,8 @@ class Tally:
 
 
 class EventReader:
-    """Classifies events (clusters of one photon): events with a line's full energy, coincidences, and coincidences that make a
-    cone.
+    """Classifies the events in a camera: events with a line's full energy, and coincidences (two clusters of one photon) that
+    make a cone.
 
     An event with a saturated hit is counted, but has no energy: it is in no spectrum, belongs to no line, and makes no cone.
     """

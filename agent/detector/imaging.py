@@ -31,7 +31,7 @@ class Direction:
 
     @property
     def polar_deg(self) -> float:
-        """Angle (deg) of the direction from the sensor's outward normal."""
+        """Angle (deg) between the direction to the source and the sensor's outward normal."""
         return float(np.rad2deg(np.arccos(np.clip(self.unit[2], -1.0, 1.0))))
 
     @property
@@ -53,7 +53,7 @@ class DirectionScan:
         self._numbers: list[NDArray[np.float64]] = []
 
     def add(self, cones: Iterable[ConeEvent]) -> None:
-        """Add cones, up to MOST_CONES in total; further cones are ignored."""
+        """Add Compton cones, up to MOST_CONES in total; further cones are ignored."""
         for cone in cones:
             if len(self._axis) == MOST_CONES:
                 return

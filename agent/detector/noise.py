@@ -51,7 +51,7 @@ class NoiseMask:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while pixels are masked; empty otherwise."""
+        """A line for the operator while noisy pixels are masked; empty otherwise."""
         if self.pixels == 0:
             return ()
         return (f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked",)

@@ -35,12 +35,12 @@ class PixelHits(Struct, frozen=True):
 
     @classmethod
     def none(cls) -> PixelHits:
-        """Return an empty set of hits."""
+        """Return an empty set of pixel hits."""
         return cls(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
     @classmethod
     def joined(cls, parts: Iterable[PixelHits]) -> PixelHits:
-        """Return the hits of all parts as one sequence, part after part; without parts the result has no hits."""
+        """Return the pixel hits of all parts as one sequence, part after part; without parts the result has no hits."""
         hits = (cls.none(), *parts)
         return cls(
             np.concatenate([part.tick for part in hits]),
@@ -49,7 +49,7 @@ class PixelHits(Struct, frozen=True):
         )
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> PixelHits:
-        """Return the hits that a mask, indices or a slice select."""
+        """Return the pixel hits that a mask, indices or a slice select."""
         return PixelHits(self.tick[which], self.index[which], self.tot[which])
 
 

@@ -74,7 +74,9 @@ def _check(finding: Finding, others: list[str]) -> Check:
 
 
 def folded(checks: list[Check]) -> list[Check]:
-    """Return the checks with one common line for all correct parameters, so that all fit on a page."""
+    """Return the checks of a drone with one common line for all correct autopilot parameters, so that all checks fit on
+    a page.
+    """
     good = [check for check in checks if check.area == "autopilot" and check.name.isupper() and check.verdict == "ok"]
     if not good:
         return checks

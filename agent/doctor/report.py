@@ -42,7 +42,7 @@ class Setting(Struct, frozen=True):
 
 
 class Report(Struct, frozen=True, kw_only=True):
-    """The report on the examination of one drone. ``version``: of radron on board."""
+    """The report on the examination of one drone on the bench. ``version``: of the radron software on board."""
 
     drone: str
     version: str

@@ -40,7 +40,7 @@ RawMessage = tuple[int, int, memoryview, int, int]  # channel, sequence, data, l
 
 
 class UnfinishedError(ValueError):
-    """The file ends before its footer, as after a killed process."""
+    """The file of a flight record ends before its footer, as after a killed process."""
 
     def __str__(self) -> str:
         return "the file ends too early"

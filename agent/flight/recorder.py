@@ -45,8 +45,8 @@ class FlightRecorder:
 
         Args:
             folder: for the files; created if missing.
-            limit_mb: of all files in the folder together; the oldest are removed first, files of this flight included. header: of
-                the flight.
+            limit_mb: of all files in the folder together; the oldest are removed first, files of this flight included.
+            header: of the flight.
             clock_ns: wall time.
 
         Raises:
@@ -76,7 +76,7 @@ class FlightRecorder:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems of recording, one line each."""
+        """Present problems of the flight recorder, one line each, such as a slow disk."""
         problem = self._problem
         if problem is None and self._is_full:
             problem = f"flight records are being lost: the disk is too slow ({self._folder})"
@@ -87,7 +87,7 @@ class FlightRecorder:
         return self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
-        """Queue a record for writing; ``log_ns``: its time, None: now. Never raises, never waits."""
+        """Queue a record of the flight for writing; ``log_ns``: its time, None: now. Never raises, never waits."""
         now_ns = self._clock_ns()
         record = _Record(topic, data, now_ns if log_ns is None else max(0, log_ns), now_ns, self._sequence)
         self._sequence += 1

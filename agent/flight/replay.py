@@ -58,7 +58,7 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
 
     @property
     def identical(self) -> bool:
-        """Whether every recorded result was reproduced, bit for bit."""
+        """Whether the replay reproduced every recorded result of the flight, bit for bit."""
         return not self.differing and self.flaw is None
 
 

@@ -53,7 +53,7 @@ class ResponseRecords:
     plans: list[Plan] = field(default_factory=list)
 
     def take(self, record: FlightRecord, drone: str) -> None:
-        """Add a record of the flight; records of other kinds are ignored."""
+        """Add a record of the flight, if it is telemetry, a setpoint or a plan; records of other kinds are ignored."""
         if record.topic == topics.VEHICLE:
             self.telemetry.append(topics.decode_state(record.data))
         elif record.topic == topics.COMMAND:
@@ -134,7 +134,7 @@ def read(flight: RecordedFlight, progress: Callable[[float], None]) -> ResponseR
 
 
 def counted(items: Iterable[T], tell: Callable[[], None]) -> Iterable[T]:
-    """Yield the items unchanged, and call ``tell`` regularly, to report progress."""
+    """Yield the items unchanged, and call ``tell`` after every few hundred items, to report progress."""
     for count, item in enumerate(items):
         if count % _EVERY == 0:
             tell()

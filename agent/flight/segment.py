@@ -56,19 +56,19 @@ class Segment:
 
     @property
     def size_bytes(self) -> int:
-        """Size (bytes) of the file so far."""
+        """Size (bytes) of the flight record's file so far."""
         return self._file.tell()
 
     @property
     def is_there(self) -> bool:
-        """Whether the file is still in its place: records in a removed file are lost."""
+        """Whether the flight record's file is still in its place: records in a removed file are lost."""
         try:
             return self.path.stat().st_ino == os.fstat(self._file.fileno()).st_ino
         except FileNotFoundError:
             return False
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
-        """Append a record to the file."""
+        """Append a record to the file of the flight record."""
         channel = self._channels.get(topic)
         if channel is None:
             encoding = ENCODINGS.get(topic, "json")
@@ -81,11 +81,11 @@ class Segment:
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """Wait until all records are on the disk, so that they survive a power failure."""
+        """Wait until all records of the flight are on the disk, so that they survive a power failure."""
         os.fdatasync(self._file.fileno())
 
     def close(self) -> None:
-        """Write the index and close the file, which is closed even if that fails."""
+        """Write the index and close the file of the flight record; the file is closed even if that fails."""
         try:
             self._writer.finish()  # type: ignore[no-untyped-call]
         finally:

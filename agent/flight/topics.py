@@ -48,7 +48,7 @@ class Sink(Protocol):
     """Interface of the destination to which records of a flight are written."""
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
-        """Keep a record under its topic. ``log_ns``: its time; None: now. Never raises, never waits."""
+        """Keep a record of the flight under its topic. ``log_ns``: its time; None: now. Never raises, never waits."""
 
 
 def encode_state(state: VehicleState) -> bytes:

@@ -62,7 +62,7 @@ class Views:
 
     @property
     def with_both(self) -> NDArray[np.bool_]:
-        """Mask (M,) of the sightings that have both a direction and a range."""
+        """Mask (M,) of the relative observations that have both a direction and a range."""
         return np.isfinite(self.direction_var) & np.isfinite(self.range_var)
 
 
@@ -138,7 +138,7 @@ def _refined(views: Views, pose: Array, widths: Sequence[float]) -> Array:
 
 
 def evidence_of(views: Views, pose: Array) -> float:
-    """Return the log likelihood of the measurements for one pose (4,) of the drone."""
+    """Return the log likelihood of a drone's measurements (``Views``) for one pose (4,) of the drone: x, y, z, yaw."""
     return float(_fit(views, pose[None], 1.0)[2][0])
 
 

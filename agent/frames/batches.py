@@ -40,11 +40,13 @@ class Batches:
 
     @property
     def is_resting(self) -> bool:
-        """Whether the next call does not take a batch yet, because the last batch took long."""
+        """Whether the next call does not process late log entries yet, because the last batch of them took long."""
         return self._rest > 1
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
-        """Return whether a batch must be taken now; called in each step. ``free``: whether the caller can take a batch."""
+        """Return whether a batch of late log entries must be processed now; called in each step. ``free``: whether the caller can
+        do so.
+        """
         self._elapsed_ns += max(now_ns - self._now_ns, _CALL_NS) if self._now_ns else 0
         self._now_ns = now_ns
         border = (now_ns - _AFTER_NS) // _EVERY_NS
@@ -58,15 +60,15 @@ class Batches:
         return True
 
     def took(self, calls: int) -> None:
-        """Note that the last batch has been computed, in ``calls`` calls; the next batch waits for as many."""
+        """Note that the last batch of late log entries took ``calls`` calls; the next batch waits for as many."""
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
-        """Return those of the given drones that have quota left for late entries."""
+        """Return those of the given drones that have quota left, so that their late log entries are processed."""
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:
-        """Reduce the quotas of drones whose late entries are processed. ``reach_s``: by drone, the seconds that the entries reach
+        """Reduce the quotas of drones whose late log entries are processed. ``reach_s``: by drone, the seconds that they reach
         back.
         """
         for drone, back_s in reach_s.items():

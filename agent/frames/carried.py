@@ -17,7 +17,7 @@ from radron.protocol.entries import CarriedFrame, Entry, EntryId, Exposure
 
 
 def told(frame: Transform) -> CarriedFrame:
-    """Convert a frame, relative to the drone's frame at launch, to its form in messages."""
+    """Convert the transform of a local frame into the drone's frame at launch to the form used in messages."""
     return CarriedFrame(frame.translation, frame.yaw_rad, frame.covariance_rows)
 
 
@@ -43,7 +43,7 @@ class CarriedFrames:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
-        """Take an entry of the observation log; each entry comes once."""
+        """Take an entry of the observation log, which may contain such a frame; each entry comes once."""
         if entry.drone not in self._exact or entry.stamp_ns < self._earliest_ns:
             return
         if isinstance(entry, Exposure) and entry.epoch != LAUNCH_EPOCH and entry.carried is not None:
@@ -51,15 +51,15 @@ class CarriedFrames:
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget frames published before a time stamp, and ignore entries from before it that arrive later.
+        """Forget frames published before a time stamp (ns), and ignore log entries from before it that arrive later.
 
-        In an earlier flight, an epoch of the same number was another frame.
+        In an earlier flight, an epoch (period without a jump of the localisation) of equal number was another frame.
         """
         self._earliest_ns = stamp_ns
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove entries that no longer count, together with their frames."""
+        """Remove log entries that no longer count, together with the frames published in them."""
         changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)

@@ -59,6 +59,8 @@ class Checkpoint:
 
 
 def beginning(count: int) -> Checkpoint:
-    """Return the state before the first keyframe, for a mission of ``count`` drones."""
+    """Return the state of the frame estimate before the first keyframe (time of an estimate), for a mission of ``count``
+    drones.
+    """
     nobody = Joint(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((count, 3)), np.zeros(count))
     return Checkpoint(-1, nobody, (Member(),) * count, ())

@@ -27,13 +27,13 @@ class ClockErrors:
         self._wrong = 0  # number of exposures with an error
 
     def add(self, exposure: Exposure) -> None:
-        """Add the clock error that is published in an exposure."""
+        """Add the clock error that the drone has published with an exposure (counts of its camera)."""
         told = _told(exposure)
         insort(self._told, told)
         self._wrong += told[2] > 0.0
 
     def remove(self, exposure: Exposure) -> None:
-        """Remove the clock error of an exposure."""
+        """Remove the clock error that came with an exposure (counts of the drone's camera)."""
         told = _told(exposure)
         place = bisect_left(self._told, told)
         if self._told[place : place + 1] == [told]:
@@ -41,7 +41,7 @@ class ClockErrors:
             self._wrong -= told[2] > 0.0
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard the errors of exposures that ended before a time stamp."""
+        """Discard the clock errors of exposures (counts of the drone's camera) that ended before a time stamp (ns)."""
         self._told = [told for told in self._told if told[1] >= stamp_ns]
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 

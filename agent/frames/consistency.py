@@ -35,7 +35,7 @@ class Tally:
 
 
 def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
-    """Count the sightings of a keyframe for each pair of drones.
+    """Count for each pair of drones the sightings (relative observations) in one keyframe, and how many of them fit the estimate.
 
     count: number of drones in the mission. weights: (M,) probability that each of the M sightings is correct.
     """
@@ -46,7 +46,7 @@ def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
 
 
 def without(one: Tally, drone: int) -> Tally:
-    """Return a copy with the counts of one drone set to zero."""
+    """Return a copy of the counts in which the counts of one drone are zero."""
     believed, seen = one.believed.copy(), one.seen.copy()
     for array in (believed, seen):
         array[drone] = array[:, drone] = 0.0
@@ -54,7 +54,9 @@ def without(one: Tally, drone: int) -> Tally:
 
 
 def agreeing(one: Tally) -> Flags:
-    """Return a mask (N,) of the drones whose sightings agree with the estimate for at least one pair, in one keyframe."""
+    """Return a mask (N,) of the drones whose sightings (relative observations) agree with the estimate for at least one other
+    drone.
+    """
     both, believed = one.seen + one.seen.T, one.believed + one.believed.T
     fits: Flags = (both >= _FEWEST) & (believed >= _AGREE * both)
     confirmed: Flags = np.any(fits, axis=1)
@@ -87,12 +89,15 @@ class Verdict:
         return None
 
     def conflicts(self) -> list[tuple[int, int]]:
-        """Return the pairs of drones whose sightings contradict the estimate, each pair once."""
+        """Return the pairs of drones whose relative observations contradict the estimated poses, each pair once."""
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(self.disagree))]
 
 
 def verdict(tallies: Sequence[Tally]) -> Verdict:
-    """Judge each pair of drones by the counts of several keyframes together."""
+    """Judge for each pair of drones whether their relative observations agree with the estimated poses.
+
+    tallies: the counts of several keyframes (times of an estimate), which are added.
+    """
     believed, seen = sum(one.believed for one in tallies), sum(one.seen for one in tallies)
     assert isinstance(believed, np.ndarray)
     assert isinstance(seen, np.ndarray)

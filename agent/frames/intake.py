@@ -90,14 +90,15 @@ class Intake:
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def holds(self, identity: EntryId) -> bool:
-        """Return whether an entry was received, and has not been dropped since."""
+        """Return whether a log entry was received, and has not been dropped since."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
         return identity in self._exposures or (bucket is not None and (identity in bucket.sightings or identity in bucket.fixes))
 
     def taken(self) -> int | None:
-        """Return the earliest keyframe that must be computed again, or None, and forget it until further entries arrive.
+        """Return the earliest keyframe (time of an estimate) that must be computed again because of new entries; None without
+        one.
 
-        The prepared arrays of the affected keyframes are discarded.
+        The call forgets this keyframe, and discards the prepared arrays of the affected keyframes.
         """
         dirty, self.dirty = self.dirty, None
         if dirty is not None:
@@ -106,7 +107,10 @@ class Intake:
         return dirty
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard the measurements before the keyframe interval of a time stamp, and ignore later arrivals from before it."""
+        """Discard measurements from before a time stamp (ns), and ignore measurements from before it that arrive later.
+
+        The limit is the begin of the keyframe (interval of the estimate) that contains the stamp.
+        """
         index = self._index(stamp_ns)
         stamp_ns = self._earliest_ns = (index - 1) * self.grid_ns + 1
         first = bisect_left(self.indices, index)
@@ -121,13 +125,14 @@ class Intake:
         self._touch(0)
 
     def sightings(self, first: int, last: int) -> Sightings:
-        """Return the relative observations between drones in the keyframes ``first`` to ``last``, if both drones' tracks are
-        known.
+        """Return the relative observations between drones in the keyframes (intervals of the estimate) ``first`` to ``last``.
+
+        Both drones' tracks must be known at the time of an observation.
         """
         return Sightings.joined([self._seen(index) for index in self._between(first, last)])
 
     def fixes(self, first: int, last: int) -> Fixes:
-        """Return the satellite positions of drones in the keyframes ``first`` to ``last``."""
+        """Return the satellite positions of drones in the keyframes (intervals of the estimate) ``first`` to ``last``."""
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
     def content(self, after: int, until: int) -> tuple[object, ...]:
@@ -175,7 +180,7 @@ class Intake:
         return self._buckets[index]
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove entries; entries that are not held are ignored."""
+        """Remove log entries that do not count any more; entries that were not received are ignored."""
         for identity in identities:
             self._displace(identity, self._number[identity.drone])
 

@@ -58,7 +58,7 @@ class Joint:
         return rows
 
     def block(self, row: int) -> Array:
-        """Return the covariance (4, 4) of the pose in one row."""
+        """Return the covariance (4, 4) of one drone's pose, by its row in ``pose``."""
         return self.covariance[4 * row : 4 * row + 4, 4 * row : 4 * row + 4]
 
     def moved(self, at: Array, far: Array, noise: Array) -> Joint:
@@ -81,8 +81,9 @@ class Joint:
         return Joint(self.drones, pose, covariance, at, far)
 
     def with_drone(self, drone: int, pose: Array, covariance: Array) -> Joint:
-        """Return a copy with one more drone, whose errors are independent of the errors in the estimate. pose: (4,). covariance:
-        (4, 4).
+        """Return a copy of the estimate with one more drone, whose errors are independent of all errors in the estimate.
+
+        pose: (4,) x, y, z, yaw of the drone. covariance: (4, 4).
         """
         row = int(np.searchsorted(self.drones, drone))
         count = len(self.drones)
@@ -93,7 +94,9 @@ class Joint:
         return Joint(np.insert(self.drones, row, drone), np.insert(self.pose, row, pose, axis=0), wider, self.at, self.far)
 
     def without(self, drone: int) -> Joint:
-        """Return a copy without one drone (marginalised out); the remaining poses and covariances do not change."""
+        """Return a copy of the estimate without one drone (marginalised out); the remaining poses and covariances do not
+        change.
+        """
         row = int(np.searchsorted(self.drones, drone))
         kept = np.delete(np.arange(len(self.covariance)), np.arange(4 * row, 4 * row + 4))
         return Joint(

@@ -47,7 +47,7 @@ def judge(keyframe: Keyframe, judged: Verdict) -> None:
 
 
 def clear_suspicions(keyframe: Keyframe) -> None:
-    """Clear the suspicion of drones that have not been contradicted for a while."""
+    """Trust the frames of those suspected drones again that have not been contradicted by measurements for a while."""
     longest_ns = round(keyframe.config.suspect_s * 1e9)
     for drone, member in enumerate(keyframe.members):
         suspicion = member.suspicion

@@ -59,7 +59,7 @@ class Keyframe:
         self.joint, self.flown, self.drifted = self._predicted(before.joint, led_m)
 
     def checkpoint(self) -> Checkpoint:
-        """Return the resulting state, from which the next keyframe is computed."""
+        """Return the state of the frame estimate after this keyframe, from which the next keyframe is computed."""
         return Checkpoint(self.index, self.joint, tuple(self.members), self.tallies, tuple(self.emissions))
 
     def adrift(self, drone: int) -> bool:
@@ -103,7 +103,7 @@ class Keyframe:
         return Placement(self.joint.pose[row].copy(), self.joint.block(row) + since, self.joint.at[drone].copy())
 
     def emit(self, drone: int, from_ns: int, placement: Placement | None) -> None:
-        """Publish a drone's frame from a time stamp on; None if it is unknown."""
+        """Publish a drone's frame as valid from a time stamp (ns) on; a placement of None means that the frame is unknown."""
         self.emissions.append((drone, from_ns, placement))
         self.members[drone] = replace(self.members[drone], known=placement is not None)
 
@@ -115,7 +115,7 @@ class Keyframe:
             self.members[drone] = replace(self.members[drone], suspicion=suspicion)
 
     def clear(self, drone: int) -> None:
-        """Trust a drone's frame again, unless the suspicion is lasting."""
+        """Trust a drone's frame again, unless its suspicion is one that is never cleared."""
         suspicion = self.members[drone].suspicion
         if suspicion is not None and not suspicion.lasting:
             self.members[drone] = replace(self.members[drone], suspicion=None)

@@ -12,7 +12,8 @@ from radron.agent.geometry import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """The estimated pose of a drone at one keyframe, which places its continuous track in the mission frame.
+    """The estimated pose of a drone at one keyframe (time of an estimate), which places its continuous track in the mission
+    frame.
 
     pose: (4,) x, y, z of the drone in the mission frame, and heading of its continuous frame. covariance: (4, 4). at: (3,)
     position of the drone in its continuous frame.

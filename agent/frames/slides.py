@@ -26,10 +26,10 @@ _ALIKE, _APART = 6.0, 16.0
 
 
 def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
-    """Add this keyframe's correction of each drone's track to the track's accumulated correction, by which slides are found.
+    """Add each track's present correction by measurements to its accumulated correction, from which sliding tracks are found.
 
-    prior: the estimate before the correction. observed: (N,) mask of drones with sightings or satellite positions; the
-    corrections of tracks without them fade slowly.
+    keyframe: the present estimate. prior: the estimate before the correction. observed: (N,) mask of drones with sightings or
+    satellite positions; the accumulated corrections of these drones fade with time.
     """
     kept = math.exp(-keyframe.seconds / MEMORY_S)
     moved = keyframe.joint.pose[:, :2] - prior.pose[:, :2]
@@ -68,7 +68,7 @@ def find_slides(keyframe: Keyframe) -> None:
 
 
 def place_anew(keyframe: Keyframe, drones: Iterable[int]) -> None:
-    """Reset the accumulated corrections of drones whose place was found again by other means."""
+    """Reset the accumulated corrections of drones' tracks, for drones whose place was found again by other means."""
     rows = keyframe.joint.slots()
     for drone in drones:
         var = float(keyframe.joint.block(int(rows[drone])).diagonal()[:2].mean())

@@ -70,7 +70,9 @@ class SwarmFrames:
 
     @property
     def pending(self) -> bool:
-        """Whether the graph lacks received entries, or a keyframe that is due; further calls of ``advance`` add them."""
+        """Whether the graph of frames lacks received entries, or an estimate that is due; further calls of ``advance``
+        add them.
+        """
         behind = self._estimating or self._due != self._wanted or bool(self._forgotten) or bool(self._retracted)
         return behind or self._intake.dirty is not None or bool(self._waiting) or bool(self._late)
 
@@ -123,20 +125,20 @@ class SwarmFrames:
             self._intake.receive(entry, payload)
 
     def forget(self, identities: Sequence[EntryId]) -> None:
-        """Remove entries that are not in the log any more."""
+        """Remove measurements from the estimate of the frames, after their entries were removed from the log."""
         self._carried.forget(identities)
         if not self._idle:
             self._forgotten += self._taken_in(identities)
 
     def retract(self, identities: Sequence[EntryId]) -> None:
-        """Remove entries that their drones have retracted; late entries are removed with the next batch."""
+        """Remove measurements from the estimate of the frames that their drones have retracted; late ones with the next batch."""
         self._carried.forget(identities)
         if not self._idle:
             for identity in self._taken_in(identities):
                 (self._retracted if self._is_late(identity.stamp_ns) else self._forgotten).append(identity)
 
     def receive_again(self, received: Sequence[Received]) -> None:
-        """Add entries that had been removed, and that count again."""
+        """Add measurements to the estimate of the frames that had been removed, and that count again."""
         again, waiting = {entry.entry_id for entry, _ in received}, {*self._retracted, *self._forgotten}
         self._retracted = [identity for identity in self._retracted if identity not in again]
         self._forgotten = [identity for identity in self._forgotten if identity not in again]
@@ -154,7 +156,8 @@ class SwarmFrames:
         return [identity for identity in identities if identity not in waiting and self._intake.holds(identity)]
 
     def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
-        """Compute the keyframes that are due, and those that late entries have changed; a limited number per call.
+        """Compute the estimates of the frames (keyframes) that are due, and those that late entries have changed; a limited
+        number per call.
 
         ``takes_late``: whether a batch of late entries may be taken. A caller that still processes the previous batch would begin
         again with every change far back, and never finish.

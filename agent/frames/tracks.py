@@ -69,9 +69,9 @@ class Track:
         self._changed_ns = ALWAYS
 
     def insert(self, sample: Sample) -> int | None:
-        """Add a sample. Return the time stamp after which the track has changed; None if it has not changed.
+        """Add a sample to the track. Return the time stamp after which the track has changed; None if it has not changed.
 
-        Of two samples with equal stamp and epoch the lesser one is kept, for any order of arrival.
+        Of two samples with equal stamp and epoch (period without a jump) the lesser one is kept, for any order of arrival.
         """
         index = self._index(sample)
         held = self._sample(index) if index < len(self._stamps) else None
@@ -86,7 +86,9 @@ class Track:
         return self._before_ns(index, sample.stamp_ns)
 
     def remove(self, sample: Sample) -> int | None:
-        """Remove a sample. Return the time stamp after which the track has changed; None if the sample was not in the track."""
+        """Remove a sample from the track. Return the time stamp after which the track has changed; None if the sample was not in
+        it.
+        """
         index = self._index(sample)
         if index == len(self._stamps) or self._sample(index) != sample:
             return None
@@ -95,7 +97,7 @@ class Track:
         return self._before_ns(index, sample.stamp_ns)
 
     def any_within(self, after_ns: int, until_ns: int) -> bool:
-        """Return whether there are samples in the interval (after_ns, until_ns]."""
+        """Return whether the track has samples in the interval (after_ns, until_ns]."""
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
     def content(self, after_ns: int, until_ns: int) -> tuple[bytes, bytes, bytes]:
@@ -109,7 +111,7 @@ class Track:
         return self._stamps[first:end].tobytes(), self._epochs[first:end].tobytes(), self._local.content(first, end)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard the samples before a time stamp."""
+        """Discard the track's samples from before a time stamp (ns)."""
         count = bisect_left(self._stamps, stamp_ns)
         if count:
             self._delete(0, count)
@@ -123,12 +125,12 @@ class Track:
 
     @property
     def first_ns(self) -> int | None:
-        """Time stamp of the first sample; None without samples."""
+        """Time stamp (ns) of the track's first sample; None without samples."""
         return self._stamps[0] if self._stamps else None
 
     @property
     def segments(self) -> list[Segment]:
-        """All segments (parts between two jumps of the localisation), in order of time."""
+        """All segments of the track (parts between two jumps of the localisation), in order of time."""
         self._join()
         return self._segments
 

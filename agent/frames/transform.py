@@ -126,7 +126,7 @@ class Transform:
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """1 sigma of the yaw (rad); 0 if the transform is exact."""
+        """1 sigma of the transform's yaw (rad); 0 if the transform is exact."""
         return 0.0 if self.covariance is None else math.sqrt(max(float(self.covariance[3, 3]), 0.0))
 
     def rotation_matrix(self) -> Array:

@@ -34,19 +34,19 @@ class Admission:
         self._put_off_ns: dict[str, int] = {}
 
     def admits(self, entry: Entry, now_ns: int) -> bool:
-        """Return whether an entry, not yet verified, may be taken now by the quota of the drone that it names."""
+        """Return whether a log entry, not yet verified, may be taken now by the quota of the drone that it names."""
         if all(quota.left(1e-9 * now_ns) >= 1.0 for quota in self._of(entry, now_ns)):
             return True
         self._put_off_ns[entry.drone] = now_ns
         return False
 
     def charge(self, entry: Entry, now_ns: int) -> None:
-        """Reduce the quota of an entry's drone after the entry has been taken."""
+        """Reduce the quota of the drone whose log entry has been taken."""
         for quota in self._of(entry, now_ns):
             quota.charge(1.0)
 
     def put_off(self, now_ns: int) -> frozenset[str]:
-        """Return the drones whose entries were recently put off."""
+        """Return the drones whose log entries were recently put off, because their quota was used up."""
         return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < TOLD_NS)
 
     def _of(self, entry: Entry, now_ns: int) -> Iterator[Bucket]:

@@ -24,7 +24,9 @@ class Blocks:
         self._hashes: dict[Publisher, dict[int, _Hash]] = {}
 
     def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
-        """Note that the entry under a number has been added, changed or removed; ``empty``: its block has no entry any more."""
+        """Note that a log entry has been added, changed or removed; ``empty``: its block (range of numbers) has no entry any
+        more.
+        """
         blocks = self._hashes.setdefault(publisher, {})
         block = number // BLOCK
         if empty:
@@ -35,12 +37,12 @@ class Blocks:
             blocks[block].digest = None
 
     def held(self, publisher: Publisher, block: int) -> bool:
-        """Return whether the log has any entry of a publisher's block."""
+        """Return whether the log has any entry in a block (range of numbers) of a publisher."""
         return block in self._hashes.get(publisher, ())
 
     def chosen(self, publishers: Sequence[Publisher], turn: int) -> list[tuple[Publisher, int]]:
-        """Return the blocks whose hashes go into a summary, as many as it can carry: others each turn, until all have been
-        published.
+        """Return the blocks of log entries whose hashes go into a summary, as many as it can carry: others each turn, until all
+        have gone.
         """
         every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
         if len(every) <= MOST_BLOCKS:
@@ -49,7 +51,7 @@ class Blocks:
         return list(islice(cycle(every), start, start + MOST_BLOCKS))
 
     def hash(self, publisher: Publisher, block: int) -> bytes:
-        """Return the hash of a publisher's block, which must have an entry."""
+        """Return the hash of the log's entries in a block (range of numbers) of a publisher; there must be one."""
         found = self._hashes[publisher][block]
         if found.digest is not None:
             return found.digest
@@ -82,12 +84,12 @@ class _Hash:
 
 
 def numbers_of(block: int) -> range:
-    """Return the sequence numbers that belong to a block."""
+    """Return the sequence numbers of the log entries that belong to a block."""
     return range(block * BLOCK, (block + 1) * BLOCK)
 
 
 def hash_of(payloads: Iterable[bytes]) -> bytes:
-    """Return the common hash of several entries, from their bytes in order."""
+    """Return one hash over several log entries, from their bytes in order."""
     whole = blake2b(digest_size=HASH_BYTES)
     for payload in payloads:
         _add(whole, payload)

@@ -40,33 +40,35 @@ class Chains:
         self._lagged = 0  # calls for which the chain has lagged
 
     def begin(self, base: Any) -> None:
-        """Begin again, with the state before the first step."""
+        """Discard all states of the estimator, and begin again with the state before the first step."""
         self._base, self._replay, self._catches_up = base, None, False
         self._states.clear()
 
     @property
     def newest(self) -> tuple[int, Any]:
-        """The newest step of the present chain, and the state after it."""
+        """The newest computed time step, and the estimator's state after it."""
         return next(reversed(self._states.items()), (NEVER, self._base))
 
     @property
     def lags(self) -> bool:
-        """Whether the present chain ended, at the last call, too early for a source estimate."""
+        """Whether the estimator's newest state was, at the last call, too old for a source estimate."""
         return self._lagged > 0
 
     @property
     def is_replaying(self) -> bool:
-        """Whether a recomputation (replay) is unfinished."""
+        """Whether a recomputation (replay) of the estimator's states after late entries is unfinished."""
         return self._replay is not None or self._catches_up
 
     def rewind(self, step: int) -> None:
-        """Discard the states after this step and later steps."""
+        """Discard the estimator's states after this time step and later ones."""
         undo(self._states, step)
         if self._replay is not None:
             undo(self._replay, step)
 
     def replay(self, step: int) -> None:
-        """Recompute the states after this step and later steps, in parallel to the present states if these are of use."""
+        """Recompute the estimator's states after this time step and later ones, in parallel to the present states if these are of
+        use.
+        """
         if self._replay is None and (self.lags or self._catches_up):
             self._batches.took(self._lagged)  # the pauses double: however often it begins again, it comes to the end
             undo(self._states, step)
@@ -78,9 +80,9 @@ class Chains:
         self._watched = since, min(from_step, next(reversed(self._replay), NEVER))
 
     def extend(self, due: int, oldest: int, budget: int) -> bool:
-        """Compute the missing states up to the due step, within the budget of work; return whether the present chain is complete.
+        """Compute the estimator's missing states up to the due time step, within the budget of work.
 
-        ``oldest``: the chain lags if it ends before that step.
+        Return whether all present states are computed. ``oldest``: the chain of states lags if it ends before this step.
         """
         self.goes_back = False
         complete, left = self._extended(self._states, due, budget)

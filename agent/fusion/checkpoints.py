@@ -10,13 +10,14 @@ T = TypeVar("T")
 
 
 def undo(states: dict[int, T], step: int) -> None:
-    """Discard the states after this step and later steps. ``states``: by step, ascending."""
+    """Discard an estimator's states after this time step and later ones. ``states``: by step, ascending."""
     while states and next(reversed(states)) >= step:
         states.popitem()
 
 
 def thin(states: dict[int, T]) -> None:
-    """Limit the number of stored states to ``MOST_CHECKPOINTS``, by dropping one. ``states``: by step, ascending.
+    """Limit the number of an estimator's stored states to ``MOST_CHECKPOINTS``, by dropping one. ``states``: by time step,
+    ascending.
 
     Drop the state with the least cost: the additional steps of a replay without it, relative to the necessary steps. The spacing
     then grows with the age, and a late entry costs about twice the steps that it changes, at any age.

@@ -32,12 +32,12 @@ class Counting:
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
-        """The entries that have ceased to count, or begun to count again; see ``ObservationLog.recounted``."""
+        """The log entries that have ceased to count, or begun to count again; see ``ObservationLog.recounted``."""
         self.settle()
         return self._recounted
 
     def settle(self) -> None:
-        """Count the entries again whose retractions have been removed since the last call."""
+        """Let log entries count again whose retractions have been removed since the last call."""
         for publisher, changed in self._retractions.settled():
             for identity in self._held(publisher, changed):
                 self._expose(identity, self._end_ns(identity))
@@ -52,7 +52,9 @@ class Counting:
         return self._retractions.takes_back((identity.drone, identity.boot), identity.sequence) or self._overlapping(identity)
 
     def overlapping(self, since_ns: int) -> list[str]:
-        """Return the drones with overlapping exposures that began since a time (ns), sorted."""
+        """Return the drones whose exposures (counts of their camera) overlap, of exposures that began since a time (ns),
+        sorted.
+        """
         return [] if self._overlaps is None else self._overlaps.drones(since_ns)
 
     def added(self, entry: Entry, identity: EntryId) -> None:
@@ -67,7 +69,7 @@ class Counting:
             self._expose(identity, entry.end_ns)
 
     def removed(self, identity: EntryId) -> None:
-        """Take the removal of an entry from the log."""
+        """Take note that an entry was removed from the log."""
         self._retractions.remove((identity.drone, identity.boot), identity.sequence)
         self._unexpose(identity)
 

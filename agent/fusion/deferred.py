@@ -78,12 +78,14 @@ class Deferred:
         self._told, self._told_of = Told(), 0  # the newest answer, and the origin of its chain
 
     def initial(self, start_ns: int | None) -> Link:
-        """Return the state before the first observation, as ``Estimator.initial`` does."""
+        """Return a reference to the estimator's state before the first observation, without computing anything."""
         number = next(self._link_numbers)
         return Link(number, number, start_ns)
 
     def step(self, state: Link, step: GridStep, observations: Sequence[Observation]) -> Link:
-        """Return the state after a step, as ``Estimator.step`` does, without computing anything yet."""
+        """Return a reference to the estimator's state after a time step, as ``Estimator.step`` does, without computing anything
+        yet.
+        """
         return Link(next(self._link_numbers), state.origin, state.start_ns, state, step, tuple(observations))
 
     def work(self, state: Link, observations: int) -> int:
@@ -102,12 +104,12 @@ class Deferred:
         return self._newest(state).hypothesis
 
     def outlook(self, state: Link, step: GridStep) -> Outlook | None:
-        """Return the newest known posterior of the search of the state's chain."""
+        """Return the newest known posterior of the search, as far as the other process has answered."""
         return self._newest(state).outlook
 
     @property
     def waits(self) -> bool:
-        """Whether there is a question without an answer."""
+        """Whether the other process still has to answer a question (request for a source estimate)."""
         return bool(self._questions)
 
     def task(self, held: Collection[int], question: int | None = None) -> Task | None:
@@ -141,7 +143,7 @@ class Deferred:
         return (None if begun is None else self.task(held, begun)) or self.task(held)
 
     def take(self, question: int, told: Told) -> None:
-        """Accept the answer to a question; ignore it if the question, or a newer one, has an answer already."""
+        """Accept the other process's answer to a question; ignore it if the question, or a newer one, has an answer already."""
         if question in self._questions:
             self._told, self._told_of = told, self._questions[question][0].origin
             self.answered_digest = self._digests[question]
@@ -161,11 +163,11 @@ class Folder(Generic[S]):
 
     @property
     def held(self) -> frozenset[int]:
-        """Numbers of the states that are kept."""
+        """Numbers of the estimator's states that are kept for later tasks."""
         return frozenset(number for number, _ in self._states.values())
 
     def fold(self, task: Task) -> Told | None:
-        """Compute a task; return the answer to its question, or None if another task must follow.
+        """Compute one task of the estimator; return the answer to its question, or None if another task must follow.
 
         Raises:
             KeyError: the starting state is not held.
@@ -182,7 +184,7 @@ class Folder(Generic[S]):
         return Told(None if hypothesis is None else _plain(hypothesis), outlook)
 
     def answer(self, deferred: Deferred, question: int) -> Told:
-        """Compute all tasks of a question, and return its answer.
+        """Compute all that a question (request for a source estimate) needs, and return the answer.
 
         Raises:
             ValueError: there is no such question without an answer.

@@ -150,7 +150,7 @@ class Fusion:
 
     @property
     def state(self) -> Any:
-        """The newest state of the estimator."""
+        """The estimator's newest state, from which the source estimate follows."""
         return self._chains.newest[1]
 
     def start(self, stamp_ns: int) -> None:
@@ -167,7 +167,7 @@ class Fusion:
             self._told, self._stale = (NEVER, None, NEVER), True
 
     def end(self) -> None:
-        """Stop estimating for good: from now on only the log is kept."""
+        """Stop estimating the source for good: from now on only the log is kept."""
         self._ended, self.hypothesis, self._due_step = True, None, NEVER
 
     def receive(self, entry: Entry, payload: bytes) -> bool:

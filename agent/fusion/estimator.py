@@ -27,7 +27,7 @@ class GridStep(Struct, frozen=True):
 
     @property
     def middle_ns(self) -> int:
-        """Time in the middle of the step (UTC, ns)."""
+        """Time in the middle of this step of the time grid (UTC, ns)."""
         return (self.start_ns + self.end_ns) // 2
 
 

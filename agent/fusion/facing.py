@@ -29,7 +29,9 @@ class Facing(NamedTuple):
     aside: Array
 
     def cosine(self, least: float = 0.0) -> Array:
-        """Return f with the lower limit ``least``: (f^2 + least^2)^(1/2)."""
+        """Return the cosine f between the sensor's normal and the direction to the source, with a lower limit: (f^2 +
+        least^2)^(1/2).
+        """
         result: Array = np.sqrt(np.maximum(self.square, 0.0) + least * least)
         return result
 

@@ -41,11 +41,11 @@ class GivenEstimator:
             raise ConfigError("fusion.given.schedule: times must ascend; sort the rows [t_s, x, y] by t_s")
 
     def initial(self, start_ns: int | None) -> int | None:
-        """Return the state, which is the mission's start (UTC, ns)."""
+        """Return the estimator's state, which is the mission's start (UTC, ns)."""
         return start_ns
 
     def step(self, state: int | None, step: GridStep, observations: Sequence[Observation]) -> int | None:
-        """Return the state unchanged; observations are not used."""
+        """Return the estimator's state unchanged; observations are not used."""
         return state
 
     def work(self, state: int | None, observations: int) -> int:

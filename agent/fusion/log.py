@@ -111,7 +111,7 @@ class ObservationLog:
         return [decode_as(kind, payload) for _, payload in sorted(held)]
 
     def entry(self, identity: EntryId) -> Entry:
-        """Return the entry with this identity. Raises KeyError if it is not in the log."""
+        """Return the log's entry with this identity. Raises KeyError if it is not in the log."""
         return self.record(identity).entry
 
     def identity_of(self, entry: Entry) -> EntryId:
@@ -163,7 +163,7 @@ class ObservationLog:
         return _EVERYTHING if found is None else found.number - 1
 
     def revision(self, kind: type[Entry]) -> int:
-        """Return a counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
+        """Return a counter that grows whenever the log's entries of this kind change: a cheap test for changes."""
         return self._revisions[kind]
 
     @property
@@ -227,7 +227,7 @@ class ObservationLog:
         return None
 
     def record(self, identity: EntryId) -> Record:
-        """Return the entry with this identity as its bytes. Raises KeyError if it is not in the log."""
+        """Return the log's entry with this identity as its bytes. Raises KeyError if it is not in the log."""
         for kind, held in self._payloads.items():
             payload = held.get(identity)
             if payload is not None:
@@ -235,7 +235,7 @@ class ObservationLog:
         raise KeyError(identity)
 
     def identities(self, kind: type[Entry], drone: str) -> list[EntryId]:
-        """Return the identities of a drone's entries of one kind, ascending."""
+        """Return the identities of a drone's log entries of one kind, ascending."""
         return sorted(identity for identity in self._payloads[kind] if identity.drone == drone)
 
     def beyond(self, drone: str, last: Callable[[str], int], boot: str | None = None) -> list[EntryId]:

@@ -56,12 +56,12 @@ class ConeObservation(Struct, frozen=True):
 
     @property
     def apex(self) -> Vector3:
-        """Position of the camera, mission frame, metres."""
+        """Position of the camera that measured the cone, mission frame, metres."""
         return self.readings[0].apex
 
     @property
     def probable(self) -> ConeSurface:
-        """The more probable reading of the cone."""
+        """The more probable reading of the cone, of the two orders of the photon's interactions."""
         return max(self.readings, key=lambda reading: reading.probability)
 
     @property

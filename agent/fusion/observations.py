@@ -25,13 +25,13 @@ class Observations:
         self._held: dict[EntryId, Observation] = {}  # the last put observations
 
     def put(self, identity: EntryId, observation: Observation) -> None:
-        """Store an observation; when the cache is full, the oldest one is dropped."""
+        """Store the observation of a log entry; when the cache is full, the oldest one is dropped."""
         self._held[identity] = observation
         if len(self._held) > MOST_HELD:
             del self._held[next(iter(self._held))]
 
     def discard(self, identity: EntryId) -> None:
-        """Drop an observation, if it is in the cache."""
+        """Drop the observation of a log entry, if it is in the cache."""
         self._held.pop(identity, None)
 
     def missing(self, identities: Iterable[EntryId]) -> int:

@@ -29,11 +29,11 @@ class Overlaps:
         self._drones: defaultdict[str, _Exposed] = defaultdict(_Exposed)
 
     def add(self, identity: EntryId, end_ns: int) -> list[EntryId]:
-        """Add an exposure. Return the other exposures of the drone that overlap now and did not before."""
+        """Add an exposure (counts of a camera). Return the drone's other exposures that overlap now and did not before."""
         return self._drones[identity.drone].add((identity.stamp_ns, end_ns, identity))
 
     def remove(self, identity: EntryId) -> list[EntryId]:
-        """Remove an exposure, if it is held. Return the other exposures of the drone that do not overlap any more."""
+        """Remove an exposure (counts of a camera). Return the drone's other exposures that do not overlap any more."""
         exposed = self._drones.get(identity.drone)
         return exposed.remove(identity) if exposed is not None else []
 

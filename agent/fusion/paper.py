@@ -82,11 +82,11 @@ class PaperEstimator:
         self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
-        """Return the state without cones, which does not depend on the mission's start."""
+        """Return the estimator's state before the first cone, which does not depend on the mission's start."""
         return PaperState()
 
     def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
-        """Return the state after a grid step's cones, which are processed one after another."""
+        """Return the estimator's state after a grid step's cones, which are processed one after another."""
         gathered, seen, track = state.gathered, state.seen, state.track
         for observation in observations:
             if not isinstance(observation, ConeObservation):

@@ -16,7 +16,7 @@ class Record(Struct, frozen=True):
 
     @property
     def entry(self) -> Entry:
-        """The decoded entry; decoded again at each access."""
+        """The log entry, decoded from its bytes again at each access."""
         return decode_as(self.kind, self.payload)
 
 

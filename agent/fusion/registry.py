@@ -30,8 +30,8 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     - ``paper``: the paper's filter, with the projection rule as printed.
     - ``paper-geometric``: the paper's filter with the geometrically correct rule.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
-    - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones. - ``given``:
-    the schedule of fusion.given.
+    - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones.
+    - ``given``: the schedule of fusion.given.
     - any other: of an installed package.
 
     Raises:

@@ -23,7 +23,7 @@ class Retractions:
         self._stale: set[Publisher] = set()  # publishers with retractions removed since
 
     def takes_back(self, publisher: Publisher, number: int) -> bool:
-        """Return whether the measurement with that number has been retracted; call ``settled`` before."""
+        """Return whether a publisher's measurement with that number has been retracted; call ``settled`` before."""
         numbers = self._numbers.get(publisher)
         return numbers is not None and number in numbers
 
@@ -37,7 +37,7 @@ class Retractions:
         return changed
 
     def remove(self, publisher: Publisher, number: int) -> None:
-        """Remove the retraction with that number; other entries are ignored."""
+        """Remove the retraction with that number, after its entry was removed from the log; other entries are ignored."""
         if number in self._held.get(publisher, ()):
             del self._held[publisher][number]
             self._stale.add(publisher)

@@ -58,11 +58,11 @@ class Timeline:
         return place - _first(held, seen.kind) < self._most(seen.kind)
 
     def step_of(self, identity: EntryId) -> int | None:
-        """Return the time step of an entry's observation; None for an entry without observation."""
+        """Return the time step that contains a log entry's observation; None for an entry without observation."""
         return self._step_of.get(identity)
 
     def remove(self, identity: EntryId) -> int | None:
-        """Remove an entry's observation; return the time step whose counted observations have changed, or None."""
+        """Remove the observation of a log entry; return the time step whose counted observations have changed, or None."""
         step = self._step_of.pop(identity, None)
         if step is None:
             return None
@@ -85,7 +85,7 @@ class Timeline:
         return self._steps[bisect_right(self._steps, after) : bisect_right(self._steps, until)]
 
     def since(self, step: int) -> list[Seen]:
-        """Return all entries with observations from a time step on."""
+        """Return all log entries with observations from a time step on."""
         first = bisect_left(self._steps, step)
         return [seen for step in self._steps[first:] for seen in self._seen[step]]
 

@@ -26,7 +26,7 @@ class Climbing:
         self.confine(fence)
 
     def confine(self, fence: Fence) -> None:
-        """Take floor and ceiling from another fence."""
+        """Set the floor and ceiling between which the drone climbs, from another fence."""
         self._low, self._high, horizon = fence.floor_m, fence.ceiling_m, self._horizon
         normals = np.repeat(np.array([1.0, -1.0]), horizon).reshape(2, horizon, 1)
         offsets = np.repeat(np.array([fence.floor_m, -fence.ceiling_m]), horizon).reshape(2, horizon)

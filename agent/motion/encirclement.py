@@ -74,12 +74,12 @@ class Encirclement:
 
         Args:
             me: this drone; preferably the tracker's own state.
-            others: the other drones; preferably the states in their plans (poses work too), without stale ones. my_id: breaks
-                ties between drones at equal angles.
+            others: the other drones; preferably the states in their plans (poses work too), without stale ones.
+            my_id: breaks ties between drones at equal angles.
             center: the source estimate; its z is the ground, and the flight is at z + height_m.
             center_velocity: of the source estimate, m/s.
             radius_m, height_m: override the configured ones. The radius is never below what the separation of all drones needs.
-                doubt_m: added to that separation, for position errors and deviations from the plans.
+            doubt_m: added to that separation, for position errors and deviations from the plans.
             stands: the drones' places on the circle do not rotate; only with the law ``smooth``.
         """
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))

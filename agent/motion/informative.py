@@ -91,8 +91,8 @@ class Waypoints:
             belief: possible positions of a source.
             position: this drone's; frame of the area.
             velocity: this drone's.
-            others: positions of the drones that share the search; places nearer to them are mostly left to them. behind: (x, y,
-                b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
+            others: positions of the drones that share the search; places nearer to them are mostly left to them.
+            behind: (x, y, b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
         """
         rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position

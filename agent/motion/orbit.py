@@ -50,9 +50,7 @@ def ring_lift_m(mission: MissionConfig, ring: int) -> float:
 
 
 def highest_circle_m(mission: MissionConfig) -> float:
-    """Return the height (m) above the ground that no circle around a source exceeds: every second ring is higher than
-    the first.
-    """
+    """Return the height (m) above the ground that no drone's circle around a source exceeds."""
     return mission.encirclement.height_m + ring_lift_m(mission, 1)
 
 

@@ -45,7 +45,7 @@ class PathFollower:
 
     @property
     def length_m(self) -> float:
-        """Length (m) of the path, one way."""
+        """Length (m) of the survey path, one way."""
         return self._starts[-1]
 
     def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:

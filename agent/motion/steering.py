@@ -45,7 +45,7 @@ Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and accel
 
 
 class Status(StrEnum):
-    """How a plan was found."""
+    """How a drone's plan was found: freely, within limits, or by braking or evasion."""
 
     FREE = "free"  # no limit active
     CONSTRAINED = "constrained"  # solved within limits

@@ -41,8 +41,8 @@ def survey_paths(
     Args:
         area: simple polygon to search.
         drones: ids of the active drones, in any order.
-        coverage: flown paths with the width that they cover, of any drone, including drones that dropped out. lane_spacing_m:
-            largest distance between lanes.
+        coverage: flown paths with the width that they cover, of any drone, including drones that dropped out.
+        lane_spacing_m: largest distance between lanes.
         starts: positions of the drones, known to all drones alike; drones without a position are ordered by id.
     """
     segments = divide(uncovered(area, coverage), drones, starts)

@@ -90,7 +90,7 @@ class Tracker:
         self._start = (position, velocity)
 
     def follow_by(self, response: ResponseConfig) -> None:
-        """Set how the vehicle responds to setpoints, from now on."""
+        """Set the vehicle's response to setpoints (drag and lags), by which setpoints are computed from now on."""
         self._response = response
 
     def confine(self, fence: Fence) -> None:
@@ -151,7 +151,7 @@ class Tracker:
         return self._adopt(now_ns, start, states, jerk, upright_status if status is Status.FREE else status)
 
     def state(self, now_ns: int) -> PeerState:
-        """Return the planned position and velocity now, where the vehicle should be."""
+        """Return the position and velocity that the drone's plan has for now, where the vehicle should be."""
         position, velocity, _, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
         return PeerState(position, velocity)
 

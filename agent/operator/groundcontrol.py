@@ -40,7 +40,7 @@ _DONE: dict[Action, tuple[Stage, ...]] = {
 
 
 class CommandError(RadronError):
-    """A command was not sent, or a drone did not carry it out."""
+    """An operator's command was not sent, or a drone did not carry it out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
 
     Raises:
         CommandError: no such swarm, drones with different missions, or a drone that does not obey, with its reasons.
-            ProtocolError: an endpoint that cannot be used.
+        ProtocolError: an endpoint that cannot be used.
     """
     links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
     statuses = Statuses(links.identity)

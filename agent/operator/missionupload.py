@@ -52,7 +52,7 @@ async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
 
     Raises:
         CommandError: not all the mission's drones are heard, or the certificate is not an operator's; nothing was sent.
-            ProtocolError: an endpoint that cannot be used, or a mission that is too large.
+        ProtocolError: an endpoint that cannot be used, or a mission that is too large.
     """
     links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
     statuses = Statuses(links.identity)

@@ -56,7 +56,7 @@ class Place(Struct, frozen=True):
 
 
 def place_of(swarm: str, connect: Sequence[str], identity: Path | None, insecure: bool, mission: Path | None) -> Place:
-    """Return the options in one object; raises OverviewError if they contradict each other."""
+    """Return the options of ``status`` and ``watch`` in one object; raises OverviewError if they contradict each other."""
     if insecure == (identity is not None):
         make = "run `radron-deploy pki issue NAME --role observer`, and give the folder that it makes"
         raise OverviewError(f"--identity or --insecure: give one of them; for a certificate, {make}")
@@ -83,7 +83,7 @@ class Overview:
 
     @property
     def heard(self) -> bool:
-        """Whether any drone has been heard."""
+        """Whether a message of any drone has arrived."""
         return any(drone.heard_s > 0.0 for drone in self._drones.values())
 
     def receive(self, key: str, payload: bytes, vouched: bool = True) -> None:

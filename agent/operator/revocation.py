@@ -58,7 +58,7 @@ async def revoke(request: Request, confirm: Callable[[str], bool], say: Callable
 
     Raises:
         RevocationError: no right to revoke, no such swarm, not confirmed, or drones that have not put it into effect.
-            ProtocolError: a name, certificate or endpoint that cannot be used.
+        ProtocolError: a name, certificate or endpoint that cannot be used.
     """
     identity = _identity(request)
     heard, links = _Heard(identity), MeshConfig(connect=request.connect, identity=identity)

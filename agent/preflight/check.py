@@ -91,7 +91,7 @@ class Preflight:
 
     @property
     def findings(self) -> list[Finding]:
-        """The present findings during the check, the last ones afterwards."""
+        """The present findings of the preflight check, and after its end the last ones."""
         return self._present() if self._last is None else self._last
 
     def _present(self) -> list[Finding]:

@@ -42,7 +42,7 @@ async def chrony_finding(alone: bool) -> Finding:
 
 
 def judged(output: str, returncode: int | None) -> Finding:
-    """Return the finding on the clock from the output of ``chronyc -c tracking``."""
+    """Return the preflight finding on the computer's clock from the output of ``chronyc -c tracking``."""
     lines = output.strip().splitlines()
     text = lines[-1][:80] if lines else ""
     if returncode != 0:

@@ -27,7 +27,7 @@ class Change(Struct, frozen=True):
 
     @property
     def taken(self) -> bool:
-        """Whether the autopilot has the wanted value now."""
+        """Whether the autopilot has the wanted value of the parameter now."""
         return self.after == float32(self.wanted)
 
 
@@ -44,7 +44,7 @@ class Corrections:
 
     @property
     def changes(self) -> list[Change]:
-        """All parameters that were set, with their present values."""
+        """All autopilot parameters that were set, with their present values."""
         return [Change(name, before, self._values.get(name), wanted) for name, (before, wanted) in self._before.items()]
 
     def tries(self, name: str) -> bool:
@@ -55,7 +55,7 @@ class Corrections:
         return answers or self._attempts.get(name, 0) < MOST_ATTEMPTS
 
     async def run(self, vehicle: Px4Vehicle) -> None:
-        """Set wrong parameters until cancelled."""
+        """Set the autopilot's wrong parameters, again and again, until cancelled."""
         asked_s = float("-inf")
         while True:
             self._values = {name: vehicle.parameters.value(name) for name in self._before}

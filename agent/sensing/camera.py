@@ -55,7 +55,7 @@ class Camera:
         return self._watch.message
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
-        """Return the log entries that follow from a readout."""
+        """Return the log entries (cones and counts) that follow from a readout of the camera."""
         self._newest_ns, self._is_silent = readout.end_ns, False
         entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)

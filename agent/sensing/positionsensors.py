@@ -71,7 +71,7 @@ class PositionSensors:
         )
 
     def begin_anew(self) -> None:
-        """Start again after a clock step: the entries with later stamps are being taken back."""
+        """Start again after a step of the clock: the log entries with wrong stamps are being taken back."""
         self._newest_ns = self._elsewhere_ns = 0
 
     def drop_until(self, until_ns: int) -> None:

@@ -38,11 +38,11 @@ class SightingsFeed:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The present problems of the feed, one line each."""
+        """The present problems of the sensor's TCP feed, one line each."""
         return tuple(text for text in (self._feed.problem, self._flaw) if text is not None)
 
     async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
-        """Yield sightings as they arrive, until ``close`` is called."""
+        """Yield the relative observations of other drones as they arrive, until ``close`` is called."""
         async for lines in self._feed.items():
             seen = [sighting for sighting in map(self._sighting, lines) if sighting is not None]
             self.counters["sightings"] += len(seen)
@@ -66,5 +66,5 @@ class SightingsFeed:
         return seen
 
     async def close(self) -> None:
-        """Close the link, so that ``sightings`` ends."""
+        """Close the link to the sensor's feed, so that ``sightings`` ends."""
         await self._feed.close()

@@ -49,7 +49,7 @@ class FaultBarrier:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for each kind of handler that has failed."""
+        """A line for the operator for each kind of message handler or task that has failed."""
         return tuple(f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
 
     def _failed(self, kind: str) -> None:

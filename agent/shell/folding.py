@@ -59,7 +59,7 @@ class Folding:
         self.problem = _NOT_READY if self._deferred is not None else None
 
     async def run(self) -> None:
-        """Compute tasks of the estimator until cancelled."""
+        """Run the estimator's process, and exchange tasks and answers with it, until cancelled."""
         while self._deferred is not None:
             try:
                 await self._compute(self._deferred)

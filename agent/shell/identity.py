@@ -68,7 +68,7 @@ def check_clock(drone: DroneConfig, now_ns: int, made_ns: int | None = None) -> 
 
     Raises:
         DeadClockError: the clock is before the certificate or the software, as on a computer without a clock battery.
-            IdentityError: a certificate that cannot be used.
+        IdentityError: a certificate that cannot be used.
     """
     identity = own_identity(drone)
     if identity is None:

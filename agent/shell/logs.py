@@ -29,7 +29,7 @@ class UnblockingStream(io.TextIOBase):
         self._poll.register(fd, select.POLLOUT)
 
     def write(self, text: str) -> int:
-        """Write the text or its beginning; always return the full length."""
+        """Write a text of the log, or its beginning if more would block; always return the full length."""
         data = text.encode(errors="replace")
         for start in range(0, len(data), _PIECE_BYTES):
             if not any(event & select.POLLOUT for _, event in self._poll.poll(0)):

@@ -114,8 +114,8 @@ class Node:
         """Fly until cancelled, or until a new mission or a rebooted autopilot needs a new start.
 
         Raises:
-            RadronError, ProtocolError: an error for the user to fix: no vehicle, a port in use, no camera module. Exception: the
-                pilot's step failed.
+            RadronError, ProtocolError: an error for the user to fix: no vehicle, a port in use, no camera module.
+            Exception: the pilot's step failed.
         """
         try:
             await self._open()

@@ -36,7 +36,7 @@ class Patience:
         self._heartbeat.tell(f"STATUS={text}")
 
     async def until(self, attempt: Callable[[], Awaitable[None]]) -> None:
-        """Attempt something until it succeeds.
+        """Repeat an attempt, such as to connect to the autopilot, until it succeeds.
 
         Raises:
             RadronError, ProtocolError: the first failure, if ``waits`` is False.

@@ -61,13 +61,13 @@ class LateSteps:
         self._last_s = float("-inf")
 
     def note(self, behind_s: float) -> None:
-        """Note how late (s) the next step is."""
+        """Note how late (s) the next step of the flight loop is."""
         if behind_s > LATE_STEP_S:
             self._last_s = self._clock_s()
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator if steps were late recently; empty otherwise."""
+        """A line for the operator if steps of the flight loop were late recently; empty otherwise."""
         if self._clock_s() - self._last_s >= LATE_S:
             return ()
         return (f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s",)

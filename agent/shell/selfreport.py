@@ -52,7 +52,7 @@ class SelfReport:
 
     @classmethod
     def here(cls, environment: Mapping[str, str] = os.environ) -> SelfReport:
-        """Return a reporter that writes into the service manager's folder."""
+        """Return a reporter that writes into the folder named by the service manager (systemd)."""
         return cls(runtime_folder(environment))
 
     def readout(self) -> None:
@@ -110,7 +110,7 @@ class Updates:
         self.problem: str | None = None  # an update on trial: this computer may start anew at any moment
 
     def look(self, stage: Stage) -> None:
-        """Read the updater's records; in flight nothing changes."""
+        """Read the updater's records for messages to the operator; in flight nothing changes."""
         if self._records is None or stage not in ON_GROUND:
             return
         outcome, trial = self._records.outcome, self._records.trial

@@ -50,7 +50,7 @@ class _Kept(_Written, frozen=True, kw_only=True):
 
 
 def encode_state(state: State) -> bytes:
-    """Return the content of a state file."""
+    """Return the content of a state file, from which a restarted agent continues."""
     memory, launch = Raw(msgspec.json.encode(state.memory)), Raw(msgspec.json.encode(state.launch))
     return msgspec.json.encode(_Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state))))
 

@@ -171,7 +171,7 @@ def _read(fd: int) -> bytes | None:
 
 
 def main() -> None:
-    """``python -m radron.agent.shell.supervisor COMMAND...``"""
+    """Run the watchdog of an agent: ``python -m radron.agent.shell.supervisor COMMAND...``"""
     sys.exit(Supervisor(sys.argv[1:]).run())
 
 

@@ -46,7 +46,7 @@ class UploadedMission:
                 decline(reason)
 
     async def close(self) -> None:
-        """Cancel an upload in progress."""
+        """Cancel the fetching of an uploaded mission, if it is in progress."""
         if self._taking is not None:
             self._taking.cancel()
             await asyncio.gather(self._taking, return_exceptions=True)

@@ -34,12 +34,12 @@ class Records:
 
     @property
     def trial(self) -> Trial | None:
-        """The update on trial, not confirmed yet; None without one."""
+        """The software update on trial, not confirmed yet; None without one."""
         return _decoded(self.folder / "trial.json", Trial)
 
     @property
     def outcome(self) -> Outcome | None:
-        """The outcome of the last update; None without one."""
+        """The outcome of the last software update; None without one."""
         return _decoded(self.folder / "outcome.json", Outcome)
 
     @property
@@ -49,7 +49,7 @@ class Records:
 
     @property
     def busy(self) -> bool:
-        """Whether an update is being installed now."""
+        """Whether a software update is being installed now."""
         try:
             with self.changing():
                 return False
@@ -82,11 +82,11 @@ class Records:
         self._write("trial.json", trial)
 
     def tell(self, outcome: Outcome) -> None:
-        """Record the outcome of an update."""
+        """Record the outcome of a software update."""
         self._write("outcome.json", outcome)
 
     def end(self) -> None:
-        """Record that no update is on trial."""
+        """Record that no software update is on trial."""
         for name in ("trial.json", "trying"):
             (self.folder / name).unlink(missing_ok=True)
 

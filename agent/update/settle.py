@@ -24,7 +24,7 @@ _LOOK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Access to the computer on which an update is confirmed, replaced in tests.
+    """Access to the onboard computer while an update is confirmed: the agent's report, reboot, messages, and clocks.
 
     ``report``: returns the agent's report; ``excuse``: returns the agent's reason while it has no report.
     """

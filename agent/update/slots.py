@@ -56,20 +56,20 @@ class Slots:
         return self._order(self._read())[0]
 
     def other(self, slot: str) -> str:
-        """Return the slot beside this one: "B" for "A", "A" for "B"."""
+        """Return the other slot (system partition): "B" for "A", "A" for "B"."""
         return SLOTS[1 - SLOTS.index(slot)]
 
     def attempts(self, slot: str) -> int:
-        """Return the number of boots of a slot since it was last confirmed to work."""
+        """Return the number of boots of a slot (system partition) since it was last confirmed to work."""
         tries = self._read().get(f"{slot}_TRY", "0")
         return int(tries) if tries.isdecimal() else MOST_ATTEMPTS
 
     def is_good(self, slot: str) -> bool:
-        """Return whether the boot loader may boot this slot."""
+        """Return whether the boot loader may boot this slot (system partition)."""
         return self._read().get(f"{slot}_OK") == "1"
 
     def mark_good(self, slot: str) -> None:
-        """Mark a slot as working, and reset its count of attempts."""
+        """Mark a slot (system partition) as working, and reset its count of attempts to boot."""
         self._change(**{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def mark_bad(self, slot: str) -> None:

@@ -23,10 +23,10 @@ class Batteries:
         return min((level for level in fresh if level is not None), default=None)
 
     def problem(self, now_s: float) -> str | None:
-        """Return the message to the operator if a battery's level is not reported any more, so that no return would follow from
-        it.
+        """Return the message to the operator if a battery's level is not reported any more; None without a problem.
 
-        SYS_STATUS may repeat the level of before the loss of a battery.
+        The drone would not return when such a battery is nearly empty. SYS_STATUS may repeat the level from before the loss of a
+        battery.
         """
         single = [one for number, one in self._told.items() if number != ALL] or list(self._told.values())
         if all(level is not None and now_s - told_s <= STALE_S for level, told_s in single):

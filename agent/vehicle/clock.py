@@ -28,10 +28,10 @@ class BootClock:
         self.has_rebooted = False  # the autopilot, since its first message
 
     def observe(self, boot_ms: int, arrival_ns: int, steady_ns: int | None = None) -> int:
-        """Take a message's stamp (ms since boot) and its arrival (UTC, ns); return the stamp in UTC (ns), never later than the
-        arrival.
+        """Take a message's stamp (ms since the autopilot's boot) and its arrival (UTC, ns); return the stamp in UTC (ns).
 
-        steady_ns: time of arrival by a clock that is never set; it shows a step of UTC at once.
+        The result is never later than the arrival. steady_ns: time of arrival by a clock that is never set; it shows a step of
+        UTC at once.
         """
         boot_ns, ahead_ns = boot_ms * 1_000_000, None if steady_ns is None else arrival_ns - steady_ns
         self._watch_boots(boot_ns)

@@ -114,12 +114,12 @@ class FailedCheck(Struct, frozen=True):
     modes: int
 
     def bars(self, mode: FlightMode) -> bool:
-        """Whether the failed check prevents arming in this mode."""
+        """Return whether the autopilot's failed check prevents arming in this flight mode."""
         return bool(self.modes & _BITS[mode])
 
 
 def severity(event: Event) -> int:
-    """Return the severity of an event for operators, as MAV_SEVERITY; smaller is worse."""
+    """Return the severity of an autopilot event for operators, as MAV_SEVERITY; smaller is worse."""
     return event.log_levels & _EXTERNAL
 
 
@@ -135,7 +135,7 @@ def failed_check(event: Event) -> FailedCheck | None:
 
 
 def text_of(event: Event) -> str | None:
-    """Return the text of an event that is not part of a health report; None if it is not known here."""
+    """Return the text of an autopilot event that is not part of a health report; None if the event is not known here."""
     known = _BY_NUMBER.get(event.id)
     if known is None:
         return _CHECK_BY_NUMBER.get(event.id)

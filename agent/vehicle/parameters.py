@@ -67,7 +67,7 @@ class Parameters:
         self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last asked for
 
     def receive(self, message: ParameterValue) -> None:
-        """Take the value in a PARAM_VALUE message, whether it was asked for or not."""
+        """Take the value of an autopilot parameter in a PARAM_VALUE message, whether it was asked for or not."""
         if message.param_id in self._names:
             self._values[message.param_id] = value_of(message)
             self._kinds[message.param_id] = message.param_type
@@ -80,30 +80,30 @@ class Parameters:
             self._asked[message.param_id] = (MOST_ASKS, self._asked.get(message.param_id, (0, 0.0))[1])
 
     def forget(self) -> None:
-        """Forget all values and ask again: the autopilot may have been restarted, or replaced."""
+        """Forget all parameter values and ask again: the autopilot may have been restarted, or replaced."""
         self._values.clear()
         self._sets = 0
         self._asked.clear()
 
     def value(self, name: str) -> float | None:
-        """Return the newest value of a parameter, None while it is not known."""
+        """Return the newest value of an autopilot parameter, None while it is not known."""
         return self._values.get(name)
 
     @property
     def values(self) -> dict[str, float]:
-        """All known values by parameter name."""
+        """All known values of autopilot parameters, by name."""
         return dict(self._values)
 
     def kind(self, name: str) -> int | None:
-        """Return the MAV_PARAM_TYPE of a parameter, None while it is not known."""
+        """Return the type (MAV_PARAM_TYPE) of an autopilot parameter, None while it is not known."""
         return self._kinds.get(name)
 
     def wrong(self) -> dict[str, float]:
-        """Return the present values of the parameters that must be changed, by name."""
+        """Return the present values of the autopilot parameters that must be changed, by name."""
         return {name: value for name, value in self._values.items() if self._advice(name) is not None}
 
     def due(self, now_s: float) -> list[str]:
-        """Return the names of the parameters to ask the autopilot for now, and count them as asked."""
+        """Return the names of the parameters to ask the autopilot for now. They count as asked for."""
         names = []
         for name in self._names:
             count, asked_s = self._asked.get(name, (0, float("-inf")))

@@ -67,8 +67,8 @@ class Px4Vehicle:
             demands: values that the mission requires of the autopilot, with the connection to it.
             launch: the launch place from before a restart in flight.
             clock_ns: UTC.
-            exact: the mission's local frame is known exactly, so that it has only one epoch (period without a jump). clock_s: a
-                clock that never goes back.
+            exact: the mission's local frame is known exactly, so that it has only one epoch (period without a jump).
+            clock_s: a clock that never goes back.
             link: to the autopilot; None: as in ``config``.
         """
         self._config = config = demands.vehicle
@@ -126,7 +126,7 @@ class Px4Vehicle:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Obstacles to flying, one line each, with the autopilot's own messages."""
+        """Obstacles to flying, one line each, together with messages of the autopilot."""
         now_s = self._clock_s()
         problems = self._telemetry.problems(now_s)
         if self._telemetry.is_lost(now_s):

@@ -53,7 +53,7 @@ class Resets:
         self._satellites_of_frame: bool | None = None
 
     def take_count(self, count: int, stamp_s: float) -> None:
-        """Take the count of resets in an ODOMETRY message."""
+        """Take the autopilot's count of resets of its position filter from an ODOMETRY message."""
         if self.count is not None and (count - self.count) % _COUNTS:
             self._reset_s = stamp_s
         if self.count is None and self._before is not None:

@@ -159,7 +159,7 @@ class Telemetry:
 
     @property
     def has_rebooted(self) -> bool:
-        """Whether the autopilot was booted again since its first message."""
+        """Whether the autopilot was booted again since the first message from it."""
         return self._clock.has_rebooted
 
     @property

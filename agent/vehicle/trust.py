@@ -71,7 +71,7 @@ class PositionTrust:
         return not self._by_satellites or (self._has_fix and (self._fix_s is None or now_s - self._fix_s < SILENCE_S))
 
     def at(self, now_s: float) -> bool:
-        """Whether the position can be trusted at this time."""
+        """Return whether the autopilot's position can be trusted at this time."""
         self._judge(now_s)
         if self._well_s is None or now_s - self._well_s < CONFIRM_S:
             return False
@@ -87,7 +87,7 @@ class PositionTrust:
         return drift_m((now_s if self._well_s is None else self._well_s) - self._blind_s)
 
     def problem(self, now_s: float) -> str | None:
-        """Return the reason in words why the position cannot be trusted; None if it can."""
+        """Return the reason in words why the autopilot's position cannot be trusted; None if it can."""
         if self.at(now_s):
             return None
         if not self.hears_satellites(now_s):

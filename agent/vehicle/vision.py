@@ -70,7 +70,7 @@ class Vision:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """The present problems of the feed, one line each."""
+        """The present problems of the SLAM's feed, one line each."""
         if time.monotonic() - self._pose_s < SILENCE_S:
             return ()
         return (self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s",)
@@ -106,7 +106,7 @@ class Vision:
         return pose
 
     async def close(self) -> None:
-        """Close the feed, so that ``run`` ends."""
+        """Close the feed of the SLAM, so that ``run`` ends."""
         await self._feed.close()
 
 

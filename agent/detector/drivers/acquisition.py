@@ -50,7 +50,7 @@ class Utc:
             self._ahead_ns = ahead_ns
 
     def of(self, readout: Readout) -> Readout:
-        """Return the readout with its times in UTC."""
+        """Return the readout with its times converted to UTC."""
         ahead_ns = self._ahead_ns or 0
         start_ns, end_ns, clock_ns = (at_ns + ahead_ns for at_ns in (readout.start_ns, readout.end_ns, readout.clock_ns))
         return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)

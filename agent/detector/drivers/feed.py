@@ -31,12 +31,12 @@ class FeedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems of the feed, one line each."""
+        """Present problems of the camera's TCP feed, one line each."""
         problem = self._feed.problem or self._flaw
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Yield readouts as they arrive, until ``close`` is called."""
+        """Yield the camera's readouts as they arrive, until ``close`` is called."""
         async for readout in self._feed.items():
             if self._fresh(readout):
                 yield readout
@@ -68,5 +68,5 @@ class FeedDetector:
         return False
 
     async def close(self) -> None:
-        """Close the link, so that ``readouts`` ends."""
+        """Close the link to the camera's feed, so that ``readouts`` ends."""
         await self._feed.close()

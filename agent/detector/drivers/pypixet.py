@@ -91,7 +91,7 @@ class PixetDetector:
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Yield readouts of about 0.2 s as they arrive, until ``close`` is called."""
+        """Yield the camera's pixel hits in readouts of about 0.2 s as they arrive, until ``close`` is called."""
         if self._worker is None:  # one camera, one worker, however often its readouts are iterated
             self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
             self._worker.start()

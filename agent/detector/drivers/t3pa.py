@@ -33,11 +33,11 @@ class RecordedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Present problems, one line each, such as the end of the recording."""
+        """Present problems of the playback, one line each, such as the end of the recording."""
         return () if self._problem is None else (self._problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Yield readouts in real time, until the file ends or ``close`` is called."""
+        """Yield the recording's pixel hits in real time, in readouts of 0.2 s, until the file ends or ``close`` is called."""
         slices = playback(T3paReader(self._path, piece_bytes=_PIECE_BYTES), self._clock_ns())
         while True:
             try:
@@ -62,7 +62,7 @@ class RecordedDetector:
         return True
 
     async def close(self) -> None:
-        """Stop the playback, so that ``readouts`` ends."""
+        """Stop the playback of the recording, so that ``readouts`` ends."""
         self._closed.set()
 
 

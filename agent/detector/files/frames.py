@@ -22,7 +22,7 @@ _ACQUIRED = re.compile(r'"Acq time"[^\n]*\n[^\n]*\n\s*([0-9.,]+)')
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image of the camera: time over threshold summed for each pixel, without times of the hits.
+    """An image of the camera: time over threshold of each pixel in one exposure, without times of the hits.
 
     tot: (65536,) counts of 25 ns by matrix index, 0: no hit. acquisition_s: length of the exposure; None if no description states
     it.

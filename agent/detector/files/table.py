@@ -41,11 +41,11 @@ class Layout:
 
     @property
     def numbered(self) -> bool:
-        """Whether the rows have an index column, which restarts with each measurement."""
+        """Whether the rows of the file have an index column, which restarts with each measurement."""
         return self.places[INDEX] is not None
 
     def is_row(self, text: bytes) -> bool:
-        """Return whether a line has a whole number in every column."""
+        """Return whether a line of the file has a whole number in every column."""
         fields = text.decode("latin-1").strip("\r\n").split(self.delimiter)
         places = [place for place in self.places if place is not None]
         return max(places) < len(fields) and all(fields[place].strip().lstrip("-").isdigit() for place in places)

@@ -31,8 +31,8 @@ def joined_at_borders(toa: NDArray[np.int64]) -> NDArray[np.int64]:
     toa: (N,) times of arrival in 25 ns steps, in the order of the readout. Returns the times with misplaced hits moved by one
     period.
 
-    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to hits across its own if -
-    the time falls back by that period from one to the other in the order of the readout, and none across its own border was
+    A hit belongs to hits within ``MAX_APART`` across the border of a neighbouring period rather than to hits across its own if
+    - the time falls back by that period from one to the other in the order of the readout, and none across its own border was
       read out nearer to it, or
     - neither has hits across its own border.
     """

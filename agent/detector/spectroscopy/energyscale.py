@@ -63,8 +63,8 @@ class EnergyScale:
     def follow(self, nuclides: tuple[str, ...]) -> None:
         """Set the nuclides whose lines are the reference for the gain; without nuclides the reference stays as it is.
 
-        New nuclides start with an uncertainty of their lines of their own. If all are new, the gain was found by wrong lines, and
-        the calibration holds.
+        The lines of new nuclides get an uncertainty of their own. If all nuclides are new, the gain was found by wrong lines, and
+        the calibration holds again.
         """
         if not nuclides or nuclides == self._nuclides:
             return
@@ -76,7 +76,7 @@ class EnergyScale:
         self._covariance[1, 1] = LINE_SIGMA**2 + (LOSS_SIGMA_KEV / max(map(strongest_line_kev, nuclides))) ** 2
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events; the present factor has been applied to them."""
+        """Add the energies (keV) of events, already multiplied with the present factor, to the spectrum of the next update."""
         self._recent.add(energies_kev)
 
     def look(self, now_ns: int) -> bool:
@@ -125,7 +125,9 @@ class EnergyScale:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while the gain deviates by more than is usual for a calibrated camera; empty otherwise."""
+        """A line for the operator while the camera's gain deviates by more than is usual for a calibrated camera; empty
+        otherwise.
+        """
         if not self._is_told:
             return ()
         off = 1.0 / self.factor - 1.0

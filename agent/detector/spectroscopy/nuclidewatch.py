@@ -45,7 +45,7 @@ class NuclideWatch:
         return self._scale.factor
 
     def look(self, now_ns: int) -> None:
-        """Evaluate the spectrum if LOOK_NS have passed since the last evaluation."""
+        """Evaluate the camera's spectrum if LOOK_NS have passed since the last evaluation."""
         if self._scale.look(now_ns):
             self._recogniser = Recogniser()
         if self._looked_ns is None:

@@ -47,7 +47,7 @@ class Orders(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
-        """Return the readings of a cone, prepared for the likelihood."""
+        """Return the possible readings of a measured Compton cone, prepared for the likelihood."""
         table = np.array(
             [
                 (

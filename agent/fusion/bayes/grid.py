@@ -136,7 +136,7 @@ class Grid:
         self.background_prior: Array = prior / prior.sum()
 
     def by_block(self, values: NDArray[Real]) -> list[NDArray[Real]]:
-        """Split values (..., C) of all cells into one array for each block."""
+        """Split values (..., C) of all C grid cells into one array for each block (rectangle of cells of one size)."""
         return np.split(values, self._ends, axis=-1)
 
     def diffused(self, weight: Weights, variance_m2: float) -> Weights:

@@ -128,7 +128,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure at each Gaussian; age_s: age of the exposure's middle."""
+        """Fit the counts of an exposure to the expected ones at each Gaussian of the track; age_s: age of the exposure's
+        middle.
+        """
         return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
 
     def waits(self, fit: Fit) -> bool:
@@ -279,7 +281,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
-        """Return the track with fewer Gaussians: light sites dropped, near sites merged (``reduction``)."""
+        """Return the track with fewer Gaussians: sites (candidate places) of little weight are dropped, near ones merged
+        (``reduction``).
+        """
         if len(self.weight) == 1:
             return self
         groups = clusters(self.weight, self.mean, self.covariance)
@@ -291,7 +295,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, weight=weight, mean=mean, covariance=covariance, hidden=levels)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean (d,) and covariance (d, d) of the whole sum of Gaussians."""
+        """Return mean (d,) and covariance (d, d) of the whole track, over all its Gaussians."""
         d = self.mean.shape[-1]
         return moments_of(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
 

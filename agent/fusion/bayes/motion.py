@@ -48,7 +48,7 @@ class Motion:
 
     @property
     def modes(self) -> int:
-        """Number M of motion modes."""
+        """Number M of motion modes of the source."""
         return len(self.velocity_variance)
 
     def predict(self, mean: Array, covariance: Array, bias_variance: Array, dt_ms: int) -> tuple[Array, Array]:

@@ -112,7 +112,7 @@ class Response:
 
     @cached_property
     def background_ps(self) -> Array:
-        """Background rates (2,) of partial-energy and full-energy events, per second."""
+        """Background rates (2,) of the camera, per second: partial-energy and full-energy events."""
         return self.strength * (self._alone_ps if self.over_soil is None else self.over_soil.background_ps)
 
     @property
@@ -140,7 +140,7 @@ class Response:
 
     @property
     def cone_background_ps(self) -> float:
-        """Rate of background cones, per second."""
+        """Rate of Compton cones that the camera measures without a source, per second."""
         return self.strength * self.cones.background_ps
 
     def flux(self, distance_m: Array) -> Array:

@@ -33,9 +33,9 @@ class SoilChannel:
     """Constants of one kind of event (channel of the camera's counts) for photons scattered by soil and air, and for natural
     background.
 
-    near_mm2, steep_mm2, air_mm2: effective areas for photons scattered by soil, at a flat and at a steep view, and by air. turn:
-    relative change of the soil's part with the orientation of the sensor (formula above). background_ps: background per second
-    over soil.
+    near_mm2: effective area for photons scattered by soil at a flat view; steep_mm2: its increase with the sine of the view's
+    depression; air_mm2: effective area for photons scattered by air. turn: relative change of the soil's part with the
+    orientation of the sensor (formula above). background_ps: background per second over soil.
     """
 
     near_mm2: float

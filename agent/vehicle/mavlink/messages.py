@@ -97,7 +97,7 @@ class DistanceSensor(Struct, frozen=True):
 
 
 class Battery(Struct, frozen=True):
-    """BATTERY_STATUS: level of one battery."""
+    """BATTERY_STATUS: level of one of the vehicle's batteries."""
 
     id: int
     battery_remaining: int  # percent, -1 unknown

@@ -30,7 +30,7 @@ async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: f
     Args:
         address: as for MAVSDK. The port or device must be free, and is free again afterwards.
         judge: called with each datagram, or with all bytes from a serial line so far (the last 64 kB); returns None to read on.
-            source: IP address whose packets are judged; None: all.
+        source: IP address whose packets are judged; None: all.
         wait_s: maximum wait.
 
     Raises:
