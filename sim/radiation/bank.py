@@ -41,10 +41,12 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class EventBank:
-    """Pooled events. B bins, of which the last two are SCATTERED_BIN and BACKGROUND_BIN.
+    """Stored simulated events of one camera, by the direction of the photons, from which a readout is made quickly.
 
-    pixels: (P,) of PIXEL. first: (E + 1,) pixel range of each event. line: (E,) gamma line of each.
-    start, count: (B, KINDS) event ranges, which bins may share. area_mm2: (B, KINDS) effective area times photons per decay.
+    There are B direction bins; in the bank of a nuclide the last two are SCATTERED_BIN (scattered photons) and BACKGROUND_BIN.
+    There are E events with P pixels. pixels: (P,) of PIXEL. first: (E + 1,) pixel range of each event. line: (E,) index of each
+    event's gamma line. start, count: (B, KINDS) event ranges, which bins may share. area_mm2: (B, KINDS) effective area times
+    photons per decay.
     """
 
     pixels: NDArray[np.void]
@@ -66,7 +68,10 @@ SCATTERED_BIN, BACKGROUND_BIN = DIRECTION_BINS, DIRECTION_BINS + 1
 
 
 def bin_of(polar: float, azimuth: float) -> tuple[int, int]:
-    """The bin of a direction (radians; azimuth from x) and the symmetry that turns its events to that direction."""
+    """Return the direction bin of a direction, and the symmetry of the sensor that turns its events to that direction.
+
+    polar, azimuth: direction in the camera frame, radians; azimuth from x.
+    """
     x, y = math.cos(azimuth), math.sin(azimuth)
     symmetry = (FLIP_COLUMN if x < 0.0 else 0) | (FLIP_ROW if y < 0.0 else 0)
     x, y = abs(x), abs(y)
@@ -79,9 +84,9 @@ def bin_of(polar: float, azimuth: float) -> tuple[int, int]:
 
 
 def near_bin(direction: tuple[float, float, float], u: float, v: float) -> tuple[int, int]:
-    """As bin_of, for a direction that is first shifted at random by up to half a bin, so that on average it comes out true.
+    """Return bin and symmetry of a direction (see :func:`bin_of`) that is first shifted at random by up to half a bin.
 
-    u, v: two uniform random numbers of [0, 1).
+    The shift makes directions right on average. direction: unit vector. u, v: two uniform random numbers of [0, 1).
     """
     x, y, z = direction
     polar = math.acos(max(-1.0, min(1.0, z)))
@@ -103,9 +108,10 @@ def build_bank(
     progress: Progress | None = None,
     only: Collection[int] | None = None,
 ) -> EventBank:
-    """Simulate the bank; the same seed gives the same bank. progress(done, of) is called now and then.
+    """Simulate the bank of events of a nuclide in a camera; equal seeds give equal banks.
 
-    ``only``: fill these direction bins and leave the others empty.
+    ``progress``: called now and then with the bins done and all bins. ``only``: fill these direction bins and leave all other
+    bins empty.
     """
     rng = np.random.default_rng(seed)
     parts: list[Events] = []
@@ -132,7 +138,7 @@ def _windows() -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
 
 
 def bin_centres() -> NDArray[np.float64]:
-    """(DIRECTION_BINS, 3) unit vectors of the bins' centres."""
+    """Return the unit vectors of the centres of all direction bins, (DIRECTION_BINS, 3)."""
     polar = np.repeat((np.arange(_ROWS) + 0.5) * math.pi / _ROWS, _ROW_COLUMNS)
     azimuth = np.concatenate([(np.arange(columns) + 0.5) * _OCTANT / columns for columns in _ROW_COLUMNS])
     return np.stack((np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)), axis=1)

@@ -31,7 +31,11 @@ FloatArray = NDArray[np.float64]
 
 
 class Electrons(NamedTuple):
-    """Tables over log_energy: (G,) of keV. stopping: (G,) keV/mm. deflection: (G,) inverse transport mean free path, 1/mm."""
+    """Tables for the slowing down of electrons in CdTe, with G energies.
+
+    log_energy: (G,) natural logarithm of keV. stopping: (G,) stopping power, keV/mm. deflection: (G,) inverse transport mean free
+    path, 1/mm.
+    """
 
     log_energy: FloatArray
     stopping: FloatArray
@@ -40,7 +44,7 @@ class Electrons(NamedTuple):
 
 @cache
 def electrons(grid: int = 400) -> Electrons:
-    """The tables of CdTe from 1 keV to 1.6 MeV."""
+    """Return the tables for electrons in CdTe from 1 keV to 1.6 MeV."""
     log_energy = np.linspace(0.0, np.log(1600.0), grid)
     energy = np.exp(log_energy)
     tau = energy / ELECTRON_MASS_KEV
@@ -68,7 +72,7 @@ def electrons(grid: int = 400) -> Electrons:
 
 
 def csda_range_mm(energy_kev: float) -> float:
-    """Length of the track of an electron that slows down by the tables, down to 1 keV."""
+    """Return the length of the track of an electron that slows down continuously to 1 keV, mm."""
     tables = electrons()
     grid = np.exp(tables.log_energy)
     energy = np.append(grid[grid < energy_kev], energy_kev)
@@ -77,7 +81,10 @@ def csda_range_mm(energy_kev: float) -> float:
 
 @jit
 def rotated(u: float, v: float, w: float, cosine: float, azimuth: float) -> tuple[float, float, float]:
-    """The unit vector (u, v, w) turned by an angle of that cosine, in the direction of the azimuth about it."""
+    """Return the unit vector (u, v, w) after a deflection by an angle.
+
+    cosine: of the angle. azimuth: direction of the deflection about the vector, radians.
+    """
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     a, b = sine * math.cos(azimuth), sine * math.sin(azimuth)
     rho = math.sqrt(u * u + v * v)
@@ -100,9 +107,9 @@ def track(
     rng: np.random.Generator,
     points: FloatArray,
 ) -> int:
-    """Follow an electron until it stops or leaves the box of +- half_size mm.
+    """Simulate the track of an electron until it stops or leaves the box of +- half_size mm; return the number of its deposits.
 
-    Writes (x, y, z in mm, energy in keV) of each deposit into points (MAX_STEPS, 4) and returns their number.
+    Each deposit is written into points (MAX_STEPS, 4): x, y, z in mm, and energy in keV.
     """
     x, y, z = position[0], position[1], position[2]
     u, v, w = direction[0], direction[1], direction[2]

@@ -1,4 +1,4 @@
-"""Full simulation of events: photons of a beam through transport and response, kept as pixels."""
+"""Full simulation of events: photons of a beam are transported through the sensor, and the pixels that they hit are kept."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _ROOM = 60  # pixels per event, on average over a run: twice what 1.4 MeV needs
 
 @dataclass(frozen=True, slots=True)
 class Events:
-    """Events of one beam, interactions of photons that left energy in the sensor.
+    """Simulated events of one photon beam: interactions that left energy in the sensor. E events with P pixels.
 
-    pixels: (P,) of PIXEL. first: (E + 1,) event e has pixels[first[e]:first[e + 1]], perhaps none. line: (E,) which gamma line.
-    kind: (E,) SINGLE, SCATTERED or COMPLETE. source: (E, 3) unit vector to the source. sites: (E, 2, 5) of the first two
-    deposits x, y, z in mm, energy and electron energy in keV (zeros where there is one). area_mm2: (KINDS,) effective area
-    times photons per decay for events of the kind, whether kept or not.
+    pixels: (P,) of PIXEL. first: (E + 1,) event e has pixels[first[e]:first[e + 1]], perhaps none. line: (E,) index of the gamma
+    line. kind: (E,) SINGLE, SCATTERED or COMPLETE. source: (E, 3) unit vector to the source. sites: (E, 2, 5) of the first two
+    deposits x, y, z in mm, energy and electron energy in keV (zeros where there is one). area_mm2: (KINDS,) effective area times
+    photons per decay for events of the kind, whether kept or not.
     """
 
     pixels: NDArray[np.void]
@@ -187,10 +187,10 @@ def simulate(
     quota: tuple[int, int, int] | None = None,
     fluorescence: bool = True,
 ) -> Events:
-    """Simulate as many interacting photons and keep the first of each kind up to its quota (all of them without one).
+    """Simulate the events of a number of interacting photons, and keep the first events of each kind up to its quota.
 
-    lines: (energy in keV, photons per decay). The beam comes from ``direction`` (unit vector to the source, camera frame)
-    or, without one, evenly from all directions with that range of polar cosine and azimuth.
+    Without a quota all events are kept. lines: (energy in keV, photons per decay). The beam comes from ``direction`` (unit vector
+    to the source, camera frame) or, without one, evenly from all directions with that range of polar cosine and azimuth.
     """
     if direction is not None:
         polar, turn = direction[2], float(np.arctan2(direction[1], direction[0]))

@@ -29,15 +29,15 @@ FloatArray = NDArray[np.float64]
 
 
 class CdTe(NamedTuple):
-    """Tables of the sensor material. Element axis: Cd, Te. G energies, S shells, Q quantiles, X momentum transfers.
+    """Cross sections of the sensor material cadmium telluride, as tables for the compiled transport.
 
-    log_energy: (G,) natural log of keV, evenly spaced. attenuation: (G,) per mm. photo, compton: (G,) shares of the total
-    (the rest is Rayleigh). photo_te, compton_te, rayleigh_te: (G,) share of tellurium in each process. k_share: (2, G) of
-    the photoelectric absorptions that leave a vacancy in the K shell. k_edge_kev, k_yield: (2,). k_line_kev,
-    k_line_cumulative: (2, 6).
-    shell_cumulative, shell_edge_kev: (2, S). momentum: (2, S, Q) quantiles of an electron's momentum component, units of m c.
-    transfer: (X,) momentum transfer sin(angle/2)/wavelength, 1/angstrom. incoherent: (2, X) S/Z.
-    form_squared: (2, X) cumulative of F^2 over the square of the transfer (not normalised).
+    Sizes: 2 elements (Cd, Te), G energies, S shells, Q quantiles, X momentum transfers. log_energy: (G,) natural log of keV,
+    evenly spaced. attenuation: (G,) per mm. photo, compton: (G,) shares of the total (the rest is Rayleigh). photo_te,
+    compton_te, rayleigh_te: (G,) share of tellurium in each process. k_share: (2, G) share of the photoelectric absorptions that
+    leave a vacancy in the K shell. k_edge_kev, k_yield: (2,) edge and fluorescence yield. k_line_kev, k_line_cumulative: (2, 6)
+    fluorescence lines and their cumulative shares. shell_cumulative, shell_edge_kev: (2, S). momentum: (2, S, Q) quantiles of an
+    electron's momentum component, units of m c. transfer: (X,) momentum transfer sin(angle/2)/wavelength, 1/angstrom. incoherent:
+    (2, X) S/Z. form_squared: (2, X) cumulative of F^2 over the square of the transfer (not normalised).
     """
 
     log_energy: FloatArray
@@ -83,7 +83,7 @@ def _cross_sections(element: int, energy_kev: float) -> tuple[float, float, floa
 
 
 def air_attenuation_per_m(energy_kev: float) -> float:
-    """Linear attenuation coefficient of dry air at 20 C and 1 atm."""
+    """Return the linear attenuation coefficient of dry air at 20 C and 1 atm for gamma rays, per metre."""
     return 100.0 * AIR_DENSITY_GCM3 * sum(share * sum(_cross_sections(element, energy_kev)) for element, share in _AIR)
 
 
@@ -115,7 +115,10 @@ def _shells(element: int, quantiles: int) -> tuple[FloatArray, FloatArray, Float
 
 @cache
 def cdte(grid: int = 1500, quantiles: int = 256) -> CdTe:
-    """The tables of CdTe from 3 keV to 1.6 MeV (equal numbers of Cd and Te atoms)."""
+    """Return the cross sections of CdTe (equal numbers of Cd and Te atoms) as tables from 3 keV to 1.6 MeV.
+
+    grid: number of energies. quantiles: number of quantiles of the electrons' momentum.
+    """
     log_energy = np.linspace(np.log(3.0), np.log(1600.0), grid)
     weights = np.array([xraylib.AtomicWeight(element) for element in ELEMENTS])
     weights /= weights.sum()

@@ -18,7 +18,7 @@ _NATURAL_LINES: Lines = ((351.9, 0.02), (583.2, 0.02), (609.3, 0.03), (911.2, 0.
 
 
 def background_lines(count: int = 60) -> Lines:
-    """Energies and relative intensities of the natural background: a continuum and the lines of K, U and Th.
+    """Return energies (keV) and relative intensities of the natural background: a continuum and the lines of K, U and Th.
 
     The continuum falls as E^-0.7, so that of 1.5 hits/s about 0.03 lie near 662 keV and 0.005 are coincidences that sum to it,
     the project's reference.
@@ -30,7 +30,10 @@ def background_lines(count: int = 60) -> Lines:
 
 
 def scattered_lines(nuclide: Nuclide, angles: int = 16) -> Lines:
-    """Energies and intensities of photons after one Compton scatter (Klein-Nishina), in even steps of the cosine."""
+    """Return energies (keV) and intensities of a nuclide's photons after one Compton scatter (Klein-Nishina).
+
+    The scattering angles are in even steps of the cosine.
+    """
     cosine = (np.arange(angles) + 0.5) * 2.0 / angles - 1.0
     lines: list[tuple[float, float]] = []
     for energy, intensity in nuclide.lines:

@@ -1,4 +1,4 @@
-"""From deposits in the sensor to charge, time and energy in the pixels of a Timepix3."""
+"""Response of the Timepix3 (pixel detector): from deposits of energy in the sensor to charge, time and energy in the pixels."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _LATENCY_NS = 10.0  # keeps every tick at or after the photon, jitter included
 
 
 def energies_kev(pixels: NDArray[np.void]) -> FloatArray:
-    """(P,) energies of pixels of PIXEL in keV."""
+    """Return the energies (P,) of pixels in keV. pixels: (P,) of PIXEL."""
     return ENERGY_STEP_KEV * pixels["energy"].astype(np.float64)
 
 
 class Response(NamedTuple):
-    """The part of CameraTruth that shapes an event's pixels, as the compiled functions take it."""
+    """The parameters of a camera that shape an event's pixels, in the form that compiled functions need (see ``CameraTruth``)."""
 
     drift_ns: float
     diffusion_mm: float
@@ -46,12 +46,15 @@ class Response(NamedTuple):
 
 
 def response(truth: CameraTruth) -> Response:
-    """The sensor's part of a camera's truth."""
+    """Return the parameters of a camera that shape an event's pixels."""
     return Response(*(float(getattr(truth, name)) for name in Response._fields))
 
 
 class Scratch(NamedTuple):
-    """Reused work space. charge, moment: (256, 256) by column, row, all zero between events; touched: (MAX_PIXELS, 2)."""
+    """Work space that is reused from event to event.
+
+    charge, moment: (256, 256) by column, row, all zero between events; touched: (MAX_PIXELS, 2).
+    """
 
     charge: FloatArray
     moment: FloatArray
@@ -60,7 +63,7 @@ class Scratch(NamedTuple):
 
 
 def scratch() -> Scratch:
-    """A fresh work space."""
+    """Return a new work space."""
     shape = (SENSOR_PIXELS, SENSOR_PIXELS)
     return Scratch(np.zeros(shape), np.zeros(shape), np.zeros((MAX_PIXELS, 2), np.int64), np.zeros((1000, 4)))
 
@@ -112,9 +115,9 @@ def respond(
     pixels: NDArray[np.void],
     first: int,
 ) -> int:
-    """Write the pixels of one event from its deposits (see transport) to pixels[first:]; returns the end.
+    """Simulate the pixels of one event from its deposits of energy, write them to pixels[first:], and return the end index.
 
-    A pixel's time is that of the mean arrival of its charge.
+    sites: deposits of the event (see ``transport``). A pixel's time is the mean arrival time of its charge.
     """
     touched = 0
     for k in range(count):

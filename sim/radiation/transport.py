@@ -28,14 +28,14 @@ SITE_COLUMNS = 8
 
 
 def projected_area_mm2(direction: tuple[float, float, float]) -> float:
-    """Area of the sensor's shadow along a unit vector."""
+    """Return the area of the sensor's shadow along a unit vector, mm2."""
     hx, hy, hz = HALF_SIZE_MM
     return float(4.0 * (hy * hz * abs(direction[0]) + hx * hz * abs(direction[1]) + hx * hy * abs(direction[2])))
 
 
 @jit
 def interpolate(x: float, xs: FloatArray, ys: FloatArray) -> float:
-    """Linear interpolation in a table of rising xs, constant beyond its ends."""
+    """Interpolate linearly in a table of rising xs; the result is constant beyond the table's ends."""
     if x <= xs[0]:
         return float(ys[0])
     if x >= xs[-1]:
@@ -47,7 +47,10 @@ def interpolate(x: float, xs: FloatArray, ys: FloatArray) -> float:
 
 @jit
 def enter(source: FloatArray, half: FloatArray, rng: np.random.Generator, position: FloatArray) -> None:
-    """A random point at which a parallel beam from the direction ``source`` meets the box; written to position (3,)."""
+    """Draw a random point at which a parallel beam from the direction ``source`` meets the box, and write it to position (3,).
+
+    half: (3,) half sizes of the box.
+    """
     shadow_x = half[1] * half[2] * abs(source[0])
     shadow_y = half[0] * half[2] * abs(source[1])
     shadow_z = half[0] * half[1] * abs(source[2])
@@ -60,7 +63,7 @@ def enter(source: FloatArray, half: FloatArray, rng: np.random.Generator, positi
 
 @jit
 def way_out(position: FloatArray, direction: FloatArray, half: FloatArray) -> float:
-    """Distance from a point in the box to its surface along a unit vector."""
+    """Return the distance from a point in the box to its surface along a unit vector."""
     distance = 1e9
     for axis in range(3):
         speed = direction[axis]
@@ -73,7 +76,7 @@ def way_out(position: FloatArray, direction: FloatArray, half: FloatArray) -> fl
 
 @jit
 def scatter_compton(energy: float, element: int, cdte: CdTe, rng: np.random.Generator) -> tuple[float, float]:
-    """Energy and cosine of the angle of a Compton-scattered photon."""
+    """Draw energy (keV) and cosine of the scattering angle of a Compton-scattered photon."""
     k = energy / ELECTRON_MASS_KEV
     least = 1.0 / (1.0 + 2.0 * k)  # E'/E at 180 degrees
     share = math.log(1.0 / least) / (math.log(1.0 / least) + 0.5 * (1.0 - least * least))
@@ -111,7 +114,7 @@ def scatter_compton(energy: float, element: int, cdte: CdTe, rng: np.random.Gene
 
 @jit
 def scatter_rayleigh(energy: float, element: int, cdte: CdTe, rng: np.random.Generator) -> float:
-    """Cosine of the angle of a coherently scattered photon."""
+    """Draw the cosine of the scattering angle of a coherently scattered photon."""
     largest = energy / 12.39842
     form = cdte.form_squared[element]
     whole = interpolate(largest, cdte.transfer, form)
@@ -127,7 +130,7 @@ def scatter_rayleigh(energy: float, element: int, cdte: CdTe, rng: np.random.Gen
 
 @jit
 def photoelectron_cosine(kinetic: float, rng: np.random.Generator) -> float:
-    """Cosine between a photon and the electron that it freed from the K shell (Sauter's distribution)."""
+    """Draw the cosine of the angle between a photon and the electron that it freed from the K shell (Sauter's distribution)."""
     gamma = 1.0 + kinetic / ELECTRON_MASS_KEV
     beta = math.sqrt(1.0 - 1.0 / (gamma * gamma))
     a = 1.0 / beta - 1.0
@@ -142,7 +145,7 @@ def photoelectron_cosine(kinetic: float, rng: np.random.Generator) -> float:
 
 @jit
 def attenuation_per_mm(energy_kev: float, cdte: CdTe) -> float:
-    """Linear attenuation coefficient of CdTe, interpolated."""
+    """Return the linear attenuation coefficient of CdTe at an energy, interpolated, per mm."""
     start = cdte.log_energy[0]
     place = (math.log(energy_kev) - start) * (len(cdte.log_energy) - 1) / (cdte.log_energy[-1] - start)
     cell = max(0, min(len(cdte.log_energy) - 2, int(place)))
@@ -161,10 +164,17 @@ def transport(
     sites: FloatArray,
     stack: FloatArray,
 ) -> int:
-    """Follow a photon from position (3,) along direction (3,), both overwritten; flight_mm: to its first interaction.
+    """Simulate a photon in the sensor until it is absorbed or escapes; return the number of its deposits of energy.
 
-    Writes its deposits to sites (MAX_SITES, SITE_COLUMNS), in the order in which the photon made them, and returns their
-    number: 0 where it left without one. stack (MAX_SITES + 1, 7): scratch.
+    Args:
+        energy_kev: energy of the photon.
+        flight_mm: distance to its first interaction.
+        position, direction: (3,) begin of its path; both are overwritten.
+        half: (3,) half sizes of the sensor.
+        cdte: cross sections.
+        rng: random numbers.
+        sites: (MAX_SITES, SITE_COLUMNS) gets the deposits, in the order in which the photon made them.
+        stack: (MAX_SITES + 1, 7) work space.
     """
     for axis in range(3):
         stack[0, axis] = position[axis]

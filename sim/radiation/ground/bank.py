@@ -1,7 +1,7 @@
-"""A bank of events by scattered photons: for each energy group of ``photons`` and each of a few directions, whatever the nuclide.
+"""Bank of simulated events by photons from the ground: for each energy group and each of a few directions, for all nuclides.
 
-Directions are bins of 15 degrees in the polar angle, three in the azimuth within one of the sensor's eight symmetries; one more
-bin is isotropic.
+The energy groups are those of ``photons``. Directions are bins of 15 degrees in the polar angle, three in the azimuth within one
+of the sensor's eight symmetries; one more bin is isotropic.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LINES = 5  # energies in a group
 
 
 def direction_of(unit: tuple[float, float, float]) -> tuple[int, int]:
-    """The direction's place in the bank (camera frame), and the symmetry that turns its events to it."""
+    """Return the bin of a direction (camera frame), and the symmetry of the sensor that turns its events to that direction."""
     x, y, z = unit
     symmetry = (FLIP_COLUMN if x < 0.0 else 0) | (FLIP_ROW if y < 0.0 else 0)
     x, y = abs(x), abs(y)
@@ -44,7 +44,10 @@ def direction_of(unit: tuple[float, float, float]) -> tuple[int, int]:
 
 @cache
 def ground_bank(camera: Response) -> EventBank:
-    """The bank of a sensor: bin (place, group) is place * GROUPS + group, and its area that per photon."""
+    """Return the bank of simulated events by photons from the ground, for one sensor.
+
+    The bin of a direction and an energy group is direction * GROUPS + group; its area is an effective area per photon.
+    """
     code = hashlib.blake2b(repr(camera).encode(), digest_size=8)
     folder = Path(__file__).parent
     for path in (folder / "bank.py", folder / "photons.py", *(folder.parent / f"{name}.py" for name in MADE_BY)):
@@ -68,7 +71,7 @@ def _build(camera: Response) -> Arrays:
 
 
 def group_energies_kev() -> NDArray[np.float64]:
-    """(GROUPS,) middles of the energy groups."""
+    """Return the middles of the energy groups, (GROUPS,) keV."""
     return np.asarray(MIN_KEV * np.exp(math.log(MAX_GROUP_KEV / MIN_KEV) / GROUPS * (np.arange(GROUPS) + 0.5)))
 
 

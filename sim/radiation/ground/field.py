@@ -1,7 +1,7 @@
-"""The flux of photons at a camera over ground: scattered ones of a source, and those of the ground's own radioactivity.
+"""Flux of photons at a camera over ground: photons of a source that ground and air scatter, and photons of the ground's activity.
 
-Tables of ``photons.follow`` by height and horizontal distance, made when they are first asked for (seconds), with a fixed seed,
-and kept in the user's cache. Checked against published values in tests/sim/ground.
+Tables of ``photons.follow`` by height and horizontal distance, made when they are first needed (seconds), with a fixed seed, and
+kept in the user's cache. Checked against published values in tests/sim/ground.
 """
 
 from __future__ import annotations
@@ -40,15 +40,18 @@ _ONE_METRE = int(np.flatnonzero(LEVELS_M == 1.0)[0])
 
 
 class PointField:
-    """Scattered photons of one nuclide beside a source at rest on, in or above one ground."""
+    """Flux of the scattered photons of one nuclide near a point source at rest on, in or above one kind of ground."""
 
     def __init__(self, table: FloatArray) -> None:
         """table: (H, R, 2, COLUMNS) of ``LEVELS_M`` and ``RINGS``, per decay, as of ``photons.follow``."""
         self._table = table
 
     def times_square(self, height_m: float, horizontal_m: float) -> FloatArray:
-        """(2, COLUMNS): flux of scattered photons per decay times 4 pi D^2, from the source's side and from elsewhere, by energy
-        group, and air kerma (Gy m2); D: distance from the source. Beyond the table: as at its edge.
+        """Return the flux of scattered photons at a camera, times 4 pi D^2, and the air kerma; D: distance from the source.
+
+        The result is (2, COLUMNS): photons from the source's side and from elsewhere; by energy group, per decay, and air kerma
+        (Gy m2). height_m: height of the camera; horizontal_m: its horizontal distance. Beyond the table the values at its edge
+        are used.
         """
         height_m = max(height_m, _MIN_M)
         level, above = _between(math.log(height_m), _LEVELS)
@@ -64,7 +67,10 @@ def _between(value: float, places: list[float]) -> tuple[int, float]:
 
 
 def point_field(nuclide_name: str, ground_name: str, place_m: float) -> PointField:
-    """Of a source at about a height ``place_m`` above the ground or, below zero, so deep in it."""
+    """Return the flux of scattered photons of a point source of a nuclide.
+
+    place_m: height of the source above the ground, of which the nearest tabulated one is used; below zero: depth in the ground.
+    """
     if place_m > 0.0:
         place_m = min(SOURCE_HEIGHTS_M, key=lambda known: abs(known - place_m))
     return _point_field(nuclide_name, ground_name, place_m)
@@ -83,8 +89,10 @@ def _point_field(nuclide_name: str, ground_name: str, place_m: float) -> PointFi
 
 @cache
 def natural_series(ground_name: str) -> FloatArray:
-    """(series, H, 2, COLUMNS): flux per m2 and s by ``LEVELS_M``, from below and from above, and air kerma rate (Gy/s), of ground
-    with 1 Bq/kg of K-40, of the U-238 or of the Th-232 series.
+    """Return the photon fluxes over ground with an activity of 1 Bq/kg of K-40, of the U-238 or of the Th-232 series.
+
+    The result is (series, H, 2, COLUMNS): flux per m2 and s at the heights ``LEVELS_M``, from below and from above, by energy
+    group; the last column is the air kerma rate (Gy/s).
     """
     per_area = 1e3 * GROUNDS[ground_name].density_gcm3 * NATURAL_DEPTH_M
 
@@ -96,7 +104,10 @@ def natural_series(ground_name: str) -> FloatArray:
 
 @cache
 def rain_field(ground_name: str) -> FloatArray:
-    """(H, 2, COLUMNS): as ``natural_series``, of 1 Bq/m2 of radon's daughters on the ground."""
+    """Return the photon fluxes of 1 Bq/m2 of radon's daughters on the ground.
+
+    The result is (H, 2, COLUMNS), as for one series of :func:`natural_series`.
+    """
     return _cached(f"rain-{ground_name}", lambda: _plane(RADON_DAUGHTERS, ground_name, _RAIN_DEPTH_M))
 
 
@@ -109,17 +120,23 @@ def _plane(lines: Lines, ground_name: str, depth_m: float) -> FloatArray:
 
 @cache
 def natural_field(ground_name: str) -> FloatArray:
-    """(H, 2, COLUMNS): as ``natural_series``, with the ground's own activities."""
+    """Return the photon fluxes over ground with its usual activities.
+
+    The result is (H, 2, COLUMNS), as for one series of :func:`natural_series`.
+    """
     return np.asarray(np.tensordot(np.array(GROUNDS[ground_name].natural_bq_kg), natural_series(ground_name), 1))
 
 
 def natural_flux(ground_name: str, height_m: float) -> FloatArray:
-    """(GROUPS,) flux per m2 and s of the ground's own photons at a height."""
+    """Return the flux of the ground's own photons at a height, (GROUPS,) by energy group, per m2 and s."""
     return _flux(natural_field(ground_name), height_m)
 
 
 def rain_flux(ground_name: str, height_m: float) -> FloatArray:
-    """(GROUPS,) as ``natural_flux``, of radon's daughters that add to the air kerma 1 m above as much as dry soil gives."""
+    """Return the flux of photons of radon's daughters at a height, (GROUPS,) by energy group, per m2 and s.
+
+    The amount on the ground adds as much to the air kerma rate 1 m above the ground as dry soil gives.
+    """
     scale = natural_field("soil")[_ONE_METRE, :, GROUPS].sum() / rain_field(ground_name)[_ONE_METRE, :, GROUPS].sum()
     return np.asarray(scale * _flux(rain_field(ground_name), height_m))
 

@@ -29,7 +29,10 @@ _AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """A ground. elements: (atomic number, mass fraction). natural_bq_kg: of K-40, the U-238 series and the Th-232 series."""
+    """A kind of ground.
+
+    elements: (atomic number, mass fraction). natural_bq_kg: activities of K-40, the U-238 series and the Th-232 series.
+    """
 
     name: str
     density_gcm3: float
@@ -56,19 +59,22 @@ GROUNDS: dict[str, Ground] = {
 
 
 def concrete_per(kind: str) -> float:
-    """Length of concrete that attenuates gamma rays as much as 1 m of a ground: attenuation is by mass."""
+    """Return the length of concrete that attenuates gamma rays as much as 1 m of this ground: attenuation is by mass."""
     return GROUNDS[kind].density_gcm3 / GROUNDS["concrete"].density_gcm3
 
 
 class Medium(NamedTuple):
-    """Linear attenuation by energy, (GRID,) per metre: all interactions, and the share of Compton scattering."""
+    """Attenuation of photons in a material, (GRID,) by energy.
+
+    attenuation: per metre, all interactions. compton: the share of Compton scattering.
+    """
 
     attenuation: FloatArray
     compton: FloatArray
 
 
 def energies_kev() -> FloatArray:
-    """(GRID,) energies of all tables, evenly spaced in their logarithm."""
+    """Return the energies of all tables, (GRID,) keV, evenly spaced in their logarithm."""
     return np.geomspace(LEAST_KEV, MAX_KEV, GRID)
 
 
@@ -91,19 +97,19 @@ def _medium(elements: tuple[tuple[int, float], ...], density_gcm3: float) -> Med
 
 @cache
 def air() -> Medium:
-    """Dry air at 20 C and 1 atm."""
+    """Return the attenuation of photons in dry air at 20 C and 1 atm."""
     return _medium(_AIR, AIR_DENSITY_GCM3)
 
 
 @cache
 def ground(name: str) -> Medium:
-    """The ground of that name."""
+    """Return the attenuation of photons in a kind of ground."""
     return _medium(GROUNDS[name].elements, GROUNDS[name].density_gcm3)
 
 
 @cache
 def kerma_per_fluence() -> FloatArray:
-    """(GRID,) air kerma per fluence, Gy m2: the energy that photons transfer to electrons."""
+    """Return the air kerma per photon fluence, (GRID,) by energy, Gy m2: the energy that photons transfer to electrons."""
     energy = energies_kev()
     mass = air().attenuation / (100.0 * AIR_DENSITY_GCM3)  # cm2/g
     photo, compton = mass * (1.0 - air().compton), mass * air().compton

@@ -1,4 +1,4 @@
-"""Photons of the radioactivity of all ground, per decay of each series' parent, in equilibrium.
+"""Photons of the natural radioactivity of the ground, per decay of each series' parent, in equilibrium.
 
 Energies (keV) and intensities: Decay Data Evaluation Project, rounded; all lines above 0.1 %, and K X rays.
 """

@@ -32,12 +32,12 @@ _MIN_COSINE = 0.01  # crossings below it count as of half of it, the mean of an 
 
 
 class Setting(NamedTuple):
-    """What photons are followed through.
+    """Geometry and materials through which photons are simulated.
 
-    energy_kev, cumulative: (L,) lines, and their cumulative shares. source_m: height of a point source above the ground.
-    depth_m: above 0: no point source, but sources evenly in the ground down to that depth. levels_m: (H,) heights of the levels,
-    rising. rings: (R + 1,) edges of the rings on each level, as horizontal distance over height. kerma: (GRID,) air kerma per
-    fluence.
+    energy_kev, cumulative: (L,) gamma lines, and their cumulative shares. source_m: height of a point source above the ground.
+    depth_m: above 0: no point source, but sources evenly in the ground down to that depth. levels_m: (H,) heights of the levels
+    at which the flux is counted, rising. rings: (R + 1,) edges of the rings on each level, as horizontal distance over height.
+    kerma: (GRID,) air kerma per fluence.
     """
 
     energy_kev: FloatArray
@@ -154,10 +154,11 @@ def _fly(
 
 @jit
 def follow(setting: Setting, histories: int, rng: np.random.Generator) -> FloatArray:
-    """Follow so many photons. Returns (H, R, 2, COLUMNS): flux by level, ring, side and energy group, per emitted photon.
+    """Simulate a number of photons (``histories``) through ground and air, and return their flux.
 
-    Of a point source, the flux of scattered photons times 4 pi D^2, D the distance from the source, as a mean over each ring.
-    Of the ground, all photons' flux over an infinite plane that emits one photon per area.
+    The result is (H, R, 2, COLUMNS): flux by level, ring, side and energy group, per emitted photon. For a point source it is the
+    flux of scattered photons times 4 pi D^2, D the distance from the source, as a mean over each ring. For radioactivity of the
+    ground it is the flux of all photons over an infinite plane that emits one photon per area.
     """
     tally = np.zeros((len(setting.levels_m), len(setting.rings) - 1, 2, COLUMNS))
     photon = np.empty(6)
