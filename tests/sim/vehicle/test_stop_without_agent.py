@@ -44,11 +44,15 @@ def stop_s(mode, speed_mps):
         (FlightMode.RETURN, 3.0, 1.5),
         (FlightMode.RETURN, 6.5, 1.8),
         (FlightMode.RETURN, 8.0, 1.9),
+        (FlightMode.LAND, 6.5, 2.0),
+        (FlightMode.LAND, 8.0, 2.0),
         (FlightMode.HOLD, 3.0, 1.9),
         (FlightMode.HOLD, 6.5, 2.1),
         (FlightMode.HOLD, 8.0, 2.2),
     ],
 )
 def test_way_to_the_stop_without_an_agent(mode, speed_mps, seconds):
-    """The peers keep 0.5 to 2 s of its velocity free: enough for a return, the default, and not for a hold beyond 3 m/s."""
+    """The peers keep 0.5 to 2 s of its velocity free: enough for a return, the default, and not for a hold at the
+    speed of the search.
+    """
     assert stop_s(mode, speed_mps) == pytest.approx(seconds, abs=0.07)
