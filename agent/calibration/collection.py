@@ -25,7 +25,8 @@ FloatArray = NDArray[np.float64]
 
 
 class Collection:
-    """Collects what a camera measures of a known source in several directions: hits by pixel, energies, coincidences, cones.
+    """Collects what a camera measures of a known source in several directions: hits by pixel, energies, coincidences (two
+    clusters of one photon), cones.
 
     The directions are measured one after the other. ``coarse_gain``: energies read by the given calibration over true ones, to 2
     %; None until the source's line has been seen. energies_kev: of single clusters, by the calibration with this gain; blocks:
@@ -79,7 +80,9 @@ class Collection:
 
     @property
     def blocks(self) -> NDArray[np.intp]:
-        """Part of the sensor (N,), 0 .. 15, in which each of N events with a single cluster lies; see ``energies_kev``."""
+        """Part of the sensor (N,), 0 .. 15, in which each of N events with a single cluster (touching pixels hit by one particle)
+        lies; see ``energies_kev``.
+        """
         return np.concatenate((np.empty(0, np.intp), *self._blocks))
 
     @property
@@ -96,7 +99,9 @@ class Collection:
 
     @property
     def walk_ns(self) -> FloatArray:
-        """Delays (N,) in ns of weak pixels after strong ones, in N clusters that have both."""
+        """Delays (N,) in ns of weak pixels after strong ones, in N clusters (touching pixels hit by one particle) that
+        have both.
+        """
         return np.concatenate((np.empty(0), *self._walk))
 
     def _look(self) -> None:

@@ -28,7 +28,8 @@ _SEED = 1  # of a table: the same for every calibration
 class Drift(Struct, frozen=True):
     """The measured drift time of electrons across the sensor.
 
-    drift_ns: across the whole thickness; sigma_ns: its standard deviation; pairs: number of coincidences from which it was found.
+    drift_ns: across the whole thickness; sigma_ns: its standard deviation; pairs: number of coincidences (two clusters of one
+    photon) from which it was found.
     """
 
     drift_ns: float
@@ -37,7 +38,8 @@ class Drift(Struct, frozen=True):
 
 
 def fit_drift(apart_ns: Array, line_kev: float, directions: list[Array]) -> Drift | None:
-    """Fit the drift time of electrons to the time differences (N,) between the clusters of N coincidences; None with too few.
+    """Fit the drift time of electrons to the time differences (N,) between the clusters of N coincidences (two clusters of one
+    photon); None with too few.
 
     ``line_kev``: energy of the source's line. ``directions``: of the source in the camera frame, unit vectors, one for each
     facing.

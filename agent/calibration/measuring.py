@@ -30,7 +30,7 @@ class BackgroundCount:
         self._events, self._live_s = 0, 0.0
 
     def add(self, readout: Readout) -> None:
-        """Add the events of a readout, measured without the source."""
+        """Add the events of a readout (pixel hits of one interval), measured without the source."""
         found = self._chain.process(readout)
         self._events += found.hits
         self._live_s += found.live_time_s

@@ -61,7 +61,7 @@ class Clusters(Struct, frozen=True):
         return Clusters(*(column[which] for column in self._columns))
 
     def each(self) -> list[Cluster]:
-        """Return the clusters one by one, as a list of ``Cluster`` objects."""
+        """Return the clusters (touching pixels hit by one particle) one by one, as a list of ``Cluster`` objects."""
         return [Cluster(*row) for row in zip(*(column.tolist() for column in self._columns), strict=True)]
 
     @property
@@ -78,7 +78,9 @@ def cluster_few(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: flo
 
 
 def cluster_many(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
-    """Group pixel hits into clusters with the same result and arguments as ``cluster_few``, faster for many hits."""
+    """Group pixel hits into clusters (touching pixels hit by one particle) with the same result and arguments as ``cluster_few``,
+    faster for many hits.
+    """
     return _clusters(hits, energy_kev, *_labels(hits.tick, hits.index, gap_ticks))
 
 

@@ -25,7 +25,8 @@ class Delivery(Struct, frozen=True):
 
 
 class Gathering:
-    """Collects the camera's deliveries until they become a readout. Reported missing time is dead time of the next readouts.
+    """Collects the camera's deliveries until they become a readout (pixel hits of one interval). Reported missing time is dead
+    time of the next readouts.
 
     ``first_tick``, ``latest_tick``: first and latest time of arrival of all hits so far; None before the first hit.
     """
@@ -37,7 +38,7 @@ class Gathering:
         self._lost_hits = self._lost_ns = self._repaired_hits = 0
 
     def __bool__(self) -> bool:
-        """Return whether there are hits that are not in a readout yet."""
+        """Return whether there are hits that are not in a readout (pixel hits of one interval) yet."""
         return bool(self._hits)
 
     def add(self, delivery: Delivery, offset: int = 0) -> None:
@@ -57,7 +58,7 @@ class Gathering:
         """Return all collected data as the readout of an interval (UTC, ns), and start collecting the next one.
 
         clock_ns: UTC time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the
-        next readout.
+        next readout (pixel hits of one interval).
         """
         hits = self._hits[0] if len(self._hits) == 1 else PixelHits.joined(self._hits)
         self._hits = []

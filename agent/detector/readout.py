@@ -70,7 +70,8 @@ class Readout(Struct, frozen=True):
 
 
 def shed(readout: Readout, most: int) -> Readout:
-    """Shorten a readout so that it has at most ``most`` hits, for a computer that cannot keep up; the later hits count as lost.
+    """Shorten a readout (pixel hits of one interval) so that it has at most ``most`` hits, for a computer that cannot keep up;
+    the later hits count as lost.
 
     The cut lies in a pause between hits, so that no event is cut in two. Without a pause it lies at the first excess hit. The
     live time is shared by number of hits, not by time: the readout itself may have been dead for a part of it.
@@ -90,7 +91,9 @@ class Detector(Protocol):
     """Interface of every source of pixel hits: the camera itself, a recording in real time, or the simulation's feed."""
 
     def readouts(self) -> AsyncIterator[Readout]:
-        """Yield readouts as they arrive, while the detector is open. A lost link is reopened, and reported in ``problems``."""
+        """Yield readouts (pixel hits of one interval) as they arrive, while the detector is open. A lost link is reopened, and
+        reported in ``problems``.
+        """
 
     @property
     def problems(self) -> tuple[str, ...]:

@@ -33,12 +33,12 @@ class Repeats:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A line for the operator while the camera repeats readouts; empty otherwise."""
+        """A line for the operator while the camera repeats readouts (pixel hits of one interval); empty otherwise."""
         return ("camera: it delivers the same hits again and again; they are not used",) if self._hangs else ()
 
     def without(self, readout: Readout) -> Readout:
-        """Return the readout if it is new. A repeated readout is returned without hits and with live time 0: nothing was measured
-        in it.
+        """Return the readout (pixel hits of one interval) if it is new. A repeated readout is returned without hits and with live
+        time 0: nothing was measured in it.
         """
         hits = readout.hits
         if len(hits) >= LEAST_PIXELS and len(set(hits.index[:MOST_HITS].tolist())) >= LEAST_PIXELS:

@@ -32,7 +32,7 @@ class CoarseSpectrum:
             ] += 1
 
     def add_singles(self, energy_kev: NDArray[np.float64]) -> None:
-        """Add the energies (N,) in keV of N events with a single cluster."""
+        """Add the energies (N,) in keV of N events with a single cluster (touching pixels hit by one particle)."""
         inside = energy_kev[(energy_kev >= LOWEST_KEV) & (energy_kev < HIGHEST_KEV)]
         self._singles.update(np.minimum((np.sqrt(inside) - _LOW_ROOT) * _PER_ROOT, BINS - 1).astype(int).tolist())
 

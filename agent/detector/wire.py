@@ -27,7 +27,7 @@ _ROUNDING_S = 1e-6  # tolerance of the live time against the difference of the s
 
 
 def pack(readout: Readout) -> bytes:
-    """Encode one readout as a binary frame for the TCP feed.
+    """Encode one readout (pixel hits of one interval) as a binary frame for the TCP feed.
 
     Raises:
         DetectorError: more than ``MAXIMUM_HITS`` hits.
@@ -43,14 +43,16 @@ def pack(readout: Readout) -> bytes:
 
 
 class Unpacker:
-    """Decodes a stream of bytes, divided anywhere, into readouts. It buffers at most one frame beside its input."""
+    """Decodes a stream of bytes, divided anywhere, into readouts (pixel hits of one interval). It buffers at most one frame
+    beside its input.
+    """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Readout]:
-        """Yield the readouts that are complete with these further bytes; readouts before a corrupt frame are yielded before the
-        error.
+        """Yield the readouts (pixel hits of one interval) that are complete with these further bytes; readouts before a corrupt
+        frame are yielded before the error.
 
         Raises:
             DetectorError: the bytes are not a stream of readouts; all later bytes are unusable, and the link must be reopened.

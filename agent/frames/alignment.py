@@ -40,7 +40,8 @@ _FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # prior information that keeps ever
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The measurements by which the pose of one drone is found: M sightings by or of it, and F satellite positions.
+    """The measurements by which the pose of one drone is found: M sightings (relative observations) by or of it, and F satellite
+    positions.
 
     The positions of the other drones are known. outward: (M,) 1 if the drone is the observer, else 0. moved: (M, 3) displacement
     of the drone since the reference time, in its local frame. other: (M, 3) position of the other drone, mission frame.
@@ -83,7 +84,7 @@ class Alignment:
 
 
 def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: Array, fixes: Fixes, moving_var: Array) -> Views:
-    """Return the M sightings by or of ``drone`` from this drone's point of view, as input of ``align``.
+    """Return the M sightings (relative observations) by or of ``drone`` from this drone's point of view, as input of ``align``.
 
     others: (M, 4) poses of the other drones at the times of the sightings; others_var: (M, 2) variances of their positions (per
     axis) and headings. at: (3,) the drone's position in its continuous frame at the reference time. moving_var: (M,) m^2 of drift

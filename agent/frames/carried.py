@@ -51,7 +51,8 @@ class CarriedFrames:
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget frames published before a time stamp (ns), and ignore log entries from before it that arrive later.
+        """Forget frames published before a time stamp (ns), and ignore log entries (signed measurements) from before it that
+        arrive later.
 
         In an earlier flight, an epoch (period without a jump of the localisation) of equal number was another frame.
         """
@@ -59,7 +60,7 @@ class CarriedFrames:
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove log entries that no longer count, together with the frames published in them."""
+        """Remove log entries (signed measurements) that no longer count, together with the frames published in them."""
         changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)

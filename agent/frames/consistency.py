@@ -24,7 +24,8 @@ _AGREE, _DISAGREE = 0.6, 0.35  # shares of inliers
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """How well the sightings between each pair of N drones agree with the estimated poses, in one keyframe (time of an estimate).
+    """How well the sightings (relative observations) between each pair of N drones agree with the estimated poses, in one
+    keyframe (time of an estimate).
 
     Arrays (N, N) by observer and target: believed: sum of the probabilities that the sightings are correct; seen: number of
     sightings.
@@ -35,7 +36,8 @@ class Tally:
 
 
 def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
-    """Count for each pair of drones the sightings (relative observations) in one keyframe, and how many of them fit the estimate.
+    """Count for each pair of drones the sightings (relative observations) in one keyframe (time of a frame estimate), and how
+    many of them fit the estimate.
 
     count: number of drones in the mission. weights: (M,) probability that each of the M sightings is correct.
     """
@@ -65,7 +67,7 @@ def agreeing(one: Tally) -> Flags:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of comparing the sightings between N drones with the estimated poses.
+    """Result of comparing the sightings (relative observations) between N drones with the estimated poses.
 
     agree, disagree: (N, N), symmetric masks of pairs of drones, whichever was the observer. blind: (N,) mask of drones nearly all
     of whose own sightings are wrong.

@@ -44,8 +44,8 @@ class FrameGraph:
 
     @classmethod
     def from_launch_layout(cls, mission: MissionConfig) -> FrameGraph:
-        """Return a store with the frames that the mission file gives exactly: the first epoch of each drone with exact
-        localisation.
+        """Return a store with the frames that the mission file gives exactly: the first epoch (period without a jump of the
+        localisation) of each drone with exact localisation.
         """
         graph = cls()
         for drone in mission.drones:
@@ -88,8 +88,8 @@ class FrameGraph:
         line.changes.append((self.revision, changed_ns))
 
     def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """Return the transform from a drone's local frame of an epoch into the mission frame at ``stamp_ns`` (None: now); None if
-        unknown.
+        """Return the transform from a drone's local frame of an epoch (period without a jump of the localisation) into the
+        mission frame at ``stamp_ns`` (None: now); None if unknown.
 
         The first known transform also holds for all times before, so that observations that waited for it can be used.
         """

@@ -66,7 +66,7 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add a log entry, together with the bytes from which it was decoded; each entry comes once.
+        """Add a log entry (signed measurement), together with the bytes from which it was decoded; each entry comes once.
 
         Kinds of entries that are not in ``READS`` carry no information about frames, and are ignored.
         """
@@ -90,7 +90,7 @@ class Intake:
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def holds(self, identity: EntryId) -> bool:
-        """Return whether a log entry was received, and has not been dropped since."""
+        """Return whether a log entry (signed measurement) was received, and has not been dropped since."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
         return identity in self._exposures or (bucket is not None and (identity in bucket.sightings or identity in bucket.fixes))
 
@@ -136,7 +136,8 @@ class Intake:
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
     def content(self, after: int, until: int) -> tuple[object, ...]:
-        """Return all inputs of the keyframes after ``after`` up to ``until`` as one value that can be compared and hashed.
+        """Return all inputs of the keyframes (times of a frame estimate) after ``after`` up to ``until`` as one value that can be
+        compared and hashed.
 
         Simulations use the value to share results between agents: equal inputs give equal results. Inputs of earlier keyframes
         are not included. ``after``: -1: from the first keyframe on.
@@ -180,7 +181,7 @@ class Intake:
         return self._buckets[index]
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove log entries that do not count any more; entries that were not received are ignored."""
+        """Remove log entries (signed measurements) that do not count any more; entries that were not received are ignored."""
         for identity in identities:
             self._displace(identity, self._number[identity.drone])
 

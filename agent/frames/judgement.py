@@ -23,7 +23,9 @@ _TRIED = 8  # drones tried in turn as the only wrong one
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
-    """Find the drones whose frames are wrong, mark them as suspect, and place them by other drones' sightings of them."""
+    """Find the drones whose frames are wrong, mark them as suspect, and place them by other drones' sightings (relative
+    observations) of them.
+    """
     _check_fixes_of_the_steady(keyframe)
     faulty_drone = judged.faulty_drone()
     confirmed, joint = agreeing(keyframe.tallies[-1]), keyframe.joint

@@ -78,7 +78,7 @@ class Sightings(_Columns):
 
     @classmethod
     def empty(cls) -> Sightings:
-        """Return an empty set of sightings."""
+        """Return an empty set of sightings (relative observations)."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
         return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
@@ -120,8 +120,8 @@ def turned_per_yaw(rotated: Array) -> Array:
 def sighting_residuals(
     observer: Array, target: Array, moved_observer: Array, moved_target: Array, direction: Array, range_m: Array
 ) -> tuple[Array, Array, Array]:
-    """Return predicted minus measured direction and range of M sightings, (M, 4), and the Jacobians (M, 4, 4) by each drone's
-    pose.
+    """Return predicted minus measured direction and range of M sightings (relative observations), (M, 4), and the Jacobians (M,
+    4, 4) by each drone's pose.
 
     The residuals are three components of a unit vector in the observer's frame, and the range (m). A direction opposite to its
     prediction has a residual of 2, not of 0 as it would in a tangent plane.
@@ -170,11 +170,12 @@ def fix_residuals(pose: Array, moved: Array, place: Array) -> tuple[Array, Array
 def sighting_evidence(
     squared_direction: Array, direction_var: Array, squared_range: Array, range_var: Array
 ) -> tuple[Array, Array]:
-    """Return the log likelihoods of sightings (...,) as correct measurements and as outliers, such as sightings of another
-    object.
+    """Return the log likelihoods of relative observations (sightings, arrays of any shape) as correct measurements and as
+    outliers.
 
-    Direction and range of a sighting are correct or outliers together. squared_direction, squared_range: squared residuals.
-    direction_var, range_var: variances of each of the direction's two axes and of the range, infinite if not measured.
+    An outlier is, for example, a sighting of another object. Direction and range of a sighting are correct or outliers together.
+    squared_direction, squared_range: squared residuals. direction_var, range_var: variances of each of the direction's two axes
+    and of the range, infinite if not measured.
     """
     has_direction, has_range = np.isfinite(direction_var), np.isfinite(range_var)
     direction_var = np.where(has_direction, direction_var, 1.0)

@@ -28,8 +28,8 @@ _ALIKE, _APART = 6.0, 16.0
 def note_moves(keyframe: Keyframe, prior: Joint, observed: Flags) -> None:
     """Add each track's present correction by measurements to its accumulated correction, from which sliding tracks are found.
 
-    keyframe: the present estimate. prior: the estimate before the correction. observed: (N,) mask of drones with sightings or
-    satellite positions; the accumulated corrections of these drones fade with time.
+    keyframe: the present estimate. prior: the estimate before the correction. observed: (N,) mask of drones with sightings
+    (relative observations) or satellite positions; the accumulated corrections of these drones fade with time.
     """
     kept = math.exp(-keyframe.seconds / MEMORY_S)
     moved = keyframe.joint.pose[:, :2] - prior.pose[:, :2]

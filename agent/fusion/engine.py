@@ -138,8 +138,8 @@ class Fusion:
         return self.estimator.outlook(self.state, self._now_step)
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
-        """Return the camera's position (mission frame, m) for a log entry, and 1 sigma of the horizontal distance; None if it is
-        not used.
+        """Return the camera's position (mission frame, m) for a log entry (signed measurement), and 1 sigma of the horizontal
+        distance; None if it is not used.
         """
         found = None
         with suppress(KeyError):  # it is not in the log

@@ -34,7 +34,7 @@ class Latecomers:
         self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _LONGEST_STRIDE))
 
     def discard(self, identity: EntryId) -> None:
-        """Remove a late log entry, if it waits here."""
+        """Remove a late log entry (signed measurement), if it waits here."""
         self._entries.pop(identity, None)
 
     def taken(self, before: int, due: int) -> dict[EntryId, AnyEntry | None]:
@@ -48,7 +48,9 @@ class Latecomers:
         return self.all_taken()
 
     def all_taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return all late log entries that wait here, and forget them, when their steps are recomputed anyway."""
+        """Return all late log entries (signed measurements) that wait here, and forget them, when their steps are recomputed
+        anyway.
+        """
         entries, self._entries = self._entries, {}
         self._stride, self._calls = 1, 0
         return entries
@@ -69,11 +71,11 @@ class Late:
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None) -> None:
-        """Add a very late log entry, or the removal of one (None)."""
+        """Add a very late log entry (signed measurement), or the removal of one (None)."""
         self._entries[identity] = entry
 
     def discard(self, identity: EntryId) -> None:
-        """Remove a very late log entry, if it waits here."""
+        """Remove a very late log entry (signed measurement), if it waits here."""
         self._entries.pop(identity, None)
 
     @property
@@ -83,7 +85,7 @@ class Late:
         return frozenset(drones - self._batches.admitted(drones))
 
     def taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return the waiting log entries of the drones with quota left, and forget them here."""
+        """Return the waiting log entries (signed measurements) of the drones with quota left, and forget them here."""
         admitted = self._batches.admitted({identity.drone for identity in self._entries})
         taken = {identity: entry for identity, entry in self._entries.items() if identity.drone in admitted}
         self._entries = {identity: entry for identity, entry in self._entries.items() if identity.drone not in admitted}

@@ -61,7 +61,7 @@ class PaperEstimator:
     is the reading with the smaller scattering angle (``PaperEstimatorConfig.order``).
 
     The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model). As z follows from x
-    and y, a correction moves the hypothesis along the ground only.
+    and y, a correction moves the hypothesis (source estimate) along the ground only.
 
     The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``. A cone is ignored if its apex lies outside of that
     box, where no drone can be. A cone that would move the hypothesis out of the box is also ignored. Otherwise a single cone of a

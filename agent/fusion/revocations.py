@@ -72,8 +72,8 @@ class Revocations:
         return verifier is not None and any(verifier.accepts_obeying(word, one) for one in held)
 
     def leaves_out(self, entry: Entry | EntryId) -> bool:
-        """Return whether a log entry does not count, because its author was revoked and its number is beyond the last one that
-        counts.
+        """Return whether a log entry (signed measurement) does not count, because its author was revoked and its number is beyond
+        the last one that counts.
         """
         return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
 

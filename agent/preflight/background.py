@@ -23,7 +23,7 @@ class Background:
         self._events = self._hits = 0
 
     def take(self, readout: Readout) -> Finding:
-        """Return the preflight finding on the camera after one more readout."""
+        """Return the preflight finding on the camera after one more readout (pixel hits of one interval)."""
         found = self._chain.process(self._repeats.without(readout))
         if self._repeats.problems:
             return Finding("camera", "failed", f"{self._repeats.problems[0].removeprefix('camera: ')}: restart it")

@@ -20,10 +20,10 @@ _SILENT_NS = 10_000_000_000  # readouts come five times a second
 
 
 class Camera:
-    """Turns the readouts of this drone's camera into log entries, and watches the camera for faults.
+    """Turns the readouts of this drone's camera (pixel hits of one interval) into log entries, and watches the camera for faults.
 
-    A readout passes the filter for repeated readouts, the detection chain (clusters, coincidences, cones), the recognition of the
-    nuclide in the spectrum, and the observer that makes log entries of the detections.
+    A readout passes the filter for repeated readouts, the detection chain, which finds Compton cones and counts, the recognition
+    of the nuclide in the spectrum, and the observer that makes log entries of the detections.
     """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:

@@ -56,7 +56,7 @@ class SelfReport:
         return cls(runtime_folder(environment))
 
     def readout(self) -> None:
-        """Note that the camera has delivered a readout."""
+        """Note that the camera has delivered a readout (pixel hits of one interval)."""
         self._readout_s = self._clock_s()
 
     async def run(self, present: Callable[[], Report]) -> None:

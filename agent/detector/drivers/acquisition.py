@@ -35,8 +35,8 @@ class Acquisition:
 
 
 class Utc:
-    """Converts readouts from a clock that is never set to UTC. After a step of UTC, later readouts and their hits move by the
-    step.
+    """Converts readouts (pixel hits of one interval) from a clock that is never set to UTC. After a step of UTC, later readouts
+    and their hits move by the step.
     """
 
     def __init__(self, utc_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
@@ -44,20 +44,24 @@ class Utc:
         self._ahead_ns: int | None = None
 
     def look(self) -> None:
-        """Compare both clocks, and adopt a step of UTC. Smaller changes are ignored, so that readouts have no gaps."""
+        """Compare both clocks, and adopt a step of UTC. Smaller changes are ignored, so that readouts (pixel hits of one
+        interval) have no gaps.
+        """
         ahead_ns = self._utc_ns() - self._steady_ns()
         if self._ahead_ns is None or abs(ahead_ns - self._ahead_ns) > STEP_NS:
             self._ahead_ns = ahead_ns
 
     def of(self, readout: Readout) -> Readout:
-        """Return the readout with its times converted to UTC."""
+        """Return the readout (pixel hits of one interval) with its times converted to UTC."""
         ahead_ns = self._ahead_ns or 0
         start_ns, end_ns, clock_ns = (at_ns + ahead_ns for at_ns in (readout.start_ns, readout.end_ns, readout.clock_ns))
         return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
 
 class AcquisitionReader:
-    """Turns the data of a camera's measurements into readouts; time stamps count from the start of the first measurement."""
+    """Turns the data of a camera's measurements into readouts (pixel hits of one interval); time stamps count from the start of
+    the first measurement.
+    """
 
     def __init__(self) -> None:
         self._clock_ns: int | None = None
@@ -66,8 +70,8 @@ class AcquisitionReader:
         self._gathering = Gathering()
 
     def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
-        """Return the readouts that are available now; measurements that have ended and are read completely are removed from the
-        queue.
+        """Return the readouts (pixel hits of one interval) that are available now; measurements that have ended and are read
+        completely are removed from the queue.
         """
         readouts = []
         while acquisitions:

@@ -36,7 +36,7 @@ class FeedDetector:
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Yield the camera's readouts as they arrive, until ``close`` is called."""
+        """Yield the camera's readouts (pixel hits of one interval) as they arrive, until ``close`` is called."""
         async for readout in self._feed.items():
             if self._fresh(readout):
                 yield readout

@@ -69,7 +69,8 @@ def apparent_rms_m(covariance: Array, bias_variance: Array) -> float:
     measurements.
 
     The apparent place is x + sum_i b_i / n, with x the source's place and b_i the vehicles' position errors. The result is
-    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P of the d variables of the track.
+    sqrt(tr(A' P A)) with A (d, 2) of ``_apparent``; covariance: (d, d) P of the d variables of the track (posterior of a found
+    source).
     """
     return math.sqrt(max(float(covariance.ravel() @ _apparent(bias_variance.tobytes(), len(covariance))), 0.0))
 

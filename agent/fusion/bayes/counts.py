@@ -23,10 +23,10 @@ _LARGEST_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with 
 
 
 def background_log_likelihood(counts: Array, background: Array, temper: Array) -> Array:
-    """Return the log likelihood (...) of an exposure's counts without a source, ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c).
+    """Return the log likelihood (...) of a camera's counts in an exposure without a source.
 
-    counts: (2,) k in the two channels c (partial-energy and full-energy events). background: (..., 2) expected counts B. temper:
-    (2,) exponents t.
+    It is ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c). counts: (2,) k in the two channels c (partial-energy and full-energy
+    events). background: (..., 2) expected counts B. temper: (2,) exponents t.
     """
     result: Array = (counts * np.log(background) - background) @ temper
     return result
@@ -38,8 +38,8 @@ def innovation_squared(counts: Array, expected: Array, background: Array, varian
         (k - S - B)^2 / (S + B + S^2 (exp(V) - 1)),   k, S, B summed over the channels:
 
     variance of the Poisson distribution plus that of a log-normal factor (with its mean exp(V / 2) assumed as 1). The gate
-    rejects counts by it. The residual after the fit would not serve: the better a track is known, the less contradicting counts
-    move it. Arguments as for ``fit_rate``.
+    rejects counts by it. The residual after the fit would not serve: the better a track (posterior of a found source) is known,
+    the less contradicting counts move it. Arguments as for ``fit_rate``.
     """
     signal = expected.sum(axis=-1)
     mean = signal + background.sum()

@@ -28,7 +28,8 @@ _WHOLE_S = 0.5  # live time of an exposure of full cost; shorter ones cost a sha
 
 
 class Exposed(Struct, frozen=True, eq=False):
-    """The counts of one vehicle's camera in an exposure (about half a second), prepared for the update of a track.
+    """The counts of one vehicle's camera in an exposure (about half a second), prepared for the update of a track (posterior of a
+    found source).
 
     vehicle: index. position: p, mission frame (m). counts: (2,) k, partial-energy and full-energy events. background: (2,)
     expected. middle_ns: UTC, of the exposure's middle. facing: means of cos 2 psi and sin 2 psi over the exposure, psi the
@@ -45,11 +46,15 @@ class Exposed(Struct, frozen=True, eq=False):
 
     @property
     def weight(self) -> float:
-        """Share (0 .. 1) of a whole exposure in live time, so that many short exposures cost no more than one."""
+        """Share (0 .. 1) of a whole exposure (counts of a camera in half a second) in live time, so that many short exposures
+        cost no more than one.
+        """
         return min(self.live_time_s / _WHOLE_S, 1.0)
 
     def follows(self, earlier: Exposed) -> bool:
-        """Return whether this exposure follows an earlier one of the vehicle without a long gap."""
+        """Return whether this exposure (counts of a camera in half a second) follows an earlier one of the vehicle without a long
+        gap.
+        """
         gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
         return gap_s < _LONGEST_GAP_S
 
@@ -87,10 +92,10 @@ class Fit(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(mean: Array, covariance: Array, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure at each Gaussian of a track.
+        """Fit the counts of an exposure at each Gaussian of a track (posterior of a found source).
 
-        mean: (S, M, d) m and covariance: (S, M, d, d) P of S sites, M motion modes and d state variables; age_s: T, of the
-        exposure.
+        mean: (S, M, d) m and covariance: (S, M, d, d) P of S sites (candidate places of the source), M motion modes and d state
+        variables; age_s: T, of the exposure.
         """
         response, background, counts = scene.response, exposed.background, exposed.counts
         sight = LineOfSight.of(mean, scene, exposed.vehicle, exposed.position, age_s)

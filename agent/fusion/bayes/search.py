@@ -67,15 +67,16 @@ class SearchState:
 
     @staticmethod
     def of_track(grid: Grid, track: Mixture, none: float) -> SearchState:
-        """Return the search that continues from a track that has become too wide for a sum of Gaussians.
+        """Return the search that continues from a track (posterior of a found source) that has become too wide for a sum of
+        Gaussians.
 
         Its density over place (x, y) and log activity a at the cells is
 
             (1 - eps) sum_i w_ij N(cell; m_ij, P_ij + cell^2 / 12 I) N(a; ..) + eps prior,   eps = ``_FORGOTTEN``,
 
-        scaled to 1 - none, with weights w_ij, means m_ij and covariances P_ij of the Gaussians of site i and motion mode j.
-        Within each Gaussian place and activity are assumed independent, and the vehicles' position errors 0. none: probability of
-        no source.
+        scaled to 1 - none, with weights w_ij, means m_ij and covariances P_ij of the Gaussians of site (candidate place of the
+        source) i and motion mode j. Within each Gaussian place and activity are assumed independent, and the vehicles' position
+        errors 0. none: probability of no source.
         """
         first = SearchState.prior(grid, track.time_s)
         density = np.zeros(first.weight.shape)

@@ -86,7 +86,8 @@ class LineOfSight(Struct, frozen=True, eq=False):
         return np.maximum(east + north, 0.0)
 
     def gradient(self, slope: Array, dimensions: int) -> Array:
-        """Return the gradients h (S, M, ..., d) of measurements by the d state variables of a track.
+        """Return the gradients h (S, M, ..., d) of measurements by the d state variables of a track (posterior of a found
+        source).
 
         slope: (S, M, ..., 3) derivatives of the measurements by the vector w from camera to source.
         h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy for the velocity, T the age,

@@ -21,8 +21,8 @@ from radron.agent.geometry import Array
 
 
 class Contrast(Struct, frozen=True, eq=False):
-    """The information on the soil's scatter factor, at each Gaussian of a track, from the division of counts into two kinds of
-    events.
+    """The information on the soil's scatter factor, at each Gaussian of a track (posterior of a found source), from the division
+    of counts into two kinds of events.
 
     Partial-energy events contain most photons scattered by soil, full-energy events hardly any (formulas above). For a clear
     view:
@@ -45,7 +45,7 @@ class Contrast(Struct, frozen=True, eq=False):
 
         counts: (2,) measured. expected, by_soil: (C, S, M, 2) counts expected from the source, and of these by soil's scatter.
         background:
-        (2,) expected. gradient: (S, M, d) h_d. covariance: (S, M, d, d) P of the track.
+        (2,) expected. gradient: (S, M, d) h_d. covariance: (S, M, d, d) P of the track (posterior of a found source).
         """
         total = expected + background
         weight, share = expected * expected / total, by_soil / expected
