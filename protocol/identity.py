@@ -80,7 +80,7 @@ class Authority:
     """The certificate authority of a swarm, known by its public certificate: it has signed the certificates of all members."""
 
     def __init__(self, certificate: x509.Certificate) -> None:
-        """Use :meth:`read`."""
+        """Use :meth:`read` to make an authority from a file's content."""
         self.certificate = certificate
 
     @classmethod

@@ -183,9 +183,8 @@ class Verifier:
     def __init__(
         self, authority: Authority, revoked: frozenset[int] = frozenset(), signed_root: SignedRoot = signed_root
     ) -> None:
-        """``revoked``: serial numbers of certificates without a right to command any more.
-
-        ``signed_root``: the function of this module, or a cache of it.
+        """``revoked``: serial numbers of certificates that have lost the right to command. ``signed_root``: the function of this
+        module, or a cached version.
         """
         self._authority, self._revoked, self._signed_root = authority, revoked, signed_root
         self._revoked_names: set[str] = set()

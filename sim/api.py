@@ -98,7 +98,7 @@ class Flown:
     Attributes:
         scenario: the scenario flown.
         result: scores of the whole flight, for the estimator that determined where to fly.
-        listened: scores of the estimators that only listened (read the same log without any influence on the flight), by name.
+        listened: scores of the estimators that only listened (read the log without any influence on the flight), by name.
         trace: time series at 5 Hz.
         posteriors: by estimator, the posteriors of the first drone in order of time, from the first one available.
     """

@@ -120,7 +120,7 @@ class MbTiles:
     """Map tiles in one file of the format MBTiles 1.3, opened for reading only."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file. Raises BackgroundError without raster tiles in it."""
+        """Open the file. Raises BackgroundError if it contains no raster tiles."""
         if not path.is_file():
             raise BackgroundError(f"{path}: there is no such file or folder")
         try:
@@ -152,7 +152,7 @@ class FolderTiles:
     """Map tiles in a folder: one image for each tile, named Z/X/Y.png (or jpg, webp) by zoom level, column and row."""
 
     def __init__(self, folder: Path) -> None:
-        """Find the tiles in a folder. Raises BackgroundError without any."""
+        """Find the tiles in a folder. Raises BackgroundError if there are none."""
         levels = sorted(int(path.name) for path in folder.iterdir() if path.name.isdecimal() and int(path.name) <= DEEPEST)
         example = next((path for level in levels for path in folder.glob(f"{level}/*/*") if path.suffix[1:] in IMAGES), None)
         if example is None:

@@ -40,7 +40,7 @@ class Commander:
     """
 
     def __init__(self, mesh: Mesh, swarm: str, identity: Identity | None, tell: Tell) -> None:
-        """``tell``: called with each line about a command or an upload."""
+        """``mesh``: connection to the swarm. ``tell``: called with each line of text about a command or an upload."""
         self.name = station_name(trust_of(identity))
         self._mesh, self._swarm, self._identity, self._tell = mesh, swarm, identity, tell
         self._statuses = Statuses(identity)

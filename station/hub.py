@@ -42,7 +42,9 @@ class Hub:
     """
 
     def __init__(self, picture: Picture, replay: bool, progress: Callable[[float], None] = lambda share: None) -> None:
-        """``replay``: of a record; ``progress``: called with the share read so far."""
+        """``picture``: the station's state of the swarm. ``replay``: it comes from a flight record. ``progress``: called with the
+        share of the record read so far.
+        """
         self.picture = picture
         self.history = History(len(picture.members))
         self.progress: float | None = 0.0 if replay else None

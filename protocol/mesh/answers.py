@@ -47,7 +47,9 @@ class Answers:
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, answer: Answer, counters: Counter[str]) -> None:
-        """``answer``: maps the payload of a query to (key, payload) of each reply."""
+        """``answer``: finds the log entries for a query's payload, as (key, payload) of each reply. ``counters``: counts of
+        answers.
+        """
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
         self._credit_s = Bucket(SHARE, SHARE, loop.time())

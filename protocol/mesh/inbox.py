@@ -76,7 +76,11 @@ class Inbox:
         counters: Counter[str],
         members: Collection[str] | None = None,
     ) -> None:
-        """``members``: drones with accepted messages; None: all."""
+        """Start an empty inbox.
+
+        ``receive``: called with key and payload of each delivered message. ``drained``: called after each burst of deliveries.
+        ``members``: drones whose messages are accepted; None: all.
+        """
         self._loop = loop
         self._swarm = swarm
         self._receive = receive

@@ -24,7 +24,7 @@ class Outgoing:
     """
 
     def __init__(self, failed: Callable[[], None]) -> None:
-        """``failed``: called for each unpublished entry, in the caller's thread or the publishing thread."""
+        """``failed``: called for each entry that is not published, in the caller's thread or the publishing thread."""
         self._failed = failed
         self._waiting: queue.SimpleQueue[tuple[ext.AdvancedPublisher, bytes] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None

@@ -19,7 +19,7 @@ class Presence:
     """
 
     def __init__(self, counters: Counter[str]) -> None:
-        """``counters``: ``overflow`` counts the tokens beyond ``MOST_ALIVE``."""
+        """``counters``: the count ``overflow`` is raised for each token beyond ``MOST_ALIVE``."""
         self._counters = counters
         self.alive: set[str] = set()
         self._differing: dict[str, str] = {}  # by drone: a protocol version other than this one

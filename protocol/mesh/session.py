@@ -56,7 +56,7 @@ class Mesh:
         answer: Answer | None,
         members: Collection[str] | None,
     ) -> None:
-        """Use :meth:`open`."""
+        """Use :meth:`open` to connect."""
         self.counters: Counter[str] = Counter()
         self._session: zenoh.Session | None = None  # None also while the session is reopened
         self._swarm = swarm

@@ -114,7 +114,9 @@ class Crowds:
     """Makes the additional log entries of all such attacks in a simulated flight."""
 
     def __init__(self, schedule: Schedule, swarm: str, trusts: Sequence[Trust]) -> None:
-        """``trusts``: each drone's signing identity, a copy of which the attacker holds."""
+        """``schedule``: times of the faults. ``swarm``: its name. ``trusts``: signing keys of each drone, of which the attacker
+        has a copy.
+        """
         self._schedule, self._swarm, self._trusts = schedule, swarm, trusts
         self._crowds: dict[tuple[Active, int], Crowd] = {}
 

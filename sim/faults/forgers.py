@@ -32,7 +32,9 @@ class Forgers:
     """Makes the forged messages that attacking drones of a simulated flight send besides their own."""
 
     def __init__(self, schedule: Schedule, drones: Sequence[str], trusts: Sequence[Trust], poisoners: Poisoners) -> None:
-        """``drones``: of the mission; ``trusts``: each drone's signing identity, whose key a forger holds."""
+        """``drones``: ids of the mission's drones. ``trusts``: signing keys of each drone, which a forger holds. ``poisoners``:
+        make false exposures.
+        """
         self._schedule, self._drones, self._trusts, self._poisoners = schedule, drones, trusts, poisoners
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:

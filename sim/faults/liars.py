@@ -30,7 +30,7 @@ class Liars:
     """Replaces messages of lying drones by false ones in a simulated flight."""
 
     def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign], poisoners: Poisoners) -> None:
-        """``faults``: of the scenario. ``signs``: signatures of each drone, whose key a liar holds."""
+        """``faults``: faults of the scenario. ``signs``: signing function of each drone, whose key a liar holds."""
         self._schedule, self._signs, self._poisoners = schedule, signs, poisoners
         lies = [fault for fault in faults if isinstance(fault, Lie)]
         self._kinds = {KIND_OF[lie.what] for lie in lies}

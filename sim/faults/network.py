@@ -34,7 +34,9 @@ class FaultyRadio(Radio):
     def __init__(
         self, truth: RadioTruth, names: Sequence[str], rng: np.random.Generator, faults: Schedule, tick_s: float
     ) -> None:
-        """``names``: of the mission's drones; ``tick_s``: interval of ``advance``."""
+        """``names``: ids of the mission's drones. ``faults``: times of the faults. ``tick_s``: interval at which :meth:`advance`
+        is called.
+        """
         super().__init__(truth, len(names), rng)
         self._names = list(names)
         self._faults = faults

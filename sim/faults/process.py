@@ -91,12 +91,12 @@ class Crew:
         remind: Remind,
     ) -> None:
         """Args:
-        faults: of the scenario.
-        schedule: their times.
-        agents: by drone.
-        start: makes the pilot of a restarted agent.
-        gone: called at an agent's death.
-        remind: gives a restarted agent its saved revocations.
+            faults: faults of the scenario.
+            schedule: times of the faults.
+            agents: agent of each drone.
+            start: makes the pilot of a restarted agent.
+            gone: called at an agent's death.
+            remind: gives a restarted agent its saved revocations.
         """
         self.agents = list(agents)
         self._schedule = schedule

@@ -21,7 +21,7 @@ class Active:
     __slots__ = ("drones", "fault", "rng")
 
     def __init__(self, fault: Fault, drones: Sequence[str], seed: int) -> None:
-        """``drones``: of the mission. The random numbers of a fault are independent of the other faults."""
+        """``drones``: ids of the mission's drones. The random numbers of a fault are independent of all other faults."""
         self.fault = fault
         self.drones = frozenset(drones.index(name) for name in fault.strikes(drones))
         self.rng = np.random.default_rng(

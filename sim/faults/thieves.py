@@ -25,7 +25,7 @@ class Thieves:
     """Plays the thieves of drones' keys in a simulated flight: each overhears its drone, and publishes a changed version."""
 
     def __init__(self, schedule: Schedule, trusts: Sequence[Trust]) -> None:
-        """``trusts``: signing identity of each drone."""
+        """``schedule``: times of the faults. ``trusts``: signing keys of each drone."""
         self._schedule, self._trusts = schedule, trusts
         self._heard: dict[int, dict[str, tuple[str, News]]] = {}  # the newest message of each drone and kind, with its key
         self._frozen: dict[tuple[Active, str], News] = {}  # at the begin of the theft

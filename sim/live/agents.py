@@ -23,8 +23,8 @@ class Agents:
     """
 
     def __init__(self, files: RunFolder, drones: Sequence[str]) -> None:
-        """``drones``: in the mission's order; empty without agents on this machine. Their files are written before their
-        start.
+        """``files``: folder of the flight. ``drones``: ids in the mission's order; empty without agents on this machine. The
+        files of an agent must be written before its start.
         """
         self.drones = tuple(drones)
         self.running: list[Child] = []

@@ -36,8 +36,8 @@ class Course:
         faults: FaultPlayer | None = None,
         watch: Callable[[float, Truth], bool] | None = None,
     ) -> None:
-        """``scenario``: with the agents' mission. ``watch``: called with each truth of the mission and the time (s) since the
-        start command; True ends the mission.
+        """``scenario``: with the mission that the agents have. ``watch``: called with each state of the true world during the
+        mission, and the time (s) since the start command; True ends the mission.
         """
         mission = scenario.mission
         self._seed = seed

@@ -35,7 +35,7 @@ class Operator:
     """
 
     def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Agents, view: View) -> None:
-        """``agents``: the agents on this machine."""
+        """``world``: the world process. ``agents``: the agents on this machine. ``view``: receives progress messages."""
         self.mission = mission
         self.world = world
         self.view = view

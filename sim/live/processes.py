@@ -22,7 +22,7 @@ class Child:
     """A child process in a session of its own. The kernel kills it when its parent ends."""
 
     def __init__(self, name: str, process: asyncio.subprocess.Process, log: Path | None) -> None:
-        """Use :meth:`start`."""
+        """Use :meth:`start` to start a process."""
         self.name = name
         self._process = process
         self._log = log

@@ -48,7 +48,7 @@ class RunFolder:
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
-        """``agents_here``: they run on this machine, and the agents' files of an earlier flight are removed."""
+        """``agents_here``: the agents run on this machine; their files of an earlier flight are removed."""
         self.folder = folder
         self.mission_file = folder / "agents" / "mission.toml"
         self.world_file = folder / "world.json"

@@ -35,7 +35,7 @@ class ConsoleView(View):
     """Shows the progress of a live flight on standard error."""
 
     def __init__(self, name: str, live: Live | None) -> None:
-        """``live``: display of the table; None: a line from time to time."""
+        """``name``: name of the flight. ``live``: display of the table; None: a line from time to time."""
         self._name = name
         self._live = live
         self._due = Every(_PLAIN_S if live is None else _REDRAW_S)

@@ -28,7 +28,7 @@ class WorldProcess:
     """A running world process. ``ready``: its ports; ``truth``: the latest true state of the world."""
 
     def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
-        """Use :meth:`start`."""
+        """Use :meth:`start` to start the process."""
         self._child = child
         self.ready = ready
         self.truth = truth

@@ -31,7 +31,9 @@ class Revoker:
         exclude: Callable[[int], None],
         own_ns: Callable[[int, int], int],
     ) -> None:
-        """``drones``: of the mission; ``exclude``: ends a drone's links; ``own_ns``: reading of a drone's own clock at a time."""
+        """``drones``: ids of the mission's drones. ``operator``: signs the revocations. ``exclude``: ends the links of a drone.
+        ``own_ns``: returns what a drone's own clock shows at a time.
+        """
         self._schedule, self._drones, self._operator = schedule, drones, operator
         self._due: deque[int] = deque()
         self._gone: set[int] = set()

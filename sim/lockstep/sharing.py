@@ -129,7 +129,7 @@ class Results(Shared):
     """Memory of the newest results, by the data from which they were computed."""
 
     def __init__(self, most: int) -> None:
-        """``most``: number of results kept."""
+        """``most``: number of results that are kept."""
         self._most = most
         self._known: dict[object, object] = {}  # the last used at the end
 

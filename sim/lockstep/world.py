@@ -61,7 +61,10 @@ class World:
     """The complete state of the simulated world and of the agents in it."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot]) -> None:
-        """Errors as in ``flight.fly``. ``make``: factory of pilots, as ``Pilot``."""
+        """Build the world of a scenario at the start of a flight; errors as in ``flight.fly``.
+
+        ``listen``: estimators without influence on the flight. ``make``: function that makes the pilots, as ``Pilot``.
+        """
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)

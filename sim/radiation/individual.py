@@ -18,7 +18,7 @@ class Individual:
     """
 
     def __init__(self, truth: CameraTruth, rng: np.random.Generator) -> None:
-        """``rng``: the camera's; a stream is split off from it, and its state is unchanged."""
+        """``rng``: random numbers of the camera; a stream is split off, and the state of ``rng`` is unchanged."""
         self._truth = truth
         self._rng = rng.spawn(1)[0]
         self.sensitivity = math.exp(truth.sensitivity_spread * self._rng.standard_normal())

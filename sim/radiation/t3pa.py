@@ -23,7 +23,7 @@ class T3paWriter:
     """
 
     def __init__(self, file: TextIO) -> None:
-        """Write the header."""
+        """Write the header row to the open file."""
         self._file = file
         self._row = 0
         file.write("\t".join(HEADER) + "\n")

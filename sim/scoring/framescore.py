@@ -51,7 +51,9 @@ class FrameScore:
     """Scores one agent's estimates of the drones' local frames, by the position errors that they cause, horizontally."""
 
     def __init__(self, mission: MissionConfig, frames: Frames, truth: MovingFrames, event_s: float | None) -> None:
-        """``event_s``: time of a frame event; the recovery is measured from it."""
+        """``frames``: the agent's knowledge of the local frames. ``truth``: the true frames. ``event_s``: time of a jump of a
+        frame, from which the recovery is measured; None: no jump.
+        """
         self._names = [drone.id for drone in mission.drones]
         self._estimated = [not drone.is_exact for drone in mission.drones]
         self._frames, self._truth = frames, truth

@@ -24,7 +24,9 @@ class Heard:
     """
 
     def __init__(self, frames: LocalFrames, nuclide: str | None) -> None:
-        """``frames``: the vehicles' true local frames. ``nuclide``: the mission's, for estimated sources without a nuclide."""
+        """``frames``: the vehicles' true local frames. ``nuclide``: nuclide of the mission, for estimated sources that state
+        none.
+        """
         self._frames = frames
         self._nuclide = nuclide
         self.following = Following()

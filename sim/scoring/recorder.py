@@ -47,12 +47,12 @@ class Recorder:
         known: FrameScore | None = None,
     ) -> None:
         """Args:
-        scenario: of the run.
-        agents: of the mission's drones.
-        frames: the vehicles' true local frames.
-        tick_s: interval of the samples.
-        listeners: estimators that do not fly.
-        known: score of the estimated frames.
+            scenario: scenario of the flight.
+            agents: agents of the mission's drones.
+            frames: the vehicles' true local frames.
+            tick_s: interval of the samples.
+            listeners: estimators without influence on the flight, by name.
+            known: score of the estimated local frames; None: all frames are exact.
         """
         self._sample_s = SAMPLE_TICKS * tick_s
         self._known = known

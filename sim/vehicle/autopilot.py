@@ -43,9 +43,11 @@ class Autopilot:
         has_home: bool = True,
         without_setpoints: FlightMode = FlightMode.RETURN,
     ) -> None:
-        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT); lower near home. ``has_home``: a PX4 without
-        satellites has none, and lands instead of a return; its preflight checks refuse a return as the reaction to lost
-        setpoints. ``without_setpoints``: mode without setpoints (COM_OBL_RC_ACT).
+        """Start on the ground at ``home``.
+
+        ``return_height_m``: height of a return above home (PX4: RTL_RETURN_ALT); lower near home. ``has_home``: a PX4 without
+        satellites has no home, and lands instead of a return; its preflight checks refuse a return as the reaction to lost
+        setpoints. ``without_setpoints``: mode that is flown without setpoints (COM_OBL_RC_ACT).
         """
         self._highest_return_m, self._has_home = return_height_m, has_home
         self._return_height_m = return_height_m  # of this return

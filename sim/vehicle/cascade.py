@@ -66,7 +66,7 @@ class Cascade:
     """
 
     def __init__(self, count: int, step_s: float, delay_s: float) -> None:
-        """The gains are set afterwards, by ``equip``."""
+        """``delay_s``: delay from a setpoint to its effect. The gains are set afterwards, by :meth:`equip`."""
         self._step_s = step_s
         self._late, self._late_s = in_steps(delay_s, step_s)
         self._substeps = ceil(step_s / SUBSTEP_S - 1e-9)

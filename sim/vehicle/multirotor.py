@@ -115,7 +115,7 @@ class Multirotors:
         step_s: float,
         rng: np.random.Generator,
     ) -> None:
-        """``truth``: of all, or of each; delay and wind are the first vehicle's."""
+        """``truth``: parameters of all vehicles together, or of each; delay and wind are the first vehicle's."""
         count = len(position_m)
         truths = [truth] * count if isinstance(truth, MultirotorTruth) else list(truth)
         self._truth, self._truths = truths[0], truths

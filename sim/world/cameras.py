@@ -56,8 +56,8 @@ class Cameras:
         random: Streams,
         clock_ns: int,
     ) -> None:
-        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera, except in ``scenario.cameras``.
-        ``random``: of the run. ``clock_ns``: UTC time at which the cameras' clocks were reset.
+        """``nuclides``: nuclides of the sources, each once. ``drones``: mounting of each camera, except in ``scenario.cameras``.
+        ``random``: random streams of the flight. ``clock_ns``: UTC time at which the cameras' clocks were reset.
         """
         emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None

@@ -22,7 +22,7 @@ class LocalFrames:
     """
 
     def __init__(self, frames: Sequence[tuple[Vector3, float]]) -> None:
-        """``frames``: origin in the world and heading in degrees, for each vehicle."""
+        """``frames``: for each vehicle, the origin in the world and the heading in degrees."""
         self.origin: Array = np.array([origin for origin, _ in frames], dtype=np.float64)
         self.yaw_rad: Array = np.radians([yaw_deg for _, yaw_deg in frames])
         self.matrix: Array = np.array([_about_up(yaw) for yaw in self.yaw_rad.tolist()])

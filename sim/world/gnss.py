@@ -48,7 +48,7 @@ class Receiver:
     """
 
     def __init__(self, truth: GnssTruth, datum: DatumConfig | None, step_s: float, rng: np.random.Generator) -> None:
-        """``datum``: of the world's origin; None: no fixes are needed."""
+        """``datum``: place on Earth of the world's origin; None: no fixes are needed."""
         self._truth, self._datum, self._step_s, self._rng = truth, datum, step_s, rng
         self._sigma = np.array([truth.horizontal_m, truth.horizontal_m, truth.vertical_m])
         self._keep = float(np.exp(-step_s / truth.correlation_s))

@@ -228,7 +228,9 @@ class MovingFrames(LocalFrames):
         step_s: float,
         random: Streams,
     ) -> None:
-        """``nominal``: origin in the world and heading in degrees by the launch layout. ``datum``: of the world."""
+        """``nominal``: for each vehicle, the origin in the world and the heading in degrees by the launch layout. ``datum``:
+        place on Earth of the world's origin.
+        """
         super().__init__(nominal)
         count = len(drones)
         lie_m, liar = _spoofing(truth, drones, random.liar)

@@ -45,7 +45,7 @@ class Sources:
     """All true sources of a scenario with their motion; ``scenario.source`` is the first. Empty without sources."""
 
     def __init__(self, scenario: Scenario, duration_s: float, random: Streams) -> None:
-        """``duration_s``: longest duration of their motion."""
+        """``duration_s``: longest duration of the sources' motion."""
         area = Polygon(scenario.mission.area.polygon_m)
         configured = [] if scenario.source is None else [(scenario.source, random.source)]
         configured += [(source, random.sources) for source in scenario.sources]

@@ -68,8 +68,8 @@ class Picture:
         *,
         judges_exposures: bool = True,
     ) -> None:
-        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: makes the estimators.
-        ``judges_exposures``: see ``ObservationLog``.
+        """``verifier``: checks the signatures in the log; None: in a swarm without certificates. ``estimators``: makes the
+        estimators by name. ``judges_exposures``: whether overlapping exposures are ignored (see ``ObservationLog``).
         """
         self.mission = mission
         self._mission_id = mission.mission_id

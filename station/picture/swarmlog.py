@@ -34,8 +34,8 @@ class SwarmLog:
         *,
         judges_exposures: bool = True,
     ) -> None:
-        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: makes the estimators.
-        ``judges_exposures``: see ``ObservationLog``.
+        """``verifier``: checks the entries' signatures; None: in a swarm without certificates. ``estimators``: makes the
+        estimators by name. ``judges_exposures``: whether overlapping exposures are ignored (see ``ObservationLog``).
         """
         self.counters: Counter[str] = Counter()
         self._world = WorldModel(mission, (), estimators, judges_exposures=judges_exposures)

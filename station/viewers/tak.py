@@ -40,7 +40,7 @@ class Tak:
     """Sends drones and sources to TAK at regular intervals, as Cursor on Target events."""
 
     def __init__(self, picture: Picture, url: str, tell: Callable[[str, bool], None]) -> None:
-        """``tell``: called with each change of the link, and whether it is a warning.
+        """``url``: address of TAK. ``tell``: called with a line of text at each change of the link, and whether it is a warning.
 
         Raises:
             TakError: no address of TAK, or a mission without a datum.

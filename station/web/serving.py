@@ -52,10 +52,10 @@ class Serving:
     """
 
     def __init__(self, hub: Hub, place: Place, doors: Doors | None = None) -> None:
-        """Take the port. ``doors``: sockets of other programs, protected by the same guard.
+        """Open the port. ``doors``: WebSocket routes of other programs, protected by the page's access checks.
 
         Raises:
-            StationError: the port is in use, or the page would be open to others without TLS.
+            StationError: the port is in use, or the page would be open to other computers without TLS.
             TokenError: the token's file cannot be used.
         """
         if not place.is_local and (place.certificate is None or place.key is None):

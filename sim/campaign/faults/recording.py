@@ -66,7 +66,7 @@ class Recording:
     """
 
     def __init__(self, drone: str, folder: Path) -> None:
-        """``folder``: for the records; one subfolder for each start of the agent."""
+        """``drone``: id of the recorded drone. ``folder``: for the records; one subfolder for each start of the agent."""
         self._drone, self._folder = drone, folder
         self._recorders: dict[Path, FlightRecorder] = {}
 

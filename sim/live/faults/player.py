@@ -69,7 +69,7 @@ class FaultPlayer:
         view: View,
         places: Places,
     ) -> None:
-        """``scenario``: passes ``check_playable``; ``relays``: required by ``needs_relays``."""
+        """``scenario``: must have passed ``check_playable``. ``relays``: must be given if ``needs_relays`` says so."""
         self.played: list[Played] = []
         self.failed: list[str] = []
         self.late = late_drones(scenario)

@@ -20,7 +20,7 @@ class RelayProcess:
     """The running process with all relays of a live flight (which impair its links)."""
 
     def __init__(self, child: Child) -> None:
-        """Use :meth:`start`."""
+        """Use :meth:`start` to start the process."""
         self._child = child
         self._states: dict[tuple[str, str], LinkState] = {}
 

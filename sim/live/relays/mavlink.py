@@ -26,7 +26,7 @@ class MavlinkRelay:
     def __init__(
         self, agent: Address, random: Random, now_s: Callable[[], float] | None = None, call_at: _Scheduler | None = None
     ) -> None:
-        """``agent``: its address. ``now_s``, ``call_at``: clock and timer; None: the running loop's."""
+        """``agent``: address of the agent. ``now_s``, ``call_at``: clock and timer; None: of the running event loop."""
         loop = asyncio.get_running_loop()
         self.there, self.back = Packets(random), Packets(random)
         self._agent = agent

@@ -44,8 +44,8 @@ class Setting:
     """What the judges of a simulated flight know in advance: its scenario, and the times and targets of its faults."""
 
     def __init__(self, scenario: Scenario, heal_s: float = inf, end_s: float = inf) -> None:
-        """``heal_s``: the network heals, and faults active after it are permanent; ``end_s``: latest landing of the able
-        drones.
+        """``heal_s``: time at which the network heals; faults active after it are permanent. ``end_s``: latest landing of the
+        drones that are able to finish the mission.
         """
         self.heal_s, self.end_s = heal_s, end_s
         self.mission = scenario.mission

@@ -32,7 +32,9 @@ class Judge:
     """
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
-        """``until``: the flight ends at the first violation of the invariant of this name, or of ``ANY``."""
+        """``until``: name of a condition; the flight ends at its first violation, or with ``ANY`` at the first violation of any
+        condition.
+        """
         self._setting, self._until = setting, until
         self.separation, self.converged, self.landed = Separation(setting), Converged(setting), Landed(setting)
         self.invariants: tuple[Invariant[Moment], ...] = (

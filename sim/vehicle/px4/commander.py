@@ -55,7 +55,7 @@ class Commander:
         announce: Callable[[Announcement], None],
         unhealthy: str | None = None,
     ) -> None:
-        """Standing disarmed at ``place``. ``unhealthy``: a check that never passes."""
+        """Start with the vehicle disarmed on the ground at ``place``. ``unhealthy``: a check that never passes."""
         self.mode = self.intention = Mode.HOLD
         self.armed = False
         self.fallback = Fallback()

@@ -52,7 +52,7 @@ class Px4Face:
         rng: np.random.Generator,
         clock_ns: Callable[[], int],
     ) -> None:
-        """Standing at ``place``, its first estimate, with its heading ``yaw_rad``, local ENU."""
+        """Start with the vehicle on the ground at ``place`` (its first estimate) with its heading ``yaw_rad``, local ENU."""
         system_id, release = index + 1, RELEASES[config.release]
         self.parameters = parameters = Parameters(system_id, config.parameters)
         self._faults = faults = config.faults

@@ -77,17 +77,18 @@ class Px4Fleet:
         terrain: Terrain = FLAT,
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        """The vehicles stand where ``motion`` has them now.
+        """Start with the vehicles standing where ``motion`` has them now.
 
         Args:
-            configs, motion, error: of each vehicle; ``motion`` and ``error`` made for steps of ``step_s``.
+            configs: configuration of each vehicle.
+            motion, error: true motion and localisation errors of all vehicles, made for steps of ``step_s``.
             step_s: time step.
-            rng: for everything else that is random.
+            rng: random numbers for everything else.
             datum: the world's origin on Earth.
             frame_yaw_rad: heading of each vehicle's local frame in the world; None: all are correct.
-            localized: frame of each vehicle's localisation, instead; stepped by this fleet.
-            terrain: the ground below them.
-            clock_ns: UTC.
+            localized: frames of the vehicles' localisation, instead; stepped by this fleet.
+            terrain: the ground below the vehicles.
+            clock_ns: returns the time, nanoseconds UTC.
         """
         count = len(configs)
         self._motion, self._error, self._localized = motion, FilterErrors(error, step_s), localized

@@ -63,7 +63,7 @@ class DeadReckoning:
         announce: Callable[[Announcement], None],
         drift_mps2: tuple[float, float] = DRIFT_MPS2,
     ) -> None:
-        """``drift_mps2``: least and largest growth of the velocity error."""
+        """``drift_mps2``: smallest and largest growth of the velocity error."""
         self.known = self.fused = True
         self.still = False
         self.resets = 0
@@ -193,7 +193,7 @@ class FilterErrors:
     """
 
     def __init__(self, small: Localization, step_s: float) -> None:
-        """``step_s``: time step."""
+        """``small``: the small errors, with satellites. ``step_s``: time step."""
         self._small = small
         count = len(small.position_error_m)
         self._drift_m, self._drift_mps = np.zeros((count, 3)), np.zeros((count, 3))

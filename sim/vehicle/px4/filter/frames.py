@@ -19,7 +19,9 @@ class AutopilotFrames(LocalFrames):
     """
 
     def __init__(self, localized: LocalFrames, offset_m: Array) -> None:
-        """``offset_m``: (N, 3), of the origin of ``localized`` in the autopilot's frame."""
+        """``localized``: frames of the vehicles' localisation. ``offset_m``: (N, 3) origins of these frames in the autopilots'
+        frames.
+        """
         super().__init__([((0.0, 0.0, 0.0), 0.0)] * len(offset_m))
         self._localized, self._offset_m = localized, offset_m
         for drone in range(len(offset_m)):

@@ -14,7 +14,7 @@ class TakeoffAlignment:
     """Simulates the reset of one vehicle's heading during takeoff, when the ground no longer disturbs the magnetometer."""
 
     def __init__(self, height_m: float, rng: np.random.Generator) -> None:
-        """``height_m``: above the ground."""
+        """``height_m``: height above the ground at which the heading is reset."""
         self._height_m, self._rng = height_m, rng
         self._ground_m = 0.0
         self._is_due = False

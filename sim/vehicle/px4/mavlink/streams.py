@@ -102,7 +102,9 @@ class Schedule:
     """
 
     def __init__(self, rates_hz: dict[int, float], begin_s: float, rng: np.random.Generator) -> None:
-        """Nothing before ``begin_s``; every message begins within one of its intervals from then."""
+        """``rates_hz``: usual rate of each message. Nothing is sent before ``begin_s``; every message begins within one of its
+        intervals from then on.
+        """
         self._usual = {message: 1.0 / rate for message, rate in rates_hz.items()}
         self._interval = dict(self._usual)
         self.beat_s = float("-inf")  # of the last heartbeat
