@@ -1,9 +1,9 @@
-"""Cost of the estimator ``sources`` for a late agent: ``python -m benchmarks.catching_up [--auto] [--unknown Co-60]``.
+"""Measure what the estimator ``sources`` costs a late agent: ``python -m benchmarks.catching_up [--auto] [--unknown Co-60]``.
 
-Six sources of five nuclides, are measured as in ``several_sources --real`` for ten minutes. They are folded as by an agent that
-gets the whole log at once: all moves, and a refinement at the end. ``--auto``: cones are made for the lines of all nuclides, not
-only of Cs-137; ``--unknown``: the same, without these nuclides among the candidates. Prints processor times in total, and of the
-moves that first report a source of an unknown nuclide.
+Six sources of five nuclides are measured as in ``several_sources --real`` for ten minutes. The measurements are processed as by
+an agent that gets the whole log at once: all moves (steps of the estimator), and a refinement at the end. ``--auto``: cones are
+made for the lines of all nuclides, not only of Cs-137; ``--unknown``: also with ``--auto``, but without these nuclides among the
+candidates. Prints processor times in total, and of the moves that first report a source of an unknown nuclide.
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
-"""Count rates of a camera near a known source: ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``.
+"""Measure count rates of a camera near a known source.
+
+``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``
 
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
-below the horizon. Its hits go through the chain of radron.agent.detector with the default configuration. A channel's rate over
-the unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the
-area without scatter in the surroundings, the rest with it. edge: the area lost at the sensor's edge, fitted to areas at several
-headings. The numbers stand in agent/fusion/bayes/response.py.
+below the horizon. Its hits go through the chain of radron.agent.detector with the default configuration. For each channel (kind
+of event), the rate divided by the unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), with
+depth = attenuation x distance. edge: the area lost at the sensor's edge, fitted to areas at several headings. The numbers are
+used in agent/fusion/bayes/response.py.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
-"""Quality of the agent's cones against the true events, by gamma line:
-``python -m benchmarks.cone_quality --interactions 1000000 Cs-137 Co-60 ...``.
+"""Compare the agent's Compton cones with the true events, by gamma line.
+
+``python -m benchmarks.cone_quality --interactions 1000000 Cs-137 Co-60 ...``
 
 Photons of a nuclide from all sides go through the simulated sensor and the chain of radron.agent.detector, with widths and
-probabilities (agent/detector/cones.py) first set at 662 keV. For each line to which a cone is assigned:
+probabilities (agent/detector/cones.py) first set at 662 keV. For each line to which a cone is assigned, the table shows:
 
-- cones: their number; other: share of them caused by photons of another line;
-- right: of the rest, share with the energies of the photon's first scatter; of these:
-- ARM 68 %: angle of the true order, degrees; pull 68 %, 95 %: the same in units of the cone's own sigma (agent/fusion/bayes takes
-  it for a mixture with 1.15 and 2.70);
+- cones: their number; other: share of the cones caused by photons of another line;
+- right: among all other cones, share with the energies of the photon's first scatter; for these cones:
+- ARM 68 %: angular error of the true order, degrees; pull 68 %, 95 %: angular error in units of the cone's own sigma
+  (agent/fusion/bayes uses a mixture with 1.15 and 2.70);
 - order: share with the true order as the more probable one; bits: information of the stated probability (log score, 0 for
-"either").
+  "either").
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Speed of the detector chain on one core: ``python -m benchmarks.detector``.
+"""Measure the speed of the detector chain on one core: ``python -m benchmarks.detector``.
 
 The hits are made here, of the usual shape (about ten hits per event, every tenth event a coincidence, 50,000 events/s), so that
 the numbers do not depend on the simulation. Times are processor times, so that other programs matter little.

@@ -1,4 +1,4 @@
-"""The simulated detector against a reference: efficiencies, effective areas and the angular resolution at 662 keV.
+"""Compare the simulated detector with a reference: efficiencies, effective areas and the angular resolution at 662 keV.
 
 The reference is a prototype's independent Monte Carlo without K fluorescence. The small cluster of a K fluorescence photon is
 merged with its neighbour in rows with "satellites merged"; "two clusters" counts everything above 5 keV.

@@ -1,8 +1,10 @@
-"""Camera gain by the sensor's own fluorescence (Cd 23.2 keV, Te 27.5 keV): ``python -m benchmarks.fluorescence``.
+"""Measure how well a camera's gain follows from the sensor's own fluorescence (Cd 23.2 keV, Te 27.5 keV).
+
+``python -m benchmarks.fluorescence``
 
 Photons from all sides go through the simulated sensor and the agent's clustering. A satellite is a small cluster of 14 to 38 keV
 within 1.2 mm of a larger one (agent/detector/coincidence.py). For photons of a source, photons scattered by its surroundings, and
-the background, by gain:
+the background, the table shows by gain:
 
 - satellites: per 1000 events; mean, sigma: of their energies, keV, by the calibration;
 - 400 events: 1 sigma of the logarithm of the gain by the satellites' energies, in 1 keV, from the change of their rates between

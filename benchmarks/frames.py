@@ -1,7 +1,7 @@
-"""The estimate of the drones' frames: cost of a keyframe on one core, and accuracy of the frames after 20 s of flight.
+"""Measure the estimate of the drones' local frames: its cost on one core, and its accuracy after 20 s of flight.
 
-Flights and errors as in ``tests/support/flights/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and 0.3 m, 10 % of
-them false.
+Flights and errors are those of ``tests/support/flights/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and 0.3 m,
+10 % of them false. The cost is measured for a keyframe (time at which the frames are estimated anew).
 """
 
 from __future__ import annotations

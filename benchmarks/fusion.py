@@ -1,4 +1,6 @@
-"""Cost of the fusion for one agent of a swarm of three: per simulated second, per cone, per idle call, and for x0.
+"""Measure the cost of the source estimate for one agent of a swarm of three.
+
+The cost is given per simulated second, per cone, per idle call, and for the first estimate (x0).
 
 Run: python benchmarks/fusion.py
 """

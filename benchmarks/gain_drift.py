@@ -1,7 +1,7 @@
-"""Cost of the drift of a camera's gain: ``python -m benchmarks.gain_drift --seeds 20 --out DIR`` (resumable).
+"""Measure what a drift of a camera's gain costs: ``python -m benchmarks.gain_drift --seeds 20 --out DIR`` (resumable).
 
-Ten minutes of ``ideal-static-swarm``, with two estimates of the same log: as flown, and with a drift of one camera's gain. The
-camera's readouts also pass a second, drifting camera on the same vehicle. Paths, photons and other cameras are the same, so the
+Ten minutes of ``ideal-static-swarm`` are flown, with two estimates of one log: as flown, and with a drift of one camera's gain.
+The camera's readouts also pass a second, drifting camera on this vehicle. Paths, photons and other cameras are equal, so the
 difference is due to the drift alone. Two flights, one with the drift (``mismatch-drift``), also differ by their photons: the
 median error of a flight scatters by half of its mean, and the ratio of the means of 20 and 20 by 0.17.
 

@@ -1,10 +1,10 @@
-"""Count rates of scattered photons beside a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
+"""Measure count rates of scattered photons near a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
 
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
 folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal. For each
-channel it is fitted, over sources on the ground and above it, and headings, by the formula of agent/fusion/bayes/soil.py, which
-holds the numbers. background: the soil's own photons by ``support.natural``, 3 m above it. The lines of nuclides and natural
-series, which are data, and the sensor come from the simulation.
+channel (kind of event), sources on the ground and above it, and headings, the rates are fitted by the formula of
+agent/fusion/bayes/soil.py, which holds the numbers. background: the soil's own photons by ``support.natural``, 3 m above it. The
+lines of nuclides and natural series, which are data, and the sensor come from the simulation.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""The same scenario and seeds, live and in lockstep: one Markdown table. Ten flights each take about 17 minutes:
+"""Compare live flights with simulated flights in lockstep of one scenario and equal seeds, in a Markdown table.
+
+Ten flights each take about 17 minutes:
 
 python benchmarks/live_vs_lockstep.py --runs 10 --docs docs/live.md
 """

@@ -1,7 +1,7 @@
-"""Motion: the cost of replanning on one core, and the swarm's stabilisation under both flocking laws.
+"""Measure the motion planner: cost of replanning on one core, and how fast the swarm stabilises under both flocking laws.
 
-Stabilisation as in the paper's Sec. VI-A, in closed loop with lagging vehicles, localisation noise and late messages
-(``tests/support/flights/closed_loop.py``): five drones, the hypothesis moved by 10 m every 60 s.
+The stabilisation is tested as in the paper's Sec. VI-A, in closed loop with lagging vehicles, localisation noise and late
+messages (``tests/support/flights/closed_loop.py``): five drones, the source estimate moved by 10 m every 60 s.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Estimator ``sources`` among several sources: ``python -m benchmarks.several_sources --flights 20 [--real]``.
+"""Test the estimator ``sources`` among several sources: ``python -m benchmarks.several_sources --flights 20 [--real]``.
 
 Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m high
-at 3 m/s. Number (0 to 6), nuclides (as named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
-same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
+at 3 m/s. Number (0 to 6), nuclides (as named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed; sources
+of one nuclide are at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
 sensitivities by 5 %, energy scales by 0.5 %, background x 1.2, 7 % from direction to direction. ``--alone``: one source of 3 GBq,
 beside ``bayes``. ``--higher-m``: extra height of the second half of each circle. ``--walls``: behind the walls of the scenario
 ``mismatch-walls``, unknown to the estimators; with ``--map`` known to all. ``--unknown Co-60,F-18``: nuclides that are no

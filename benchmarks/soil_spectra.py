@@ -1,6 +1,6 @@
-"""Spectra of scattered photons beside a source on soil, by nuclide: ``python -m benchmarks.soil_spectra --every > TABLES.py``.
+"""Compute spectra of scattered photons near a source on soil: ``python -m benchmarks.soil_spectra --every > TABLES.py``.
 
-TABLES.py: agent/fusion/sources/soiltables.py. The response of sensor and detection chain to photons of each energy group and
+TABLES.py is agent/fusion/sources/soiltables.py. The response of sensor and detection chain to photons of each energy group and
 angle to the sensor's normal is simulated once, by energy bin, and folded with each nuclide's flux of scattered photons by
 ``support.soil`` (not by the simulation's transport). In each bin it is fitted, at heights, distances and headings as in flight,
 by

@@ -1,8 +1,8 @@
-"""Count rates of a camera for each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
+"""Measure count rates of a camera for each nuclide, by energy: ``python -m benchmarks.spectral_response --every > TABLES.py``.
 
 Photons of each line meet the simulated sensor from below the horizon, the heading turning evenly as in flight. The hits go
 through the chain of radron.agent.detector with the default configuration, and its coarse spectra are binned as in an exposure.
-TABLES.py: agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) come from the simulated transport.
+TABLES.py is agent/fusion/sources/tables.py. Effective areas (mm2, times photons per decay) come from the simulated transport.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Goals of a benchmark beside its measurements, as a table with a verdict for each goal."""
+"""Comparison of a benchmark's measurements with its goals, as a table with a verdict for each goal."""
 
 from __future__ import annotations
 

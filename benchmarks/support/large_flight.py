@@ -1,9 +1,9 @@
-"""A long flight of many drones, made from a lockstep flight of three.
+"""Construction of a long flight of many drones from a simulated flight of three drones.
 
-The source is a point at rest on level ground, so a flight turned about it is as possible as the flight itself. Each three of the
-many drones fly the three's flight, turned by an angle of their own. Measurements stay the same in the local frames; the mission
-gives the turned poses of the frames. While all track, the flight is repeated from there on, for as long as needed; at the seams
-the drones jump by a few metres. Nothing is signed.
+The source is a point at rest on level ground, so a flight turned about the source is as possible as the flight itself. Each group
+of three among the many drones flies the path of the three drones, turned by an angle of its own. Measurements are unchanged in
+the local frames; the mission gives the turned poses of the frames. While all drones track, the flight is repeated from there on,
+for as long as needed; at the seams the drones jump by a few metres. Nothing is signed.
 """
 
 from __future__ import annotations

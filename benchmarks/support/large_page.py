@@ -1,4 +1,4 @@
-"""A large swarm's page in a real browser: its processes and their measurement."""
+"""The operator's page of a large swarm in a real browser: its processes and their measurement."""
 
 from __future__ import annotations
 

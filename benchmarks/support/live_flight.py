@@ -1,4 +1,4 @@
-"""A live flight as a benchmark sees it: its processes while they run, its agents' records afterwards."""
+"""Observation of a live flight for benchmarks: its processes while they run, and its agents' records afterwards."""
 
 from __future__ import annotations
 

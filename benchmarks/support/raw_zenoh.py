@@ -1,4 +1,4 @@
-"""Zenoh alone, as the yardstick: from a put in one process to the callback in another, with the swarm's session settings."""
+"""Latency of Zenoh alone as a reference: from a put in one process to the callback in another, with the swarm's settings."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Cost of late entries for the estimate: an agent's log folded as it arrived, and as if each entry had arrived at once.
+"""Cost of late log entries for the source estimate: an agent's log processed as it arrived, and without delays of entries.
 
-Both folds belong to the same flight, so that only the delays differ: two flights of the same seed differ by half of their errors.
+Both estimates belong to one flight, so that only the delays differ: two flights with equal seeds differ by half of their errors.
 """
 
 from __future__ import annotations

@@ -90,7 +90,9 @@ class Crew:
         gone: Gone,
         remind: Remind,
     ) -> None:
-        """Args:
+        """Start with the given agents, without any fault.
+
+        Args:
             faults: faults of the scenario.
             schedule: times of the faults.
             agents: agent of each drone.

@@ -26,7 +26,7 @@ class Tellers:
     def __init__(
         self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign], poisoners: Poisoners
     ) -> None:
-        """``faults``: faults of the scenario. ``drones``: ids of the mission's drones. ``signs``: signing function of each drone."""
+        """``faults``: of the scenario. ``drones``: ids of the mission's drones. ``signs``: signing function of each drone."""
         self._liars = Liars(faults, schedule, signs, poisoners)
         self._schedule, self._drones, self._signs = schedule, list(drones), signs
         self._sly = {drones.index(name) for fault in faults if _lies_to_logs(fault) for name in fault.strikes(drones)}

@@ -46,7 +46,9 @@ class Recorder:
         listeners: Mapping[str, Believer] = MappingProxyType({}),
         known: FrameScore | None = None,
     ) -> None:
-        """Args:
+        """Start the record of a flight.
+
+        Args:
             scenario: scenario of the flight.
             agents: agents of the mission's drones.
             frames: the vehicles' true local frames.

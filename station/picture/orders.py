@@ -58,7 +58,7 @@ class Orders:
     """
 
     def __init__(self, verifier: Verifier | None) -> None:
-        """``verifier``: checks the signatures of orders; None: in a swarm without certificates, where every station may command."""
+        """``verifier``: checks the orders' signatures; None: in a swarm without certificates, where every station may command."""
         self.own = ""
         self._verifier = verifier
         self._heard: dict[Key, Heard] = {}
