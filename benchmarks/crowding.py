@@ -44,7 +44,7 @@ CASES = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("cases", nargs="*", help=f"of {', '.join(CASES)}; all if none is given")
-    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--scenario", default="paper-demo")
     parser.add_argument("--at", type=float, default=40.0, help="s after the start, when it begins")
     parser.add_argument("--seconds", type=float, default=20.0, help="how long it lasts")
     parser.add_argument("--old", type=float, default=3.0, help="old entries a second")

@@ -40,7 +40,7 @@ MOST_POINTS, MOST_RATIO = 3.0, 1.5  # goals, of a swarm of ten
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--scenario", default="paper-demo")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--drones", type=int, nargs="+", default=[3, 10])
     parser.add_argument("--seconds", type=float, default=45.0, help="of tracking")

@@ -37,7 +37,7 @@ RAW_TO_ALL = "raw Zenoh, to as many as an agent"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--scenario", default="paper-demo")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--drones", type=int)
     parser.add_argument("--set", action="append", default=[], dest="settings")

@@ -102,7 +102,7 @@ def write(path: Path, text: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Live beside lockstep.")
-    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--scenario", default="paper-demo")
     parser.add_argument("--runs", type=int, default=1, help="flights of each kind, seeds 1, 2, ...")
     parser.add_argument("--docs", type=Path, help="page whose table is replaced")
     options = parser.parse_args()

@@ -151,7 +151,7 @@ def _scenario(drones: int, seconds: float) -> Any:
     from radron.sim.scenario import load_scenario, override  # noqa: PLC0415 - only in its own process
 
     flight = {"mission.track.duration_s": seconds, **NEVER_HOME}
-    return override(load_scenario("demo"), {"drones": drones, **flight})
+    return override(load_scenario("paper-demo"), {"drones": drones, **flight})
 
 
 def _held() -> tuple[float, dict[str, int]]:
@@ -184,7 +184,7 @@ def in_process(work: Callable[..., None], what: str, until: float, *arguments: f
 
 def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
     """A live flight: its agents, its world and its launcher."""
-    arguments = ["demo", "--seed", str(seed), "--drones", str(drones), "--set", f"mission.track.duration_s={seconds:g}"]
+    arguments = ["paper-demo", "--seed", str(seed), "--drones", str(drones), "--set", f"mission.track.duration_s={seconds:g}"]
     seen = fly(folder, arguments, limit_s=seconds + 900.0)
     left = [one for one in psutil.process_iter() if one.pid in seen and one.create_time() == seen[one.pid].began_s]
     found = flights(folder)

@@ -8,6 +8,8 @@ by
     [near + h (steep + turned (f - ``MEAN_FACING``)) + air mu D] exp(-mu D) / (4 pi D^2),
 
 see radron.agent.fusion.sources.spectra. background: the soil's own photons by ``support.natural``, 3 m above it, per second.
+
+``--grounds`` compares the scatter of other grounds with soil's: by r and c of radron.agent.fusion.sources.soil, and by r alone.
 """
 
 from __future__ import annotations
@@ -20,10 +22,12 @@ import typer
 from ground_response import AZIMUTHS_DEG, EDGES_KEV, PLACES, beams, natural_lines
 from numpy.typing import NDArray
 from spectral_response import SCALE, printed, spectra
-from support.soil import FACINGS, HEADINGS_DEG, scattered_flux
+from support.soil import FACINGS, GROUNDS, HEADINGS_DEG, scattered_flux
 
 from radron.agent.detector.lines import CANDIDATES
 from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
+from radron.agent.fusion.sources.bins import pooled
+from radron.agent.fusion.sources.soil import BY_NUMBER
 from radron.protocol.spectrum import BINS
 from radron.sim.radiation.events import Events, simulate
 from radron.sim.radiation.materials import air_attenuation_per_m
@@ -34,6 +38,8 @@ from radron.sim.radiation.truth import CameraTruth
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 1e-5  # of a spectrum: bins with less are empty
+COMPARED = ("Cs-137", "Co-60", "Ir-192", "I-131", "Ba-133", "Am-241")
+COMPARED_SHARE = 0.01  # of soil's greatest bin: bins with less are not compared
 
 
 class Response(NamedTuple):
@@ -99,12 +105,42 @@ def of_background(events: int, photons: int) -> Iterator[tuple[str, Array]]:
     yield from zip(("every", "pairs", "by_scale"), rates, strict=True)
 
 
+def compare(seen: Response, photons: int) -> None:
+    """Print r and c of each ground and nuclide, with the weighted root mean square of what they leave of the logarithm."""
+    print("ground    nuclide     r      c    left   left by r alone")
+    for name in COMPARED:
+        spectrum = {ground: _mean(nuclide(name), ground, seen, photons) for ground in GROUNDS}
+        soil = spectrum["soil"]
+        shown = soil > COMPARED_SHARE * soil.max()
+        weight = np.sqrt(soil[shown] / soil[shown].sum())
+        for ground in sorted(GROUNDS.keys() - {"soil"}):
+            ratio = np.log(spectrum[ground][shown] / soil[shown])
+            left, numbers = [], np.zeros(2)
+            for count in (2, 1):
+                design = BY_NUMBER[:count, shown].T
+                found = np.linalg.lstsq(design * weight[:, None], weight * ratio, rcond=None)[0]
+                left.append(float(np.sqrt(((weight * (ratio - design @ found)) ** 2).sum())))
+                numbers = found if count == 2 else numbers
+            print(f"{ground:9} {name:8} {numbers[0]:6.2f} {numbers[1]:6.2f} {left[0]:7.3f} {left[1]:7.3f}")
+
+
+def _mean(source: Nuclide, ground: str, seen: Response, photons: int) -> Array:
+    """(BINS,) counts of photons scattered by ground and air, mean over all places and headings."""
+    flux = scattered_flux(source.lines, PLACES, EDGES_KEV, photons, 5, ground=ground)
+    result: Array = pooled(np.einsum("phfg,fgb->b", flux, seen.every))
+    return result
+
+
 def main(
     nuclides: Annotated[list[str] | None, typer.Argument(help="By default Cs-137.")] = None,
     every: Annotated[bool, typer.Option("--every", help="All nuclides that can be recognised.")] = False,
     events: Annotated[int, typer.Option(help="Of each beam.")] = 600,
     photons: Annotated[int, typer.Option(help="That are followed through soil and air, of each nuclide.")] = 100_000,
+    grounds: Annotated[bool, typer.Option("--grounds", help="Compare other grounds with soil instead.")] = False,
 ) -> None:
+    if grounds:
+        compare(Response.simulated(events), photons)
+        return
     print('"""Written by ``benchmarks/soil_spectra.py``; see radron.agent.fusion.sources.spectra."""\n')
     print("# fmt: off")
     print("SOIL: dict[str, dict[str, tuple[float, ...]]] = {")

@@ -52,7 +52,7 @@ def start(secured: bool) -> float:
     """Seconds from the command to the start of the mission."""
     with tempfile.TemporaryDirectory(prefix="radron-start-") as folder:
         program = str(Path(sys.executable).with_name("radron-sim"))
-        command = [program, "live", "demo", "--seed", "5", "--out", folder, *([] if secured else ["--insecure"])]
+        command = [program, "live", "paper-demo", "--seed", "5", "--out", folder, *([] if secured else ["--insecure"])]
         began_s, told = time.monotonic(), ""
         launcher = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

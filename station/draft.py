@@ -30,6 +30,7 @@ KEYS = (
     "area.floor_m",
     "area.ceiling_m",
     "ground.height_m",
+    "fusion.ground",
     "survey.strategy",
     "survey.height_m",
     "survey.search_speed_mps",

@@ -91,7 +91,9 @@ class FusionConfig(Section, frozen=True, kw_only=True):
 
     estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, given, or one of an installed package
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
-    ground: Literal["none", "soil"] = "none"  # below the sources: soil scatters photons, and sends out some of its own
+    # Below the sources: soil scatters photons, and sends out some of its own. Missions for real grounds state "soil". The default
+    # remains the meaning of missions and flight records without this key: they are older, and keep their ids.
+    ground: Literal["none", "soil"] = "none"
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
     bayes: BayesEstimatorConfig = BayesEstimatorConfig()
     sources: SourcesEstimatorConfig = SourcesEstimatorConfig()

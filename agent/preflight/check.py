@@ -273,7 +273,8 @@ class Preflight:
             Pilot(self._mission, replace(self._drone, calibration=None), boot="0" * 16, nonce_key=b"")
         except RadronError as error:
             return Finding("mission", "failed", str(error))
-        text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones"
+        over = "over soil" if self._mission.fusion.ground == "soil" else 'over an empty ground (fusion.ground = "none")'
+        text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones, {over}"
         return Finding("mission", "ok", text if self._force.notice is None else f"{text}; {self._force.notice}")
 
     def _state(self) -> Finding:

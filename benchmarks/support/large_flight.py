@@ -163,7 +163,7 @@ class _Kept:
 
 
 def _scenario() -> Any:
-    return override(load_scenario("demo"), {**CIRCLE, "mission.track.duration_s": TRACKED_S})
+    return override(load_scenario("paper-demo"), {**CIRCLE, "mission.track.duration_s": TRACKED_S})
 
 
 def _multiplied(mission: MissionConfig, count: int, middle: tuple[float, ...]) -> MissionConfig:

@@ -20,9 +20,18 @@ from radron.agent.geometry import Array
 MASS_KEV = 510.99895
 _BARN_RADIUS = 7.940787e-26  # square of the classical electron radius, cm2
 _AVOGADRO = 6.02214076e23
-_SOIL = ((1, 0.0224), (8, 0.604), (14, 0.3336), (26, 0.04))
 _AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))
+_SOIL = ((1, 0.0224), (8, 0.604), (14, 0.3336), (26, 0.04))
+_ASPHALT = ((1, 0.0086), (6, 0.0514), (8, 0.501), (14, 0.439))  # silica with 6 % of bitumen
+_CONCRETE = ((1, 0.01), (8, 0.53), (13, 0.034), (14, 0.337), (19, 0.013), (20, 0.05), (26, 0.014))
 DENSITY = (1.205e-3, 1.5)  # air, soil, g/cm3
+GROUNDS = {
+    "soil": (_SOIL, DENSITY[1]),
+    "sand": (((8, 0.533), (14, 0.467)), 1.6),
+    "asphalt": (_ASPHALT, 2.3),
+    "concrete": (_CONCRETE, 2.3),
+    "water": (((1, 0.1119), (8, 0.8881)), 1.0),
+}  # elements with their mass fractions, and density
 GRID_KEV = np.geomspace(15.0, 3000.0, 430)
 MIN_KEV = 30.0
 _CEILING_M = 250.0
@@ -34,10 +43,10 @@ FACINGS = 8  # bins of the cosine between a photon's path and the normal
 
 
 @cache
-def attenuations() -> tuple[Array, Array]:
-    """(2, GRID) attenuation per metre of air and soil, and the share of Compton scattering."""
+def attenuations(ground: str = "soil") -> tuple[Array, Array]:
+    """(2, GRID) attenuation per metre of air and the ground, and the share of Compton scattering."""
     totals, shares = [], []
-    for elements, density in zip((_AIR, _SOIL), DENSITY, strict=True):
+    for elements, density in ((_AIR, DENSITY[0]), GROUNDS[ground]):
         electrons = sum(share * z / xraylib.AtomicWeight(z) for z, share in elements) * _AVOGADRO
         compton = electrons * _BARN_RADIUS * np.array([_klein_nishina_total(float(e)) for e in GRID_KEV])
         photo = np.zeros_like(compton)
@@ -87,28 +96,43 @@ def scattering_cosines(energy: Array, rng: np.random.Generator) -> Array:
 
 
 def scattered_flux(
-    lines: tuple[tuple[float, float], ...], detectors: Array, edges_kev: Array, photons: int, seed: int, source_m: float = 0.0
+    lines: tuple[tuple[float, float], ...],
+    detectors: Array,
+    edges_kev: Array,
+    photons: int,
+    seed: int,
+    source_m: float = 0.0,
+    ground: str = "soil",
 ) -> Array:
     """(D, HEADINGS_DEG, FACINGS, groups) flux per decay times 4 pi D^2 of scattered photons; its sum over FACINGS is the same for
     all headings. detectors: (D, 2) heights above soil, horizontal distances.
 
-    source_m: height of the source above the ground; below 0: in it.
+    source_m: height of the source above the ground; below 0: in it. ground: of ``GROUNDS``.
     """
     rng = np.random.default_rng(seed)
     energies, intensities = np.array(lines).T
     tally = np.zeros((len(detectors), len(HEADINGS_DEG), FACINGS, len(edges_kev) - 1))
     batch = 10_000
     for _ in range(photons // batch):
-        tally += _batch(energies, intensities / intensities.sum(), detectors, edges_kev, batch, rng, source_m)
+        tally += _batch(
+            energies, intensities / intensities.sum(), detectors, edges_kev, batch, rng, source_m, attenuations(ground)
+        )
     square = (detectors[:, 0] - source_m) ** 2 + detectors[:, 1] ** 2
     result: Array = tally * (intensities.sum() / (photons // batch * batch)) * 4.0 * np.pi * square[:, None, None, None]
     return result
 
 
 def _batch(
-    energies: Array, shares: Array, detectors: Array, edges_kev: Array, count: int, rng: np.random.Generator, source_m: float
+    energies: Array,
+    shares: Array,
+    detectors: Array,
+    edges_kev: Array,
+    count: int,
+    rng: np.random.Generator,
+    source_m: float,
+    attenuated: tuple[Array, Array],
 ) -> Array:
-    media, compton = attenuations()
+    media, compton = attenuated
     tally = np.zeros((len(detectors), len(HEADINGS_DEG), FACINGS, len(edges_kev) - 1))
     energy = rng.choice(energies, count, p=shares)
     place = np.zeros((count, 3))

@@ -242,10 +242,14 @@ def test_a_byte_order_mark_is_no_part_of_a_file(mission_file: Path, encoding: st
 RECORDED = Path(__file__).parent / "flight" / "records" / "mission-protocol-2.json"
 
 
-def test_a_mission_recorded_before_keys_were_added_keeps_its_id() -> None:
+def test_a_mission_recorded_before_keys_were_added_keeps_its_id_and_its_ground() -> None:
     """Else its flight records would not open, and an uploaded mission would be refused after an update."""
     mission = msgspec.json.decode(RECORDED.read_bytes(), type=MissionConfig)
     assert mission.mission_id == "4529477d7d7c5337"
+    assert mission.fusion.ground == "none"
+    over_soil = replace(mission, fusion=replace(mission.fusion, ground="soil"))
+    assert over_soil.mission_id != mission.mission_id
+    assert msgspec.json.decode(msgspec.json.encode(over_soil), type=MissionConfig) == over_soil
     survey = replace(mission.survey, lane_spacing_m=11.0)
     assert replace(mission, survey=survey).mission_id != mission.mission_id
 

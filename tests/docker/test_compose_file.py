@@ -47,7 +47,7 @@ def test_what_flies_has_few_rights(services: dict[str, Any], name: str) -> None:
 @pytest.mark.parametrize(("name", "number"), AGENTS.items())
 def test_an_agent_is_configured_as_its_addresses_say(services: dict[str, Any], tmp_path: Path, name: str, number: int) -> None:
     service = services[name]
-    ids = [drone.id for drone in override(load_scenario("demo"), {"drones": 10}).mission.drones]
+    ids = [drone.id for drone in override(load_scenario("paper-demo"), {"drones": 10}).mission.drones]
     members = "".join(f'[[drones]]\nid = "{drone}"\norigin_m = [{6 * place}, 0, 0]\n' for place, drone in enumerate(ids))
     (tmp_path / "mission.toml").write_text(f'name = "ten"\n{members}[area]\npolygon_m = [[0, 0], [60, 0], [60, 9]]\n')
     environment = {key: str(value) for key, value in service["environment"].items()}

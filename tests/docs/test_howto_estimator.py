@@ -26,7 +26,7 @@ def installed(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("installed")
 def test_the_estimator_of_the_page_flies():
-    demo = override(load_scenario("demo"), {"mission.track.duration_s": 2, "mission.limits.speed_mps": 6})
+    demo = override(load_scenario("paper-demo"), {"mission.track.duration_s": 2, "mission.limits.speed_mps": 6})
     flight = fly(demo, 1, estimator="centroid")
     assert flight.result.estimator == "centroid"
     assert flight.result.time_to_x0_s is not None

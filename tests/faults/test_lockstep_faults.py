@@ -35,7 +35,7 @@ def flown(name, seed=1, **values):
 
 
 def test_a_fault_that_only_live_flights_have_is_refused_before_the_flight():
-    scenario = msgspec.structs.replace(load_scenario("demo"), fault=())
+    scenario = msgspec.structs.replace(load_scenario("paper-demo"), fault=())
     document = {"kind": "disk", "how": "record-torn", "at_s": 5.0}
     scenario = msgspec.convert(msgspec.to_builtins(scenario) | {"fault": [document]}, type(scenario))
     with pytest.raises(

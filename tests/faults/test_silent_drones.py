@@ -68,7 +68,7 @@ def test_the_others_space_anew_within_ten_seconds(seed):
             closest(moment)
         return since_s >= 20.0
 
-    watched(found(3, Kill(at_s=killed_s, target="d2"), scenario="demo"), seed, watch)
+    watched(found(3, Kill(at_s=killed_s, target="d2"), scenario="paper-demo"), seed, watch)
     assert close_s[0] < 1.0  # 120 degrees apart before
     assert close_s[-1] < 10.0
     assert closest.least_m >= LEAST_M

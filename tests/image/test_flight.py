@@ -54,7 +54,7 @@ def test_the_images_agent_flies_as_one_of_three(image: Path, tmp_path: Path, mon
         return await begin(name, command, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Child, "start", start)
-    scenario = load_scenario("demo")
+    scenario = load_scenario("paper-demo")
     second = scenario.mission.drones[1].id
     flight, report = asyncio.run(fly_live(scenario, 1, folder, None, View()))
     assert contained == [second]

@@ -32,7 +32,7 @@ def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
     )
     file, log = tmp_path / "elsewhere.toml", tmp_path / "elsewhere.log"
     file.write_text(as_toml(drone))
-    with live_run(tmp_path, "demo", "--drones", "1", "--external", *links) as run:
+    with live_run(tmp_path, "paper-demo", "--drones", "1", "--external", *links) as run:
         run.until(lambda: "waiting: d1: not in the mesh yet" in run.said, READY_S)
         assert (tmp_path / "agents" / "mission.toml").exists()
         with log.open("wb") as stderr:

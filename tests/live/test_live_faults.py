@@ -74,7 +74,7 @@ class Circling:
 @asynccontextmanager
 async def circling(folder: Path, fault: AnyFault, drones: int = 3) -> AsyncIterator[Circling]:
     """The drones of the demo, or more of them, evenly around the source. The fault's times count from ``strike``."""
-    scenario = override(load_scenario("demo"), {"drones": drones, "mission.track.duration_s": 90.0})
+    scenario = override(load_scenario("paper-demo"), {"drones": drones, "mission.track.duration_s": 90.0})
     async with live_swarm(replace(scenario, fault=(fault,)), 1, folder, Places.relayed(drones), View()) as swarm:
         operator = swarm.operator
         await operator.get_ready(READY_S)
@@ -224,7 +224,7 @@ def test_a_drone_that_comes_late_is_started_by_the_operator_and_takes_part(tmp_p
     """The others do not wait for it, although they miss it."""
 
     async def course() -> None:
-        scenario = override(load_scenario("demo"), {"mission.track.duration_s": 90.0})
+        scenario = override(load_scenario("paper-demo"), {"mission.track.duration_s": 90.0})
         scenario = replace(scenario, fault=(Late(target="d3", at_s=20.0),))  # well after the takeoff of the others
         async with live_swarm(scenario, 1, tmp_path, Places.relayed(3), View()) as swarm:
             operator, player = swarm.operator, swarm.faults

@@ -31,7 +31,7 @@ def opened(run: LiveRun, folder: Path) -> str:
 @pytest.mark.slow
 def test_the_page_shows_the_flight_stops_it_and_marks_a_drone_that_is_gone_within_two_seconds(tmp_path: Path) -> None:
     options = ("--seed", "1", "--set", "mission.track.duration_s=90", "--page")
-    with live_run(tmp_path, "demo", *options) as run:
+    with live_run(tmp_path, "paper-demo", *options) as run:
         address = opened(run, tmp_path)
         with browsing(address) as page:
             until(page, "() => radron.frame?.drones.every((drone) => drone.alive && drone.place)", 120.0)

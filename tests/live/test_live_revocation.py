@@ -56,7 +56,7 @@ async def revoked(endpoint: str, folder: Path) -> str:
 @pytest.mark.slow
 def test_a_revoked_drone_is_shut_out_and_the_others_fly_on_with_one_log(tmp_path: Path) -> None:
     async def course() -> tuple[int, int]:
-        scenario = override(load_scenario("demo"), {"drones": 3, "mission.track.duration_s": 120.0})
+        scenario = override(load_scenario("paper-demo"), {"drones": 3, "mission.track.duration_s": 120.0})
         places = Places.here(3)
         async with live_swarm(scenario, 1, tmp_path, places, View()) as swarm:
             operator = swarm.operator

@@ -29,7 +29,7 @@ def test_three_agents_fly_by_several_sources_and_their_loops_do_not_wait(tmp_pat
         "--json",
         str(tmp_path / "run.json"),
     )
-    with live_run(tmp_path, "demo", *options) as run:
+    with live_run(tmp_path, "paper-demo", *options) as run:
         run.process.wait(FLIGHT_S)
         assert run.process.returncode == 0, run.said
         run.until(lambda: not run.processes() and not run.busy_ports(), 5.0)

@@ -25,7 +25,7 @@ HOME_M = 3.0
 
 @pytest.mark.slow
 def test_a_second_mission_is_flown_as_the_first_without_a_restart(tmp_path: Path) -> None:
-    scenario = override(load_scenario("demo"), {"drones": 2, "mission.track.duration_s": 12.0})
+    scenario = override(load_scenario("paper-demo"), {"drones": 2, "mission.track.duration_s": 12.0})
     results: list[RunResult] = []
     ends: list[Moment] = []
 

@@ -16,7 +16,7 @@ from radron.sim.world.walls import Walls
 
 NAMES = {
     "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",
-    "field-179MBq", "field-2GBq", "field-2GBq-moving", "demo",
+    "field-179MBq", "field-2GBq", "field-2GBq-moving", "demo", "paper-demo",
     "ideal-static-solo", "ideal-static-swarm", "ideal-moving-solo", "ideal-moving-swarm",
     "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
@@ -36,6 +36,19 @@ def test_all_shipped_scenarios_load():
     assert set(shipped()) == NAMES
     for name in shipped():
         assert load_scenario(name).name == name
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_the_drones_expect_soil_where_there_is_a_ground_and_only_there(name):
+    scenario = load_scenario(name, with_grid=False)
+    assert scenario.mission.fusion.ground == ("none" if scenario.ground is None else "soil")
+
+
+def test_users_begin_over_soil_and_the_papers_data_have_no_ground():
+    assert load_scenario("demo").ground is not None
+    for name in NAMES:
+        if name.startswith(("paper-", "ideal-")):
+            assert load_scenario(name).ground is None
 
 
 def test_solo_and_swarm_differ_in_the_number_of_drones():
@@ -62,6 +75,7 @@ def test_ideal_scenarios_are_the_papers_but_for_the_poses_the_smallest_cones_and
         *((f"soil-{kind}", f"ideal-{kind}") for kind in ("static-solo", "static-swarm", "moving-solo", "moving-swarm")),
         *((f"soil-paper-{kind}", f"paper-{kind}") for kind in ("static-swarm", "moving-swarm")),
         ("many-soil", "many-real"),
+        ("demo", "paper-demo"),
     ],
 )
 def test_a_twin_over_soil_differs_in_the_ground_alone(name, bare):
@@ -293,7 +307,7 @@ def test_override():
 )
 def test_bad_override(values, complaint):
     with pytest.raises(ConfigError, match=complaint):
-        override(load_scenario("demo"), values)
+        override(load_scenario("paper-demo"), values)
 
 
 def test_no_estimator_can_be_chosen_where_the_hypothesis_is_given():

@@ -80,6 +80,7 @@ def test_the_form_offers_what_the_mission_file_allows():
     fields = {field.key: field for field in editor(MISSION).fields}
     assert tuple(fields) == KEYS
     assert fields["survey.then"].choices == ("return", "continue")
+    assert fields["fusion.ground"].choices == ("none", "soil")
     assert (fields["survey.duration_s"].optional, fields["survey.height_m"].optional) == (True, False)
     assert fields["survey.height_m"].number
     assert not fields["name"].number

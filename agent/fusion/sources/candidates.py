@@ -59,8 +59,8 @@ class Scan:
         """
         counts = self._counts
         expected = counts.views(counts.expected(solution)).mean  # a hidden source has no expected counts
-        shapes = self._spectra.templates(solution.scale, solution.scatter)
-        strengths = self._spectra.strengths(Sight(self._depth, 0.0, self._steepness, solution.soil))
+        shapes = self._spectra.templates(solution.scale, solution.scatter, solution.soil)
+        strengths = self._spectra.strengths(Sight(self._depth, 0.0, self._steepness))
         each = [(self._w * strengths[q], shapes[:, q]) for q in self._spectra.level]  # (G, voxels), (N, BINS)
         weighted = (counts.live_s * counts.weight)[:, None]
         excess = self._voxels @ (weighted * (counts.counts / expected - 1.0))

@@ -24,8 +24,8 @@ from radron.agent.fusion.facing import MEAN_FACING, Facing
 from radron.agent.fusion.sources.data import Rows
 from radron.agent.fusion.sources.hidden import Cells, Expected, Views
 from radron.agent.fusion.sources.shades import KnownWalls, Shades
-from radron.agent.fusion.sources.shapes import Mixture, Part, products
-from radron.agent.fusion.sources.soil import SOIL_SHAPES
+from radron.agent.fusion.sources.shapes import Fields, Mixture, Part, derived
+from radron.agent.fusion.sources.soil import BY_NUMBER, SOIL_SHAPES
 from radron.agent.fusion.sources.solution import Solution
 from radron.agent.fusion.sources.spectra import AIR, NEAR, NEAREST_M, PER_MM2, Spectra
 from radron.agent.geometry import Array, Vector3
@@ -92,7 +92,7 @@ class CountModel:
 
     def background(self, solution: Solution) -> Array:
         """Return M without any source, (R, BINS)."""
-        result: Array = self._background_s(solution)[:, None] * self._spectra.background_ps(solution.scale)
+        result: Array = self._background_s(solution)[:, None] * self._background_ps(solution)
         return result
 
     def of_source(self, solution: Solution, k: int) -> Array:
@@ -122,14 +122,16 @@ class CountModel:
         The numbers are the sources', the background's and, over soil, the soil's: ``Solution.unbiased``.
         """
         sources = self._mixture(solution, range(len(solution)))
-        time, spectrum = self._background_s(solution), self._spectra.background_ps(solution.scale)
+        time, spectrum = self._background_s(solution), self._background_ps(solution)
         background: Array = time[:, None] * spectrum
         expected = _limited(background + sources.counts, sources.straight, background)
         seen = self.views(expected)
         mixture = sources.plus(spectrum, time)
-        if solution.log_soil is not None:
-            mixture = mixture.varied(self._of_soil(sources, solution))
-        return seen.log_likelihood, lambda: self._derived(mixture, expected, seen, self._of_drone)
+
+        def derivatives() -> tuple[Array, Array]:
+            return derived(mixture, self._by_soil(sources, solution), expected, seen, self._of_drone)
+
+        return seen.log_likelihood, derivatives
 
     def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Derivatives]:
         """Return the log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone.
@@ -142,7 +144,7 @@ class CountModel:
         seen = self.views(expected)
 
         def derivatives() -> tuple[Array, Array]:
-            (gradient,), (information,) = self._derived(mixture, expected, seen, [slice(None)])
+            (gradient,), (information,) = derived(mixture, None, expected, seen, [slice(None)])
             return gradient, information
 
         return seen.log_likelihood, derivatives
@@ -166,42 +168,31 @@ class CountModel:
         for n, one in zip(solution.nuclide, self._by_source(solution, range(len(solution))), strict=True):
             yield from (by.T @ shapes[n] for by in one.swapaxes(0, 1))
         yield self.background(solution)
-        if solution.log_soil is not None:
-            mixture = self._mixture(solution, range(len(solution)))
-            yield self._of_soil(mixture, solution).T @ mixture.shapes
+        by_soil = self._by_soil(self._mixture(solution, range(len(solution))), solution)
+        if by_soil is not None:
+            yield from by_soil.whole
 
-    def _of_soil(self, mixture: Mixture, solution: Solution) -> Array:
-        """Return the (Q, R) strengths of the shapes scattered by soil: their own derivatives by ``Solution.log_soil``."""
+    def _by_soil(self, sources: Mixture, solution: Solution) -> Fields | None:
+        """Return the derivatives of M by ``Solution.soil``; None over nothing. sources: of all sources of the solution."""
+        soil = self._spectra.soil
+        if soil is None:
+            return None
         several = self._shapes(solution)[0].shape[1]
-        of_soil = np.arange(len(mixture.strengths)) % several >= several - SOIL_SHAPES
-        result: Array = np.where(of_soil[:, None], mixture.strengths, 0.0)
-        return result
+        of_soil = np.arange(len(sources.strengths)) % several >= several - SOIL_SHAPES
+        scattered = sources.strengths[of_soil].T @ sources.shapes[of_soil]
+        direct = BY_NUMBER[:, None] * scattered
+        whole = direct.copy()
+        relative, slope = soil.background(solution.soil)
+        whole[1] += self.background(solution) * (slope / relative)
+        return Fields(whole, direct)
+
+    def _background_ps(self, solution: Solution) -> Array:
+        return self._spectra.background_ps(solution.scale, solution.soil)
 
     def _background_s(self, solution: Solution) -> Array:
         """Return (R,) live times for the background, scaled by its strength and the cameras' sensitivities."""
         time: Array = self.live_s * np.exp(solution.log_background + solution.bias[self.drone, 2])
         return time
-
-    def _derived(self, mixture: Mixture, expected: Expected, seen: Views, groups: Sequence[slice]) -> tuple[Array, Array]:
-        """Return gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
-        towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
-        between, pairs = products(mixture.shapes, seen.information[:, None] / expected.clear)
-        ends, size = mixture.ends, mixture.ends[-1]
-        gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
-        for place, part in enumerate(mixture.parts):
-            own = slice(ends[place], ends[place + 1])
-            by_row = (part.by * towards[part.of, None]).sum(axis=0)  # (numbers, R)
-            for group, rows in enumerate(groups):
-                gradients[group, own] = by_row[:, rows].sum(axis=1)
-            for other in range(place + 1):
-                theirs = slice(ends[other], ends[other + 1])
-                before = mixture.parts[other]
-                crossed = np.einsum("abr,bjr->ajr", between[pairs[part.of, before.of]], before.by)
-                for group, rows in enumerate(groups):
-                    block = (part.by[:, :, rows] @ crossed[:, :, rows].swapaxes(1, 2)).sum(axis=0)
-                    informations[group, own, theirs] = block
-                    informations[group, theirs, own] = block.T
-        return gradients, informations
 
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
         """Return the mixture that these sources add to M."""
@@ -218,7 +209,7 @@ class CountModel:
         return Mixture(shapes.reshape(-1, BINS), direct.reshape(-1, BINS), parts, strengths)
 
     def _shapes(self, solution: Solution) -> tuple[Array, Array]:
-        return _shapes(self._spectra, solution.scale, solution.scatter, self._shades is not None)
+        return _shapes(self._spectra, solution.scale, solution.scatter, tuple(solution.soil.tolist()), self._shades is not None)
 
     def _by_source(self, solution: Solution, sources: Sequence[int]) -> Array:
         """Return (K, Q, size, R) derivatives of the strengths of ``_shapes`` for each of K sources.
@@ -251,12 +242,11 @@ class CountModel:
             by[:, 2, number] = by[:, 0, number] * facing + near * turn
         if self._over_soil:
             steepness, falls = self._depressed(solution, sources, distance, way, along)
-            soil = solution.soil
-            by[:, 3] = soil * by[:, 0]
+            by[:, 3] = by[:, 0]
             by[:, 4], by[:, 5] = by[:, 3] * steepness[:, None], by[:, 3] * (steepness * facing)[:, None]
             for number, fall, turn in zip((0, 1, 3)[: solution.size - 1], falls, turns, strict=False):
-                by[:, 4, number] += soil * near * fall
-                by[:, 5, number] += soil * near * (fall * facing + steepness * turn)
+                by[:, 4, number] += near * fall
+                by[:, 5, number] += near * (fall * facing + steepness * turn)
         return by
 
     def _source(self, solution: Solution, k: int) -> Vector3:
@@ -299,13 +289,14 @@ class CountModel:
 
 
 @lru_cache(_SHAPES_KEPT)
-def _shapes(spectra: Spectra, scale: float, scatter: float, shaded: bool) -> tuple[Array, Array]:
+def _shapes(spectra: Spectra, scale: float, scatter: float, soil: tuple[float, ...], shaded: bool) -> tuple[Array, Array]:
     """Return (N, Q, BINS) shapes of each nuclide, and the photons from the source's side in them.
 
     Without known walls: ``Spectra.templates``. With walls the scattered parts come first, then the direct templates: b Q,
     scattered nearby, and over soil a R, scattered by air. Over nothing, both scattered parts are alike.
     """
-    whole, direct = spectra.templates(scale, scatter), spectra.direct_templates(scale)
+    of_soil = np.array(soil)
+    whole, direct = spectra.templates(scale, scatter, of_soil), spectra.direct_templates(scale, of_soil)
     if not shaded:
         return whole, direct
     scattered = (whole - direct)[:, : 1 if spectra.soil is None else 2]

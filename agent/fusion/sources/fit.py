@@ -9,10 +9,10 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from radron.agent.fusion.bayes.soil import SCATTER_SIGMA
 from radron.agent.fusion.sources.counts import CountModel, Derivatives
 from radron.agent.fusion.sources.directions import ConeModel
 from radron.agent.fusion.sources.hidden import Expected
+from radron.agent.fusion.sources.soil import SOIL_SIGMA
 from radron.agent.fusion.sources.solution import BIAS, Solution
 from radron.agent.geometry import Array
 
@@ -25,7 +25,7 @@ _CONVERGED = 2e-3  # of the next iteration's promised improvement
 class Prior:
     """1-sigma errors of the nuisances, and limits of the sources' places and activities.
 
-    bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names; soil: of ``Solution.log_soil``.
+    bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names; soil: (2,) of ``Solution.soil``.
     low, high: (2,) corners of the region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected:
     number of sources expected. height: least and greatest above the ground, metres.
     """
@@ -40,12 +40,12 @@ class Prior:
     area_m2: float
     expected: float
     height: tuple[float, float] = (0.0, 0.0)
-    soil: float = SCATTER_SIGMA
+    soil: tuple[float, float] = SOIL_SIGMA
 
     def log_density(self, solution: Solution) -> float:
         """Return the log density of the nuisances, up to a constant."""
         squares = float(((solution.bias / self.bias) ** 2).sum()) + (solution.log_background / self.background) ** 2
-        squares += 0.0 if solution.log_soil is None else (solution.log_soil / self.soil) ** 2
+        squares += float(((solution.soil / self._soil(solution)) ** 2).sum())
         return -0.5 * (squares + (solution.scale / self.scale) ** 2 + (solution.scatter / self.scatter) ** 2)
 
     def precision(self, solution: Solution) -> Array:
@@ -54,8 +54,11 @@ class Prior:
         source = [12.0 / self.area_m2, 12.0 / self.area_m2, 12.0 / (greatest - least) ** 2]
         if solution.height is not None:
             source.append(12.0 / (self.height[1] - self.height[0]) ** 2)
-        around = [self.background**-2] if solution.log_soil is None else [self.background**-2, self.soil**-2]
-        return np.concatenate((source * len(solution), around, (self.bias**-2.0).ravel()))
+        around = [self.background**-2], self._soil(solution) ** -2.0
+        return np.concatenate((source * len(solution), *around, (self.bias**-2.0).ravel()))
+
+    def _soil(self, solution: Solution) -> Array:
+        return np.array(self.soil[: len(solution.soil)])
 
     def inside(self, solution: Solution) -> Solution:
         """Return the solution with all sources within the limits."""

@@ -153,15 +153,31 @@ class Views:
 
         ``direct``: (Q, BINS) the direct photons in them.
         """
-        _, m, d, *_ = self._of_cells
-        off, shape, limit = self._slopes
-        hidden, by_shown, share = self._hidden[:, None], self._by_shown[:, None], d / m
-        changed = hidden * (shape + limit[:, None] - off) - by_shown * share**2  # by M and by -D, alike in all bins of a group
-        blocked = hidden * (1.0 - _SHARE) * shape - 2.0 * by_shown * share
+        changed, blocked = self._by_group
         by_cell = changed @ _grouped(shapes).T - blocked @ _grouped(direct).T
         excess = (self._counts / self._clear - 1.0) @ shapes.T
         result: Array = self._weight[:, None] * (excess + self._cells.each(by_cell))
         return result
+
+    def along_fields(self, fields: Array, direct: Array) -> Array:
+        """Return (F, R) derivatives of the log likelihood by strengths of spectra that differ from row to row: ``fields`` (F, R,
+        BINS).
+
+        ``direct``: (F, R, BINS) the direct photons in them.
+        """
+        changed, blocked = (self._cells.each(part) for part in self._by_group)
+        excess = (fields * (self._counts / self._clear - 1.0)).sum(axis=2)
+        result: Array = self._weight * (excess + ((fields @ _GROUPS) * changed - (direct @ _GROUPS) * blocked).sum(axis=2))
+        return result
+
+    @cached_property
+    def _by_group(self) -> tuple[Array, Array]:
+        """Derivatives (N, G) of the cells' log likelihoods beside a clear view's, by M and by -D, alike in a group's bins."""
+        _, m, d, *_ = self._of_cells
+        off, shape, limit = self._slopes
+        hidden, by_shown, share = self._hidden[:, None], self._by_shown[:, None], d / m
+        changed = hidden * (shape + limit[:, None] - off) - by_shown * share**2
+        return changed, hidden * (1.0 - _SHARE) * shape - 2.0 * by_shown * share
 
 
 def _grouped(by_bin: Array) -> Array:

@@ -133,9 +133,9 @@ class _Seen:
         """``at``: (G, 3) the places."""
         solution = fitted.solution
         level = spectra.level
-        self._shapes: Array = spectra.templates(solution.scale, solution.scatter)[:, level]
-        self._direct: Array = spectra.direct_templates(solution.scale)[:, level]
-        self._spectra, self._level, self._soil = spectra, level, solution.soil
+        self._shapes: Array = spectra.templates(solution.scale, solution.scatter, solution.soil)[:, level]
+        self._direct: Array = spectra.direct_templates(solution.scale, solution.soil)[:, level]
+        self._spectra, self._level = spectra, level
         self._air_per_m, self._places = spectra.air_per_m, len(at)
         voxels = rows.coarse
         views = counts.views(counts.expected(solution))
@@ -160,7 +160,7 @@ class _Seen:
         bins = near > _LEAST_SHARE * near.max()
         depth = self._air_per_m[n] * self._distance
         strength = PER_MM2 * np.exp(-depth) / self._distance**2 * self._live_s[self._of]
-        each = self._spectra.strengths(Sight(depth, 0.0, self._steepness, self._soil))
+        each = self._spectra.strengths(Sight(depth, 0.0, self._steepness))
         strengths, shapes = np.stack([strength * each[q] for q in self._level]), self._shapes[n][:, bins]
         if self._lines is not None:
             stopped = 1.0 - self._lines.shares(n).min(axis=0)
@@ -224,7 +224,7 @@ def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution
 
     The contrast to the spectrum M measured above the source: the root of sum s^2 / M relative to sum M, mostly of fitted sources.
     """
-    shapes = spectra.templates(solution.scale, solution.scatter)
+    shapes = spectra.templates(solution.scale, solution.scatter, solution.soil)
     fitted = np.zeros((len(at), shapes.shape[2]))
     above = at + np.array((0.0, 0.0, target.height_m))
     for k, (n, (x, y)) in enumerate(zip(solution.nuclide, solution.place.tolist(), strict=True)):
@@ -232,12 +232,12 @@ def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution
         distance = np.sqrt(((above - at_source) ** 2).sum(axis=1))[:, None]
         depth = spectra.air_per_m[n] * distance
         steepness = np.maximum(above[:, 2:] - at_source[2], 0.0) / distance
-        strengths = spectra.strengths(Sight(depth, 0.0, steepness, solution.soil))
+        strengths = spectra.strengths(Sight(depth, 0.0, steepness))
         areas = sum(strengths[q] * shapes[n, q] for q in spectra.level)
         fitted += PER_MM2 * np.exp(log_activity - depth) / distance**2 * np.maximum(areas, 0.0)
-    background = spectra.background_ps(solution.scale) * np.exp(solution.log_background)
+    background = spectra.background_ps(solution.scale, solution.soil) * np.exp(solution.log_background)
     expected = fitted + background
-    near = spectra.areas(solution.scale, solution.scatter, Sight(steepness=1.0, soil=solution.soil))
+    near = spectra.areas(solution.scale, solution.scatter, Sight(steepness=1.0), solution.soil)
     own = target.least * PER_MM2 / target.height_m**2 * near  # (N, BINS)
     squared: Array = own**2 @ (1.0 / expected).T / expected.sum(axis=1)
     glare: Flags = (squared < _GLARE**2) & (fitted.sum(axis=1) > background.sum())

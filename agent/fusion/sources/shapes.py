@@ -1,13 +1,15 @@
-"""Spectra that are sums of few shapes, and products of these."""
+"""Spectra that are sums of few shapes, and the derivatives of the likelihood by the numbers of their strengths."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radron.agent.fusion.sources.hidden import Expected, Views
 from radron.agent.geometry import Array
 
 
@@ -19,6 +21,16 @@ class Part:
 
     of: slice
     by: Array
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Derivatives of a mixture's counts by F further numbers, which are no sums of few shapes: (F, R, BINS) each. ``direct``: the
+    photons in them from the source's side.
+    """
+
+    whole: Array
+    direct: Array
 
 
 @dataclass(frozen=True)
@@ -53,14 +65,60 @@ class Mixture:
         shapes, direct = np.vstack((self.shapes, shape)), np.vstack((self.direct, np.zeros_like(shape)))
         return Mixture(shapes, direct, [*self.parts, part], np.vstack((self.strengths, strength)))
 
-    def varied(self, by: Array) -> Mixture:
-        """Return the mixture with a further number; ``by`` (Q, R): derivatives of the strengths by it."""
-        return Mixture(self.shapes, self.direct, [*self.parts, Part(slice(0, len(by)), by[:, None])], self.strengths)
-
     @property
     def ends(self) -> list[int]:
         """Index of the first number of each part, and the count of all numbers."""
         return [0, *accumulate(part.by.shape[1] for part in self.parts)]
+
+
+def derived(
+    mixture: Mixture, fields: Fields | None, expected: Expected, seen: Views, groups: Sequence[slice]
+) -> tuple[Array, Array]:
+    """Return gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture and of
+    fields, the last ones.
+    """
+    towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
+    between, pairs = products(mixture.shapes, seen.information[:, None] / expected.clear)
+    ends, size = mixture.ends, mixture.ends[-1] + (0 if fields is None else len(fields.whole))
+    gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
+    for place, part in enumerate(mixture.parts):
+        own = slice(ends[place], ends[place + 1])
+        by_row = (part.by * towards[part.of, None]).sum(axis=0)  # (numbers, R)
+        for group, rows in enumerate(groups):
+            gradients[group, own] = by_row[:, rows].sum(axis=1)
+        for other in range(place + 1):
+            theirs = slice(ends[other], ends[other + 1])
+            before = mixture.parts[other]
+            crossed = np.einsum("abr,bjr->ajr", between[pairs[part.of, before.of]], before.by)
+            for group, rows in enumerate(groups):
+                block = (part.by[:, :, rows] @ crossed[:, :, rows].swapaxes(1, 2)).sum(axis=0)
+                informations[group, own, theirs] = block
+                informations[group, theirs, own] = block.T
+    if fields is not None:
+        _enter(fields, mixture, expected, seen, groups, gradients, informations)
+    return gradients, informations
+
+
+def _enter(
+    fields: Fields,
+    mixture: Mixture,
+    expected: Expected,
+    seen: Views,
+    groups: Sequence[slice],
+    gradients: Array,
+    informations: Array,
+) -> None:
+    """Enter the F last numbers of gradients (G, p) and informations (G, p, p), those of the fields."""
+    weighted = fields.whole * (seen.information[:, None] / expected.clear)  # (F, R, BINS)
+    towards, crossed = seen.along_fields(fields.whole, fields.direct), weighted @ mixture.shapes.T  # (F, R), (F, R, Q)
+    own = slice(mixture.ends[-1], None)
+    for group, rows in enumerate(groups):
+        gradients[group, own] = towards[:, rows].sum(axis=1)
+        informations[group, own, own] = np.tensordot(weighted[:, rows], fields.whole[:, rows], ((1, 2), (1, 2)))
+        for place, part in enumerate(mixture.parts):
+            theirs = slice(mixture.ends[place], mixture.ends[place + 1])
+            block = np.einsum("frq,qnr->fn", crossed[:, rows, part.of], part.by[:, :, rows], optimize=True)
+            informations[group, own, theirs], informations[group, theirs, own] = block, block.T
 
 
 def products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:

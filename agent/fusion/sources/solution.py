@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from radron.agent.fusion.sources.soil import AS_TABULATED, NO_SOIL
 from radron.agent.geometry import Array
 
 SOURCE = 3  # numbers of each source on the ground: x, y (m), log (activity / REFERENCE_BQ); above it, also its height (m)
@@ -19,8 +18,8 @@ class Solution(Struct, frozen=True, eq=False):
 
     nuclide: indices among the candidates. place: (K, 2) metres, mission frame. log_activity: (K,). log_background: logarithm of
     the ratio between actual and assumed background. bias: (V, BIAS). scale: error of the energies; scatter: excess of scattered
-    photons. height: (K,) metres above the ground; None: all are known to lie on it. log_soil: logarithm of the ratio between
-    actual and assumed photons scattered by soil; None: there is no soil.
+    photons. height: (K,) metres above the ground; None: all are known to lie on it. soil: (2,) strength and composition of the
+    ground's scatter, r and c of ``soil``; (0,): there is no ground.
     """
 
     nuclide: tuple[int, ...]
@@ -31,13 +30,13 @@ class Solution(Struct, frozen=True, eq=False):
     scale: float = 0.0
     scatter: float = 0.0
     height: Array | None = None
-    log_soil: float | None = None
+    soil: Array = NO_SOIL
 
     @classmethod
     def nothing(cls, drones: int, *, raised: bool = False, over_soil: bool = False) -> Solution:
         """Return a solution without source and errors. ``raised``: sources may be above the ground."""
-        height, log_soil = np.zeros(0) if raised else None, 0.0 if over_soil else None
-        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=height, log_soil=log_soil)
+        height, soil = np.zeros(0) if raised else None, AS_TABULATED if over_soil else NO_SOIL
+        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=height, soil=soil)
 
     def __len__(self) -> int:
         return len(self.nuclide)
@@ -52,11 +51,6 @@ class Solution(Struct, frozen=True, eq=False):
         return 0.0 if self.height is None else float(self.height[k])
 
     @property
-    def soil(self) -> float:
-        """Ratio between actual and assumed photons scattered by soil."""
-        return 1.0 if self.log_soil is None else math.exp(self.log_soil)
-
-    @property
     def of_sources(self) -> int:
         """Numbers of all sources, the first ones of ``vector``."""
         return self.size * len(self)
@@ -64,14 +58,13 @@ class Solution(Struct, frozen=True, eq=False):
     @property
     def unbiased(self) -> int:
         """Numbers before the drones' biases in ``vector``: the sources', the background's and, over soil, the soil's."""
-        return self.of_sources + (1 if self.log_soil is None else 2)
+        return self.of_sources + 1 + len(self.soil)
 
     @property
     def vector(self) -> Array:
         """(``unbiased`` + 3 V,) all numbers but scale and scatter."""
         columns = (self.place, self.log_activity) if self.height is None else (self.place, self.log_activity, self.height)
-        around = [self.log_background] if self.log_soil is None else [self.log_background, self.log_soil]
-        return np.concatenate((np.column_stack(columns).ravel(), around, self.bias.ravel()))
+        return np.concatenate((np.column_stack(columns).ravel(), [self.log_background], self.soil, self.bias.ravel()))
 
     def moved(self, vector: Array) -> Solution:
         """Return the solution with these values in the place of ``vector``."""
@@ -84,7 +77,7 @@ class Solution(Struct, frozen=True, eq=False):
             log_background=float(vector[count]),
             bias=vector[self.unbiased :].reshape(-1, BIAS),
             height=None if self.height is None else sources[:, 3],
-            log_soil=None if self.log_soil is None else float(vector[count + 1]),
+            soil=vector[count + 1 : self.unbiased],
         )
 
     def plus(self, nuclide: int, place: Array, log_activity: float, height: float = 0.0) -> Solution:

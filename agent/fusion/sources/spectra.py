@@ -5,9 +5,9 @@ Of nuclide n with activity A at the distance d, per second in energy bin e,
     S_ne = w (N_ne + mu_n d F_ne + (f - ``MEAN_FACING``) G_ne),    w = A exp(-mu_n d) / (4 pi d^2),
     N = P_s + b Q_s,    F = a Q_s - L,    b = (1 + c) ``NEAR``,    a = (1 + c) ``AIR``,    P_s = P exp(s P' / P), and so Q_s,
 
-and over soil, h the sine of the source's depression below the horizon and r a fitted factor (``Solution.soil``),
+and over soil, h the sine of the source's depression below the horizon and q_e a fitted factor (``soil.factor``),
 
-    w r [H_ne + h I_ne + h (f - ``MEAN_FACING``) J_ne]    more, with    b = (1 + c) ``NEAR`` ``BODY_SHARE``,    F = a R_s - L.
+    w q_e [H_ne + h I_ne + h (f - ``MEAN_FACING``) J_ne]    more, with    b = (1 + c) ``NEAR`` ``BODY_SHARE``,    F = a R_s - L.
 
 P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum). Q
 are photons scattered once by ground, mount and air. A prime (') stands for the derivative by the logarithm of the energy scale, s
@@ -37,7 +37,7 @@ from radron.agent.errors import ConfigError
 from radron.agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE
 from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
 from radron.agent.fusion.sources.bins import LEAST_MM2, overlap, pooled, scaled
-from radron.agent.fusion.sources.soil import Sight, Soil
+from radron.agent.fusion.sources.soil import AS_TABULATED, NO_SOIL, Sight, Soil, factor
 from radron.agent.fusion.sources.soiltables import SOIL
 from radron.agent.fusion.sources.tables import TABLES
 from radron.agent.geometry import Array
@@ -63,13 +63,13 @@ class UnknownSpectrum(Struct, frozen=True, eq=False):
     lines_kev: tuple[int, ...]
 
     @classmethod
-    def measured(cls, seen: Array, sight: Sight, lines_kev: tuple[int, ...], ground: str = "none") -> UnknownSpectrum:
-        """Return the spectrum of areas (BINS,) measured with this view."""
-        shares = _shares_of_known(ground)
+    def measured(cls, seen: Array, sight: Sight, lines_kev: tuple[int, ...], soil: Array = NO_SOIL) -> UnknownSpectrum:
+        """Return the spectrum of areas (BINS,) measured with this view. ``soil``: as of ``Solution``."""
+        shares = _shares_of_known("soil" if len(soil) else "none")
         relative = 1.0 + sight.depth * AIR * shares.air + sight.facing * shares.by_facing
-        if ground == "soil":
+        if len(soil):
             seen_soil = shares.near + sight.steepness * (shares.steep + sight.facing * shares.turned)
-            relative += sight.soil * seen_soil - (shares.near + MEAN_STEEPNESS * shares.steep)
+            relative += factor(soil) * seen_soil - (shares.near + MEAN_STEEPNESS * shares.steep)
         area = np.maximum(seen / relative, LEAST_MM2)
         return cls(area * _UNKNOWN_MM2 / area.sum(), lines_kev)
 
@@ -131,33 +131,36 @@ class Spectra:
         """Return the energies (keV) of the peaks of an unknown nuclide; None for a known nuclide."""
         return None if nuclide < len(self.nuclides) else self.unknown[nuclide - len(self.nuclides)].lines_kev
 
-    def templates(self, scale: float, scatter: float) -> Array:
-        """Return (N, Q, BINS) N, F, G and, over soil, H, I and J, at the energy scale's error s and the excess of scatter c."""
-        result = self.direct_templates(scale)
+    def templates(self, scale: float, scatter: float, soil: Array = AS_TABULATED) -> Array:
+        """Return (N, Q, BINS) N, F, G and, over soil, q H, q I and q J, at the energy scale's error s and excess of scatter c.
+
+        ``soil``: as of ``Solution``; over nothing it is not used.
+        """
+        result = self.direct_templates(scale, soil)
         result[:, 0] += self.nearby * ((1.0 + scatter) * scaled(self.scattered, self.scattered_by_scale, scale))
         result[:, 1] += AIR * ((1.0 + scatter) * scaled(self.air, self.air_by_scale, scale))
         return result
 
-    def direct_templates(self, scale: float) -> Array:
-        """Return the (N, Q, BINS) parts of ``templates`` from the source's side, where a wall may be: P_s, -L, G, H, I and J."""
+    def direct_templates(self, scale: float, soil: Array = AS_TABULATED) -> Array:
+        """Return the (N, Q, BINS) parts of ``templates`` from the source's side, where a wall may be: P_s to q J."""
         direct = scaled(self.direct, self.direct_by_scale, scale), -self.softer, self.facing(scale)
         straight = np.stack(direct, axis=1)
-        return straight if self.soil is None else np.concatenate((straight, self.soil.templates(scale)), axis=1)
+        return straight if self.soil is None else np.concatenate((straight, self.soil.templates(scale, soil)), axis=1)
 
     def strengths(self, sight: Sight) -> tuple[Array | float, ...]:
         """Return the strengths of the Q templates, relative to w."""
-        depth, facing, steepness, soil = sight
+        depth, facing, steepness = sight
         bare = 1.0, depth, facing
-        return bare if self.soil is None else (*bare, soil, soil * steepness, soil * steepness * facing)
+        return bare if self.soil is None else (*bare, 1.0, steepness, steepness * facing)
 
     @property
     def level(self) -> list[int]:
         """Indices of the templates that contribute to the mean over all headings."""
         return [0, 1] if self.soil is None else [0, 1, 3, 4]
 
-    def areas(self, scale: float, scatter: float, sight: Sight) -> Array:
-        """Return (N, BINS) S_ne / w. sight: of numbers or (N, 1)."""
-        shapes = self.templates(scale, scatter).swapaxes(0, 1)
+    def areas(self, scale: float, scatter: float, sight: Sight, soil: Array = AS_TABULATED) -> Array:
+        """Return (N, BINS) S_ne / w. sight: of numbers or (N, 1). soil: as of ``templates``."""
+        shapes = self.templates(scale, scatter, soil).swapaxes(0, 1)
         result: Array = sum(strength * shape for strength, shape in zip(self.strengths(sight), shapes, strict=True))
         return result
 
@@ -167,10 +170,10 @@ class Spectra:
         result: Array = share * scaled(self.direct, self.direct_by_scale, scale)
         return result
 
-    def background_ps(self, scale: float) -> Array:
-        """Return B (BINS,) per second."""
+    def background_ps(self, scale: float, soil: Array = AS_TABULATED) -> Array:
+        """Return B (BINS,) per second. soil: as of ``templates``."""
         result: Array = np.maximum(scaled(self.background, self.background_by_scale, scale), _LEAST_PS)
-        return result
+        return result if self.soil is None else result * self.soil.background(soil)[0]
 
     def cones(self, line_kev: float, reach_kev: tuple[float, float], unsure_kev: float) -> tuple[Array, Array, float]:
         """Return areas (N,) of one line's cones that point to the source, areas of the other cones, and the background's rate per
@@ -210,7 +213,9 @@ def _extended(spectra: Spectra, unknown: tuple[UnknownSpectrum, ...]) -> Spectra
     }
     if spectra.soil is not None:
         by_soil = {"near": shares.near * area, "steep": shares.steep * area, "turned": shares.turned * area}
-        tables["soil"] = Soil(**{key: np.concatenate((part, by_soil.get(key, none))) for key, part in vars(spectra.soil).items()})
+        keys = (*by_soil, "near_by_scale", "steep_by_scale")
+        more = {key: np.concatenate((getattr(spectra.soil, key), by_soil.get(key, none))) for key in keys}
+        tables["soil"] = replace(spectra.soil, **more)
     return replace(spectra, **tables, unknown=(*spectra.unknown, *unknown))
 
 
@@ -234,7 +239,7 @@ def _shares_of_known(ground: str) -> _Shares:
     known = _spectra(KNOWN, ground)
     near = known.direct + known.nearby * known.scattered
     none = np.zeros_like(near)
-    soil = known.soil or Soil(none, none, none, none, none)
+    soil = known.soil or Soil(none, none, none, none, none, none[0])
     near = near + soil.near + MEAN_STEEPNESS * soil.steep
     shown = near > _SHOWN * near.max(axis=1, keepdims=True)
 
@@ -255,15 +260,17 @@ def _spectra(nuclides: tuple[str, ...], ground: str) -> Spectra:
         return np.array([SOIL[name][key] for name in nuclides])
 
     background, nearby = SOIL["background"], BODY_SHARE * NEAR
+    own_ps = pooled(np.array(background["every"]))
+    whole_ps = own_ps + OTHER_SHARE * bare.background
     scattered_pairs = np.array([TABLES[name]["scattered_pairs"] for name in nuclides])
     return replace(
         bare,
         air=pooled(of("air")) / AIR,
         air_by_scale=pooled(of("air_by_scale")) / AIR,
         nearby=nearby,
-        soil=Soil.of(nuclides),
+        soil=Soil.of(nuclides, own_ps / np.maximum(whole_ps, _LEAST_PS)),
         partial=bare.partial + (nearby - NEAR) * scattered_pairs + of("pairs"),
-        background=pooled(np.array(background["every"])) + OTHER_SHARE * bare.background,
+        background=whole_ps,
         background_by_scale=pooled(np.array(background["by_scale"])) + OTHER_SHARE * bare.background_by_scale,
         background_pairs=np.array(background["pairs"]) + OTHER_SHARE * bare.background_pairs,
     )

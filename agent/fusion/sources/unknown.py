@@ -5,11 +5,12 @@ that explain the counts, less the other sources and the background,
 
     M_re = others_re + w_r S_e.
 
-S is compared with the best spectrum of one candidate, or of two at one place. Energy scale and excess of scatter are free within
-reason. The misfit is chi squared. Its errors are by chance in S, by the other sources, by the tables (the share
-``_MODEL_ERROR``), and by the different energy scales of cameras. A misfit above ``_MOST_MISFIT`` is explained neither by errors
-of the model nor by chance. Then a source with the spectrum S replaces the source, and the sources beside it that only compensated
-for its spectrum. This source has a place and lines, but no activity: its photons per decay are unknown.
+S is compared with the best spectrum of one candidate, or of two at one place. Energy scale and excess of scatter, over soil the
+strength and composition of its scatter, are free within reason. The misfit is chi squared. Its errors are by chance in S, by the
+other sources, by the tables (the share ``_MODEL_ERROR``), and by the different energy scales of cameras. A misfit above
+``_MOST_MISFIT`` is explained neither by errors of the model nor by chance. Then a source with the spectrum S replaces the source,
+and the sources beside it that only compensated for its spectrum. This source has a place and lines, but no activity: its photons
+per decay are unknown.
 
 Other sources, too, may have compensated for the wrong spectrum. So the next moves begin with the sources of unknown nuclides
 alone. Their result is compared with the former fit: one search a step, not two.
@@ -17,7 +18,6 @@ alone. Their result is compared with the former fit: one search a step, not two.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -28,7 +28,7 @@ from scipy.ndimage import maximum_filter1d
 
 from radron.agent.fusion.facing import MEAN_STEEPNESS
 from radron.agent.fusion.sources.fit import Fitted, Prior, Problem
-from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.soil import AS_TABULATED, Sight
 from radron.agent.fusion.sources.solution import Solution
 from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
 from radron.agent.geometry import Array
@@ -194,26 +194,52 @@ def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterato
     highest = maximum_filter1d(measured.area, _AROUND)  # an empty bin by chance must not decide
     variance = measured.variance(highest) + (_MODEL_ERROR * measured.area) ** 2
     for off in _SCATTERS if spectra.soil is None else _SOILS:
-        scatter, soil = (prior.scatter * off, 1.0) if spectra.soil is None else (0.0, math.exp(prior.soil * off))
-        shapes = np.stack([_seen(measured, spectra, prior.scale * scale, scatter, soil)[known] for scale in _SCALES])
+        shapes, others = (part[:, known] for part in _by_scale(measured, spectra, prior, off))
         by_scale = np.gradient(shapes, prior.scale * _SCALES, axis=0)
-        for scale, shape, slope in zip(_SCALES[_NEAREST_FIRST], shapes[_NEAREST_FIRST], by_scale[_NEAREST_FIRST], strict=True):
-            activity = _activities(shape, pairs, measured.area, 1.0 / variance)
-            model, change = (np.einsum("pi,pib->pb", activity, part[pairs]) for part in (shape, slope))
+        for place in _NEAREST_FIRST.tolist():
+            scale, parts = float(_SCALES[place]), (shapes[place], by_scale[place], others[place] - shapes[place])
+            activity = _activities(shapes[place], pairs, measured.area, 1.0 / variance)
+            model, change, softer = (np.einsum("pi,pib->pb", activity, part[pairs]) for part in parts)
             allowed = (
                 measured.variance(model) + (_MODEL_ERROR * np.maximum(measured.area, model)) ** 2 + (_CAMERA_SCALE * change) ** 2
             )
-            misfit = ((measured.area - model) ** 2 / allowed).sum(axis=1)
+            misfit = _with_composition(measured.area - model, softer, allowed)
             best = int(misfit.argmin())
             used = [(int(n), float(a)) for n, a in zip(pairs[best], activity[best], strict=True) if a > 0.0]
             nuclides, activities = tuple(n for n, _ in used), tuple(a for _, a in used)
             yield Explanation(nuclides, activities, float(misfit[best]) + scale**2 + off**2)
 
 
-def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float, soil: float = 1.0) -> Array:
+def _by_scale(measured: Measured, spectra: Spectra, prior: Prior, off: float) -> tuple[Array, Array]:
+    """Return ``_seen`` (SCALES, N + U, BINS) by energy scale, and the same with a composition of the ground of 1 sigma.
+
+    off: sigmas of the strength of the soil's scatter, over nothing of the excess of scatter.
+    """
+    scales = (prior.scale * _SCALES).tolist()
+    if spectra.soil is None:
+        bare = np.stack([_seen(measured, spectra, scale, prior.scatter * off) for scale in scales])
+        return bare, bare
+    strength, composition = prior.soil
+    soils = np.array([(strength * off, 0.0), (strength * off, composition)])
+    soil, other = (np.stack([_seen(measured, spectra, scale, 0.0, each) for scale in scales]) for each in soils)
+    return soil, other
+
+
+def _with_composition(off: Array, softer: Array, variance: Array) -> Array:
+    """Return (P,) chi squared of residuals (P, BINS), with the best composition of the ground, to first order, within its limits.
+
+    softer: (P, BINS) change of the model by 1 sigma of the composition; 0 over nothing.
+    """
+    towards, curvature = (off * softer / variance).sum(axis=1), 1.0 + (softer * softer / variance).sum(axis=1)
+    best = np.clip(towards / curvature, -_WITHIN, _WITHIN)
+    result: Array = (off**2 / variance).sum(axis=1) - best * (2.0 * towards - best * curvature)
+    return result
+
+
+def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float, soil: Array = AS_TABULATED) -> Array:
     """Return (N + U, BINS) areas of all nuclides, as measured with the attenuation of unknown nuclides."""
     air = spectra.air_per_m[:, None] * measured.distance_m
-    seen = spectra.areas(scale, scatter, Sight(air, measured.facing, measured.steepness, soil))
+    seen = spectra.areas(scale, scatter, Sight(air, measured.facing, measured.steepness), soil)
     return np.maximum(seen, 0.0) * np.exp(UNKNOWN_AIR_PER_M * measured.distance_m - air)
 
 
@@ -248,8 +274,8 @@ def lines_kev(measured: Measured) -> tuple[int, ...]:
 
 def _unknown(solution: Solution, group: Sequence[int], spectra: Spectra, measured: Measured) -> tuple[Solution, Spectra]:
     """Return the solution with one source of a new unknown nuclide in the place of a group, and the extended spectra."""
-    sight = Sight(UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, measured.steepness, solution.soil)
-    spectrum = UnknownSpectrum.measured(measured.area, sight, lines_kev(measured), spectra.ground)
+    sight = Sight(UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, measured.steepness)
+    spectrum = UnknownSpectrum.measured(measured.area, sight, lines_kev(measured), solution.soil)
     extended = spectra.plus([spectrum])
     activity = float(measured.area.sum() / _seen(measured, extended, 0.0, 0.0, solution.soil)[-1].sum())
     return _with(solution, group, (len(extended.air_per_m) - 1,), (activity,)), extended
@@ -292,5 +318,5 @@ def _likely(solution: Solution, prior: Prior) -> Solution:
         scale=within(solution.scale, prior.scale),
         scatter=within(solution.scatter, prior.scatter),
         log_background=within(solution.log_background, prior.background),
-        log_soil=None if solution.log_soil is None else within(solution.log_soil, prior.soil),
+        soil=np.array([within(value, sigma) for value, sigma in zip(solution.soil.tolist(), prior.soil, strict=False)]),
     )

@@ -93,7 +93,7 @@ def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, trust, mortal=config.id == "d2"))
         return agents[-1]
 
-    world = World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made)
+    world = World(override(load_scenario("paper-demo"), {"mission.track.duration_s": 25.0}), 1, (), made)
     for agent in agents:
         agent.others = [other for other in agents if other is not agent]
     stages = []

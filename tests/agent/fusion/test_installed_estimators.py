@@ -90,7 +90,7 @@ def test_missions_and_scenarios_are_checked_when_they_are_read(tmp_path):
     (tmp_path / "mission.toml").write_text(MISSION.replace("NAME", "another"))
     with pytest.raises(ConfigError, match=r"mission.toml: fusion.estimator: unknown estimator 'another'; known: paper,"):
         load_drone(drone, {})
-    demo = load_scenario("demo")
+    demo = load_scenario("paper-demo")
     assert override(demo, {"mission.fusion.estimator": "other"}).mission.fusion.estimator == "other"
     with pytest.raises(ConfigError, match=r"mission.fusion.estimator: unknown estimator 'another'"):
         override(demo, {"mission.fusion.estimator": "another"})

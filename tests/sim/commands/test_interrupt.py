@@ -57,7 +57,7 @@ def wait_for(process: subprocess.Popen[str], lines: int, containing: str) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1, 5, 20])
 def test_a_flight(start: Start, tmp_path: Path, steps: int) -> None:
-    process = start("run", "demo", "--out", tmp_path / "out", "--json", tmp_path / "result.json")
+    process = start("run", "paper-demo", "--out", tmp_path / "out", "--json", tmp_path / "result.json")
     wait_for(process, 1, "preparing")
     wait_for(process, steps, "x real time")
     os.killpg(process.pid, signal.SIGINT)

@@ -31,7 +31,7 @@ def flown(*faults: dict[str, object]) -> tuple[float, dict[str, float]]:
                     named_s.setdefault(name, moment.time_s - AT_S)
         return moment.time_s > AT_S + FOR_S
 
-    watched(replace(load_scenario("demo"), fault=read_faults(list(faults), "test")), 1, watch)
+    watched(replace(load_scenario("paper-demo"), fault=read_faults(list(faults), "test")), 1, watch)
     return min(least_m), named_s
 
 

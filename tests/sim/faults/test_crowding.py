@@ -88,7 +88,7 @@ def flown(fault: dict[str, object]) -> tuple[list[set[str]], list[Pilot]]:
         return moment.time_s > AT_S + FOR_S + 5.0
 
     case = read_faults([fault | {"at_s": AT_S, "for_s": FOR_S, "target": "d2"}], "test")
-    watched(replace(load_scenario("demo"), fault=case), 1, watch)
+    watched(replace(load_scenario("paper-demo"), fault=case), 1, watch)
     return told, pilots
 
 

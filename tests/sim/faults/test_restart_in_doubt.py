@@ -33,7 +33,7 @@ def test_after_a_restart_it_is_kept_clear_of_in_both_places_and_returns() -> Non
             places.append(sum(other.id == "d2" for other in first.reckoning.others))
         return moment.time_s > END_S
 
-    watched(replace(load_scenario("demo"), fault=read_faults(list(FAULTS), "test")), 1, watch)
+    watched(replace(load_scenario("paper-demo"), fault=read_faults(list(FAULTS), "test")), 1, watch)
     assert min(places) == 2
     assert stages[-1] is Stage.RETURN
     assert least_m > 3.0

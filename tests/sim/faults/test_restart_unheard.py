@@ -33,7 +33,7 @@ def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart(par
                     stages.add(pilot.stage)
         return moment.time_s > END_S
 
-    watched(replace(load_scenario("demo"), fault=read_faults(list(faults), "test")), 3, watch)
+    watched(replace(load_scenario("paper-demo"), fault=read_faults(list(faults), "test")), 3, watch)
     assert rejoined == {"d1", "d2", "d3"}
     assert Stage.SURVEY in stages
     assert least_m > 3.0

@@ -88,7 +88,7 @@ def test_a_swarm_finds_an_equivocator_out_and_agrees_on_one_log():
             agreed.append(len({pilot.digest for pilot in moment.pilots}) == 1)
         return moment.time_s > 20.0
 
-    scenario = replace(load_scenario("demo"), fault=read_faults([fault], "test"))
+    scenario = replace(load_scenario("paper-demo"), fault=read_faults([fault], "test"))
     watched(scenario, 1, watch)
     assert sum(agreed) > 0.3 * len(agreed)  # else an entry is on its way
 
@@ -107,6 +107,6 @@ def test_who_is_revoked_is_out_of_the_swarm_and_what_it_had_measured_counts():
             held.append(len([record for record in first.fusion.log if record.entry.drone == "d2"]))
         return moment.time_s > 14.0
 
-    watched(replace(load_scenario("demo"), fault=read_faults([fault], "test")), 1, watch)
+    watched(replace(load_scenario("paper-demo"), fault=read_faults([fault], "test")), 1, watch)
     assert sum(agreed) > 0.3 * len(agreed)
     assert held[0] == held[-1] > 10

@@ -34,7 +34,7 @@ def least_m(scenario: Scenario, seed: int, faults: list[dict[str, object]], end_
 
 def empty_field(homes: tuple[tuple[float, float], ...], size_m: float = 50.0) -> Scenario:
     """Drones search a square in which there is nothing, and go on for long."""
-    scenario, demo = load_scenario("empty"), load_scenario("demo").mission
+    scenario, demo = load_scenario("empty"), load_scenario("paper-demo").mission
     outline = ((0.0, 0.0), (size_m, 0.0), (size_m, size_m), (0.0, size_m))
     area = replace(scenario.mission.area, polygon_m=outline, fence_margin_m=30.0)
     drones = tuple(replace(demo.drones[0], id=f"d{i}", origin_m=(*home, 0.0)) for i, home in enumerate(homes, 1))
@@ -48,7 +48,7 @@ def empty_field(homes: tuple[tuple[float, float], ...], size_m: float = 50.0) ->
 @pytest.mark.parametrize(
     ("name", "seed", "faults", "end_s"),
     [
-        ("demo", 4, [LOW | {"at_s": 30.0}, {"kind": "revoked", "at_s": 32.2, "target": "d2"}], 70.0),
+        ("paper-demo", 4, [LOW | {"at_s": 30.0}, {"kind": "revoked", "at_s": 32.2, "target": "d2"}], 70.0),
         ("stabilization", 3, [LOW | {"at_s": 40.0}, {"kind": "partition", "at_s": 42.6, "groups": ALONE_5}], 90.0),
         ("stabilization", 4, [LOW | {"at_s": 42.0}, {"kind": "partition", "at_s": 45.2, "groups": ALONE_5}], 90.0),
     ],
@@ -66,7 +66,7 @@ def test_drones_that_lose_each_other_on_the_way_home_cross_in_their_layers(name,
 def test_one_that_a_pilot_holds_is_kept_clear_of_although_no_status_has_told_it(then) -> None:
     """Before, the peers assumed its return home after 15 s: 1.0 m."""
     held = {"kind": "takeover", "mode": "hold", "at_s": 50.0, "target": "d2"}
-    assert least_m(load_scenario("demo"), 3, [held, then], 90.0) > 2.5
+    assert least_m(load_scenario("paper-demo"), 3, [held, then], 90.0) > 2.5
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_drones_that_hear_nobody_search_on_in_their_layers_once_the_lines_have_e
 @pytest.mark.slow
 def test_two_on_the_circle_that_do_not_hear_each_other_but_whom_a_third_one_hears_leave_the_circle_to_the_first() -> None:
     """Before, both stayed on the circle, each among its own peers: 0.67 m."""
-    demo, cut = load_scenario("demo"), {"kind": "cut", "target": "d2", "peers": "d3", "at_s": 40.0}
+    demo, cut = load_scenario("paper-demo"), {"kind": "cut", "target": "d2", "peers": "d3", "at_s": 40.0}
     drones = tuple(replace(demo.mission.drones[0], id=f"d{i}", origin_m=(13.0 + 6.0 * i, 2.0, 0.0)) for i in range(1, 5))
     mission = replace(demo.mission, drones=drones, track=replace(demo.mission.track, duration_s=150.0))
     assert least_m(replace(demo, mission=mission), 5, [cut], 75.0) > 2.5

@@ -14,7 +14,7 @@ from radron.sim.lockstep.members import SimulatedAuthority
 from radron.sim.scenario import load_scenario
 from radron.sim.vehicle.px4.fleet import VehicleReport
 
-MISSION = load_scenario("demo").mission
+MISSION = load_scenario("paper-demo").mission
 NAMES = frozenset(drone.id for drone in MISSION.drones)
 DIGEST = "0" * 31
 

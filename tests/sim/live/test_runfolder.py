@@ -29,7 +29,7 @@ def test_a_drone_file_says_what_the_flight_needs(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
     mesh = {"d1": "tls/127.0.0.1:1", "d2": "tls/127.0.0.1:2"}
     config = drone_config(
-        load_scenario("demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=PeerMeshConfig(endpoints=mesh)
+        load_scenario("paper-demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=PeerMeshConfig(endpoints=mesh)
     )
     files.write_drone(config)
     assert load_toml(files.drone_file("d2"), DroneConfig) == config
@@ -73,12 +73,12 @@ def test_a_crew_sets_what_the_agent_asks_for(name: str, drone: str, guidance: Gu
 
 
 def test_frames_begin_where_the_drones_are_launched() -> None:
-    scattered = override(load_scenario("demo"), {"start.scatter_m": 20.0})
+    scattered = override(load_scenario("paper-demo"), {"start.scatter_m": 20.0})
     one, other = live_mission(scattered, seed=1), live_mission(scattered, seed=2)
     assert one.mission_id != other.mission_id
     assert one == live_mission(scattered, seed=1)
     assert [drone.id for drone in one.drones] == ["d1", "d2", "d3"]
-    assert live_mission(load_scenario("demo"), seed=1).mission_id == load_scenario("demo").mission.mission_id
+    assert live_mission(load_scenario("paper-demo"), seed=1).mission_id == load_scenario("paper-demo").mission.mission_id
 
 
 def test_an_old_flight_leaves_nothing_to_new_agents_but_others_agents_keep_theirs(tmp_path: Path) -> None:

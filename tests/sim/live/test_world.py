@@ -27,7 +27,7 @@ NOBODY = ("127.0.0.1", 9)
 
 
 def world_config(**settings: str | float) -> WorldConfig:
-    scenario = override(load_scenario("demo"), {"drones": 1.0, "source.start_m": "[20.0, 4.0]", **settings})
+    scenario = override(load_scenario("paper-demo"), {"drones": 1.0, "source.start_m": "[20.0, 4.0]", **settings})
     return WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,))
 
 
@@ -209,7 +209,7 @@ def test_a_world_that_cannot_be_says_why(tmp_path: Path, capfd: pytest.CaptureFi
 def test_one_ground_station_hears_all_vehicles_and_is_answered_by_each(tmp_path: Path) -> None:
     async def course() -> None:
         station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
-        scenario = override(load_scenario("demo"), {"drones": 2.0})
+        scenario = override(load_scenario("paper-demo"), {"drones": 2.0})
         config = WorldConfig(
             scenario=scenario, seed=1, onboard=(NOBODY, NOBODY), ground_station=("127.0.0.1", station.port.getsockname()[1])
         )

@@ -34,7 +34,7 @@ def collect_pilots(monkeypatch):
 
 @pytest.fixture(scope="module")
 def demo():
-    return fly(load_scenario("demo"), seed=3, listen=("paper-geometric",))
+    return fly(load_scenario("paper-demo"), seed=3, listen=("paper-geometric",))
 
 
 def test_the_demo_finds_the_source_and_comes_home(demo):
@@ -87,7 +87,7 @@ def test_equal_logs_are_equal_hypotheses(monkeypatch):
                 if one is not other and one.fusion.digest == other.fusion.digest:
                     compared.append(np.array_equal(one.hypothesis.position, other.hypothesis.position))
 
-    fly(override(load_scenario("demo"), {"mission.track.duration_s": 20.0}), seed=3, progress=look)
+    fly(override(load_scenario("paper-demo"), {"mission.track.duration_s": 20.0}), seed=3, progress=look)
     assert len(compared) > 60
     assert all(compared)
 
@@ -101,19 +101,19 @@ def test_listeners_hear_the_same_cones(demo):
 
 @pytest.mark.slow
 def test_listening_does_not_touch_the_flight(demo):
-    alone = fly(load_scenario("demo"), seed=3)
+    alone = fly(load_scenario("paper-demo"), seed=3)
     assert msgspec.structs.replace(alone.result, **WALL) == msgspec.structs.replace(demo.result, **WALL)
     np.testing.assert_array_equal(alone.trace.position_m, demo.trace.position_m)
 
 
 @pytest.mark.slow
 def test_another_seed_is_another_flight(demo):
-    short = override(load_scenario("demo"), {"mission.track.duration_s": 5.0})
+    short = override(load_scenario("paper-demo"), {"mission.track.duration_s": 5.0})
     assert fly(short, seed=4).result.hits != demo.result.hits
 
 
 def test_a_single_drone_flies_too():
-    result = fly(override(load_scenario("demo"), {"drones": 1, "mission.track.duration_s": 20.0}), seed=1).result
+    result = fly(override(load_scenario("paper-demo"), {"drones": 1, "mission.track.duration_s": 20.0}), seed=1).result
     assert result.min_separation_m is None
     assert result.time_to_x0_s is not None
 
@@ -231,7 +231,7 @@ def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):
 @pytest.mark.slow
 def test_local_frames_do_not_matter():
     """Drones that call other directions east and other places zero find the same source, as well as the demo does."""
-    scenario = load_scenario("demo")
+    scenario = load_scenario("paper-demo")
     turned = tuple(
         msgspec.structs.replace(drone, yaw_deg=yaw)
         for drone, yaw in zip(scenario.mission.drones, (40.0, -170.0, 95.0), strict=True)
@@ -249,7 +249,7 @@ def test_local_frames_do_not_matter():
 def test_a_camera_of_unequal_pixels_gives_as_many_cones():
     short = {"mission.track.duration_s": 20.0}
     even, uneven = (
-        fly(override(load_scenario("demo"), short | {"camera.calibration_spread": spread}), seed=2).result
+        fly(override(load_scenario("paper-demo"), short | {"camera.calibration_spread": spread}), seed=2).result
         for spread in (0.0, 0.05)
     )
     # Two Poisson numbers of about 100 differ by 14 % in one sigma; this is three.
@@ -265,7 +265,7 @@ def test_each_drone_has_the_calibration_of_its_own_camera(monkeypatch):
 
     monkeypatch.setattr("radron.agent.sensing.camera.load_flight_calibration", take)
     short = {"camera.calibration_spread": 0.05, "source.activity_bq": 1.0, "end.search_s": 1.0}
-    fly(override(load_scenario("demo"), short), seed=2)
+    fly(override(load_scenario("paper-demo"), short), seed=2)
     assert len(slopes) == 3
     for slope in slopes:
         assert slope.std() / slope.mean() == pytest.approx(0.05, rel=0.05)

@@ -20,7 +20,7 @@ CLOSEST_M = 2.5
 
 @pytest.mark.slow
 def test_the_swarm_forgets_what_a_revoked_drone_says_and_keeps_away_from_it():
-    scenario = override(load_scenario("demo"), {"drones": 3, "mission.track.duration_s": 90.0})
+    scenario = override(load_scenario("paper-demo"), {"drones": 3, "mission.track.duration_s": 90.0})
     mission, operator = scenario.mission, operator_of(SimulatedAuthority(SEED))
     last = {}
     least_m, digests, stages, errors_m = [], [], [], []

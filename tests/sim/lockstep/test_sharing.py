@@ -57,7 +57,7 @@ def flown(scenario, until_s):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "until_s", "faults", "estimates_frames"),
-    [("demo", 30.0, [PARTITION], False), ("mixed-frames", 25.0, [PARTITION], True), ("mixed-frames", 25.0, [CLOCK], True)],
+    [("paper-demo", 30.0, [PARTITION], False), ("mixed-frames", 25.0, [PARTITION], True), ("mixed-frames", 25.0, [CLOCK], True)],
 )
 def test_a_flight_with_shared_folds_and_frames_is_the_same_to_the_bit(name, until_s, faults, estimates_frames, monkeypatch):
     """With exact frames and with estimated ones, while a partition parts the logs and heals, and where a clock is wrong."""
@@ -89,7 +89,7 @@ def test_a_flight_with_shared_folds_and_frames_is_the_same_to_the_bit(name, unti
 
 
 def test_all_agents_of_a_flight_have_one_fold():
-    mission, folds = load_scenario("demo").mission, Folds()
+    mission, folds = load_scenario("paper-demo").mission, Folds()
     assert isinstance(folds("bayes", mission), SharedFold)
     assert folds("bayes", mission) is folds("bayes", mission)
     assert folds("paper", mission) is not folds("bayes", mission)
@@ -103,7 +103,7 @@ def counts():
 
 
 def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_object(counts):
-    mission = load_scenario("demo").mission
+    mission = load_scenario("paper-demo").mission
     fold = SharedFold(estimator_named("bayes", mission))
     state, step = fold.initial(None), GridStep(10, 1_000_000_000, 1_100_000_000)
     assert fold.initial(None) is state
@@ -138,7 +138,7 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
 
 @pytest.mark.parametrize(("name", "mixture"), [("bayes", "2 s later"), ("paper", None)])
 def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
-    fold = SharedFold(estimator_named(name, load_scenario("demo").mission))
+    fold = SharedFold(estimator_named(name, load_scenario("paper-demo").mission))
     track = SimpleNamespace(later=lambda motion, time_s: f"{time_s:.0f} s later")
     assert fold.mixture(Descended(SimpleNamespace(track=track), object()), 2_000_000_000) == mixture
 
@@ -146,7 +146,7 @@ def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
 def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
     """Before, the agents had two copies of equal states, and computed everything twice to the end of the flight."""
     monkeypatch.setattr("radron.sim.lockstep.sharing.MOST_STEPS", 4)
-    fold = SharedFold(estimator_named("bayes", load_scenario("demo").mission))
+    fold = SharedFold(estimator_named("bayes", load_scenario("paper-demo").mission))
 
     def walked(state, numbers):
         for number in numbers:
@@ -183,7 +183,7 @@ def test_results_are_bounded_and_those_in_use_stay():
 
 
 def test_what_is_remembered_for_others_is_no_memory_of_an_agent(counts):
-    mission = load_scenario("demo").mission
+    mission = load_scenario("paper-demo").mission
     fold = SharedFold(estimator_named("bayes", mission))
     before = bytes_of(fold)
     step = GridStep(10, 1_000_000_000, 1_100_000_000)

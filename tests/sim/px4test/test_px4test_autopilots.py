@@ -30,7 +30,7 @@ from radron.sim.vehicle.px4.config import Datum
 from radron.sim.vehicle.px4.parameters import DEFAULTS
 
 STANDIN = Path(__file__).parents[2] / "support/px4/px4_standin.py"
-MISSION = live_mission(load_scenario("demo"), 1)
+MISSION = live_mission(load_scenario("paper-demo"), 1)
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
 
 

@@ -19,7 +19,7 @@ SOURCES = (Source("Cs-137", 3e9, (0.0, 0.0, 0.0)),)
 @pytest.mark.parametrize("stage", [Stage.RETURN, Stage.LANDING, Stage.SURVEY])
 @pytest.mark.parametrize("duration_s", [60.0, 500.0])
 def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
-    scenario = override(load_scenario("demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
+    scenario = override(load_scenario("paper-demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
     pilot = SimpleNamespace(alive=True, stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None, finding="")
     recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
@@ -46,7 +46,7 @@ def flown(agent, recorder, seconds):
 
 
 def without_source(estimator="bayes"):
-    scenario = replace(override(load_scenario("demo"), {"drones": 1, "mission.fusion.estimator": estimator}), source=None)
+    scenario = replace(override(load_scenario("paper-demo"), {"drones": 1, "mission.fusion.estimator": estimator}), source=None)
     agent = Watched()
     return agent, Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
 
@@ -75,7 +75,7 @@ def test_a_hypothesis_without_a_source_is_a_false_one_even_when_it_is_taken_back
 
 
 def test_an_estimator_that_only_listened_finds_nothing_once_it_excludes_what_the_mission_is_after():
-    scenario = replace(override(load_scenario("demo"), {"drones": 1, "mission.survey.least_activity_bq": 1e8}), source=None)
+    scenario = replace(override(load_scenario("paper-demo"), {"drones": 1, "mission.survey.least_activity_bq": 1e8}), source=None)
     agent, listener = Watched(), SimpleNamespace(hypothesis=None, outlook=SimpleNamespace(excluded_bq=2e8, exclusion=None))
     recorder = Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05, {"bayes": listener})
     flown(agent, recorder, 1.0)
@@ -121,7 +121,7 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
 
 
 def test_the_swarm_is_judged_by_its_first_drone_while_that_lives_then_by_the_next_one_alive():
-    scenario = override(load_scenario("demo"), {"drones": 3})
+    scenario = override(load_scenario("paper-demo"), {"drones": 3})
     agents = [Watched() for _ in range(3)]
     for place, agent in enumerate(agents):
         agent.stage, agent.hypothesis = Stage.TRACK, Belief(np.array([10.0 * place, 0.0, 0.0]), np.eye(3))

@@ -88,7 +88,7 @@ def test_a_mode_that_is_asked_for_while_a_failsafe_flies_it_ends_the_failsafe(mo
 
 @pytest.mark.parametrize("agent_lost", ["return", "hold", "land"])
 def test_without_setpoints_a_vehicle_does_what_its_mission_says(agent_lost):
-    mission = load_scenario("demo").mission
+    mission = load_scenario("paper-demo").mission
     mission = replace(mission, safety=replace(mission.safety, agent_lost=agent_lost))
     for autopilot in autopilots(mission, [(0.0, 0.0, 0.0)] * 3, np.zeros(3), STEP_S):
         run(autopilot, 6.0, VehicleCommand(Request.TAKEOFF, takeoff_height_m=3.0))

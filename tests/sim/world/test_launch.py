@@ -8,7 +8,7 @@ from radron.agent.errors import ConfigError
 from radron.sim.scenario import load_scenario, override
 from radron.sim.world.launch import StartTruth, launch_places
 
-MISSION = override(load_scenario("demo"), {"drones": 8}).mission
+MISSION = override(load_scenario("paper-demo"), {"drones": 8}).mission
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -54,7 +54,7 @@ def test_walls_turn_with_their_ends_and_add_up():
 
 def test_a_wall_without_length_is_refused():
     with pytest.raises(ConfigError, match=r"walls: from_m and to_m are both \[1.0, 2.0\]"):
-        override(load_scenario("demo"), {"walls": [{"from_m": (1.0, 2.0), "to_m": (1.0, 2.0)}]})  # type: ignore[dict-item]
+        override(load_scenario("paper-demo"), {"walls": [{"from_m": (1.0, 2.0), "to_m": (1.0, 2.0)}]})  # type: ignore[dict-item]
 
 
 class _Standing:

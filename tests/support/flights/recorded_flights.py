@@ -52,7 +52,7 @@ class LockstepPilot(RecordedPilot):
         return super().step(now_ns)
 
 
-def fly_recorded(folder, seed=1, name="demo", **changes):
+def fly_recorded(folder, seed=1, name="paper-demo", **changes):
     """Fly a scenario in lockstep; the folders of the drones' records. ``changes``: keys of the scenario with __ for the dot."""
     pilots = []
 

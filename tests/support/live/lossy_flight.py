@@ -58,7 +58,7 @@ def fly_over(folder: Path, drones: int, loss: float, track_s: float, seed: int =
         mesh = {f"d{number + 1}": f"tls/{host}:7447" for number, host in enumerate(hosts)}
         links = ("--agent-hosts", ",".join(hosts), "--mesh", ",".join(mesh.values()), "--bind", address(HUB))
         options = ("--drones", str(drones), "--seed", str(seed), "--set", f"mission.track.duration_s={track_s:g}")
-        with live_run(folder, "demo", *options, "--json", str(folder / "run.json"), "--external", *links) as run:
+        with live_run(folder, "paper-demo", *options, "--json", str(folder / "run.json"), "--external", *links) as run:
             run.until(lambda: "the agents are expected at" in run.said, 120.0)
             children: dict[str, subprocess.Popen[bytes]] = {}
             for number, (drone, host) in enumerate(zip(mesh, hosts, strict=True)):

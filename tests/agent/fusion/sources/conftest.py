@@ -19,6 +19,7 @@ from radron.agent.fusion.sources.counts import CountModel
 from radron.agent.fusion.sources.data import Cones, Rows
 from radron.agent.fusion.sources.directions import ConeModel
 from radron.agent.fusion.sources.fit import Prior, Problem
+from radron.agent.fusion.sources.soil import AS_TABULATED
 from radron.agent.fusion.sources.spectra import Spectra
 from radron.agent.terrain.ground import Ground
 from radron.protocol.entries import Counts
@@ -51,26 +52,26 @@ def place_of(time_s, index, drones):
     return np.array([x, along if lane % 2 == 0 else SIDE_M - along, 3.0])
 
 
-def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None, soil=1.0):
+def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None, soil=AS_TABULATED):
     """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height, or these by the time in seconds.
 
     bias: by drone, measured minus true.
 
     passing: share of the direct photons between two places (3,).
 
-    soil: what soil scatters relative to the tables, over a mission with ``ground`` "soil".
+    soil: strength and composition of the ground's scatter, over a mission with ``ground`` "soil".
     """
     entries = []
     drones = [drone.id for drone in mission.drones]
     spectra = Spectra.of(NUCLIDES, mission.fusion.ground)
-    near, far, by_facing, *of_soil = spectra.templates(0.0, 0.0).swapaxes(0, 1)
+    near, far, by_facing, *of_soil = spectra.templates(0.0, 0.0, soil).swapaxes(0, 1)
     direct, softer, *_ = spectra.direct_templates(0.0).swapaxes(0, 1)
     for index, drone in enumerate(drones):
         for number in range(int(seconds / 0.5)):
             time_s = number * 0.5
             true = place_of(time_s + 0.25, index, len(drones))
             measured = true + (0.0 if bias is None else np.array([*bias[index], 0.0]))
-            expected = spectra.background_ps(0.0).copy()
+            expected = spectra.background_ps(0.0, soil).copy()
             for nuclide, x, y, becquerel, *high in sources(time_s + 0.25) if callable(sources) else sources:
                 z = high[0] if high else 0.0
                 n = NUCLIDES.index(nuclide)
@@ -82,7 +83,7 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passi
                 clear = near[n] + depth * far[n] + facing * by_facing[n]
                 if of_soil:
                     steepness = (true[2] - z) / math.sqrt(square)
-                    clear += soil * (of_soil[0][n] + steepness * (of_soil[1][n] + facing * of_soil[2][n]))
+                    clear += of_soil[0][n] + steepness * (of_soil[1][n] + facing * of_soil[2][n])
                 expected += per_mm2 * (clear - stopped * (direct[n] + depth * softer[n] + facing * by_facing[n]))
                 if cones and nuclide == "Cs-137":
                     entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y, z), per_mm2, drone, 20 * number)

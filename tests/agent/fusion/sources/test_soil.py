@@ -11,7 +11,7 @@ from radron.agent.detector.windows import Windows
 from radron.agent.fusion.bayes.response import Channel
 from radron.agent.fusion.facing import MEAN_FACING, Facing
 from radron.agent.fusion.sources.bins import pooled
-from radron.agent.fusion.sources.soil import Sight
+from radron.agent.fusion.sources.soil import AS_TABULATED, SOFT, Sight
 from radron.agent.fusion.sources.solution import Solution
 from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
 from radron.agent.fusion.sources.tracker import _bins, _response
@@ -23,7 +23,8 @@ truth = pytest.importorskip("radron.sim.radiation.truth")
 OVER_SOIL = truth.CameraTruth(scatter_near=0.05, background_hits_per_s=0.3)
 LIVE_S, EVENTS_PS = 4.0, 3000.0
 SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
-MORE = 1.3  # scatter of the ground, relative to the tables
+MORE, SOFTER = 1.3, 0.35  # scatter of the ground, relative to the tables, and its composition: water's
+GROUND = np.array((np.log(MORE), SOFTER))
 
 
 def compared(nuclide, height_m, horizontal_m, heading_deg):
@@ -67,8 +68,20 @@ def test_every_nuclide_is_known_over_soil_and_counts_more_there():
 def test_over_nothing_there_is_no_soil():
     spectra = Spectra.of(("Cs-137",))
     assert spectra.soil is None
-    assert Solution.nothing(2).log_soil is None
+    assert len(Solution.nothing(2).soil) == 0
     assert spectra.templates(0.0, 0.0).shape == (1, 3, BINS)
+
+
+def test_ground_of_lighter_elements_scatters_more_soft_photons_by_the_inverse_cube_of_the_energy():
+    spectra = Spectra.of(("Cs-137",), "soil")
+    soil, water = (spectra.areas(0.0, 0.0, Sight(), np.array((0.0, c)))[0] for c in (0.0, SOFTER))
+    direct = spectra.templates(0.0, 0.0)[0, 0]
+    by_soil = soil - direct
+    assert water - direct == pytest.approx(by_soil * np.exp(SOFTER * SOFT), rel=1e-6)
+    assert SOFT[6] == pytest.approx((60.0 / 163.0) ** 3, rel=0.02)  # 151 to 176 keV
+    background = [spectra.background_ps(0.0, np.array((0.5, c))) for c in (0.0, SOFTER)]
+    assert background[0] == pytest.approx(spectra.background_ps(0.0))  # scatters more, sends out no more
+    assert (background[1] > background[0]).all()
 
 
 def test_a_track_over_soil_expects_the_counts_of_the_fit():
@@ -84,18 +97,18 @@ def test_a_track_over_soil_expects_the_counts_of_the_fit():
 def problem(among):
     """Two drones over soil that scatters more than the tables say."""
     mission = among.mission_of(ground="soil")
-    return among.problem_of(mission, among.entries_of(mission, np.random.default_rng(1), 30.0, SOURCES, soil=MORE))
+    return among.problem_of(mission, among.entries_of(mission, np.random.default_rng(1), 30.0, SOURCES, soil=GROUND))
 
 
 def somewhere():
     bias = np.array([(0.05, -0.1, 0.02), (-0.1, 0.1, -0.03)])
     places = np.array([(12.5, 19.6), (29.5, 15.3)])
-    return Solution((0, 2), places, np.array([1.0, -0.6]), 0.1, bias, 0.004, 0.05, log_soil=0.1)
+    return Solution((0, 2), places, np.array([1.0, -0.6]), 0.1, bias, 0.004, 0.05, soil=np.array((0.1, 0.15)))
 
 
-@pytest.mark.parametrize("number", range(14))
+@pytest.mark.parametrize("number", range(15))
 def test_the_gradient_over_soil_is_that_of_the_value(problem, number):
-    solution, step = somewhere(), np.zeros(14)
+    solution, step = somewhere(), np.zeros(15)
     step[number] = 1e-5
     after, before = (problem.value(solution.moved(solution.vector + sign * step)) for sign in (1, -1))
     gradient, _ = problem._scored(solution)[1]()
@@ -103,12 +116,12 @@ def test_the_gradient_over_soil_is_that_of_the_value(problem, number):
 
 
 def test_the_scatter_of_the_ground_is_fitted_and_does_not_change_the_activity(problem):
-    """The stated error of the activity includes it, too: with the factor known it is smaller."""
-    fitted = problem.fitted(replace(somewhere(), scale=0.0, scatter=0.0, log_soil=0.0), 20)
-    numbers = fitted.solution.of_sources + 1
+    """The stated error of the activity includes it, too: with strength and composition known it is smaller."""
+    fitted = problem.fitted(replace(somewhere(), scale=0.0, scatter=0.0, soil=AS_TABULATED), 20)
+    numbers = fitted.solution.of_sources + np.array((1, 2))
     sigma = np.sqrt(fitted.covariance[numbers, numbers])
-    assert abs(fitted.solution.log_soil - np.log(MORE)) < 4.0 * sigma
-    assert sigma < 0.5 * problem.prior.soil
+    assert np.all(np.abs(fitted.solution.soil - GROUND) < 4.0 * sigma)
+    assert np.all(sigma < 0.5 * np.array(problem.prior.soil))
     for k, (_, x, y, becquerel) in enumerate(SOURCES):
         error = [*(fitted.solution.place[k] - (x, y)), fitted.solution.log_activity[k] - np.log(becquerel / 1e9)]
         assert np.all(np.abs(error) < 4.0 * fitted.sigma_of(k))
@@ -118,9 +131,9 @@ def test_the_scatter_of_the_ground_is_fitted_and_does_not_change_the_activity(pr
 
 
 @pytest.mark.slow
-def test_two_sources_over_soil_that_scatters_more_are_found(among, estimated):
-    mission = among.mission_of(ground="soil", moved_s=10.0)
-    entries = among.entries_of(mission, np.random.default_rng(4), 40.0, SOURCES, soil=MORE)
+def test_two_sources_over_water_are_found_and_no_soft_source_beside(among, estimated):
+    mission = among.mission_of(ground="soil", moved_s=10.0, nuclides=(*among.NUCLIDES, "Am-241"))
+    entries = among.entries_of(mission, np.random.default_rng(4), 40.0, SOURCES, soil=GROUND)
     hypothesis = estimated(mission, entries, 42.0)
     told = sorted((hypothesis, *hypothesis.others), key=lambda one: one.nuclide)
     assert [one.nuclide for one in told] == ["Cs-137", "Ir-192"]

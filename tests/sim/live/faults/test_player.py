@@ -99,7 +99,7 @@ class Fakes:
 
 
 def scenario(*faults: AnyFault) -> Scenario:
-    return replace(load_scenario("demo"), fault=faults)
+    return replace(load_scenario("paper-demo"), fault=faults)
 
 
 def truth(*x: float) -> Truth:
