@@ -1,4 +1,4 @@
-"""Measure count rates of scattered photons near a source on soil: ``python -m benchmarks.ground_response Cs-137 Co-60 ...``.
+"""Measure count rates of scattered photons near a source on soil: ``python benchmarks/ground_response.py Cs-137 Co-60 ...``.
 
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
 folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal. For each

@@ -1,4 +1,4 @@
-"""Compute spectra of scattered photons near a source on soil: ``python -m benchmarks.soil_spectra --every > TABLES.py``.
+"""Compute spectra of scattered photons near a source on soil: ``python benchmarks/soil_spectra.py --every > TABLES.py``.
 
 TABLES.py is agent/fusion/sources/soiltables.py. The response of sensor and detection chain to photons of each energy group and
 angle to the sensor's normal is simulated once, by energy bin, and folded with each nuclide's flux of scattered photons by

@@ -6,7 +6,7 @@ With the image at the distance D', the sine s of its depression below the horizo
     phi(D) (D / D')^2 (near + steep s) (1 + turn (f - ``MEAN_FACING``))     of photons scattered by soil,
     phi(D) air mu D     of photons scattered by air, and ``BODY_SHARE`` of those by vehicle and mount; phi as of ``response``.
 
-The table is from ``python -m benchmarks.ground_response --events 250 --photons 60000``: a separate transport code, independent of
+The table is from ``python benchmarks/ground_response.py --events 250 --photons 60000``: a separate transport code, independent of
 the simulation's, folded with the simulated sensor's response. The formula fits it within 5 % (root mean square) up to a metre
 above the ground. Unknown on board are kind, moisture and roughness of the ground, and the depth of the source. A track fits a
 factor of 0.5 to 1.5 on near and steep for them (``spectrum``).

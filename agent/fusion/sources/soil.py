@@ -8,7 +8,7 @@ times as many photons. Before soft photons leave the ground it absorbs many of t
 E^-3 beside the scattering, and rises with the ground's mean atomic number. So c tells the composition: 0 for soil, about 0.1 for
 sand and asphalt, -0.03 for concrete, and 0.35 for water. By nuclide c differs: 0.3 to 0.4 for water and lines above 300 keV, 0.13
 to 0.2 for Am-241 and Ba-133. With r and c the table of soil explains the scatter of these grounds to 3 % (root mean square over
-six nuclides), with r alone that of water only to 15 to 22 % (``python -m benchmarks.soil_spectra --grounds``). The ground's own
+six nuclides), with r alone that of water only to 15 to 22 % (``python benchmarks/soil_spectra.py --grounds``). The ground's own
 photons depend on c in the same way.
 """
 
