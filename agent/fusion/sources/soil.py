@@ -81,7 +81,7 @@ class Soil:
     def of(cls, nuclides: Sequence[str], own: Array) -> Soil:
         """Return the tables of these nuclides. ``own``: as the field."""
         keys = "near", "steep", "turned", "near_by_scale", "steep_by_scale"
-        return cls(*(pooled(np.array([SOIL[name][key] for name in nuclides])) for key in keys), own)
+        return cls(**{key: pooled(np.array([SOIL[name][key] for name in nuclides])) for key in keys}, own=own)
 
 
 def factor(soil: Array) -> Array:
