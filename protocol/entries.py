@@ -94,12 +94,14 @@ class Credential(Entry, frozen=True, kw_only=True):
 
 
 class ConeOrder(Struct, frozen=True, array_like=True):
-    """One of the two possible orders of a coincidence (two simultaneous clusters of pixels, from one scattered photon).
+    """One of the two possible orders of scattering and absorption in a coincidence.
 
-    Each order takes another cluster for the recoil electron of the Compton scattering, so that each gives another cone. ``axis``:
-    unit vector from the absorption of the scattered photon to the recoil electron, in the publisher's local frame. The source
-    lies in a direction at the angle ``theta_rad`` from the axis. ``sigma_rad``: 1-sigma width of the cone's surface (angular
-    resolution measure, ARM). ``probability``: that this order is the true one.
+    A coincidence is a pair of simultaneous clusters (adjacent pixels hit by one particle), from one photon that was scattered and
+    then absorbed. Each order takes another cluster for the recoil electron of the scattering, so that each gives another cone.
+
+    ``axis``: unit vector from the absorption of the scattered photon to the recoil electron, in the publisher's local frame. The
+    source lies in a direction at the angle ``theta_rad`` from the axis. ``sigma_rad``: 1-sigma width of the cone's surface
+    (angular resolution measure, ARM). ``probability``: that this order is the true one.
     """
 
     axis: Direction

@@ -174,9 +174,9 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     """A drone's estimate of all radioactive sources found so far, with the digest (hash) of the log from which it was computed.
 
     Two drones with equal digests have computed their estimates from equal log entries. ``sources``: the source that the swarm
-    tracks comes first. ``excluded_bq``: by nuclide, the activity in becquerels above which further sources in the search area are
-    excluded, except close to known sources that outshine them. A nuclide without such a limit is left out. Only estimators of
-    several sources publish these limits.
+    tracks comes first. ``excluded_bq``: by nuclide, the exclusion limit: the activity in becquerels above which further sources
+    in the search area are excluded, except close to known sources that outshine them. A nuclide without such a limit is left out.
+    Only estimators of several sources publish these limits.
     """
 
     mission: MissionId

@@ -55,7 +55,7 @@ class Campaign:
         return tuple(name for name, _ in self.cases[0].point)
 
     def in_order(self) -> list[Case]:
-        """Return the cases by name, the combinations of each in the order of the sweep."""
+        """Return the cases by name, and the cases of one scenario in the order of their varied parameters."""
         return sorted(self.cases, key=lambda case: case.name)
 
     def jobs(self) -> list[Job]:
@@ -167,7 +167,7 @@ def _case_key(line: Mapping[str, Any], parameters: Sequence[str]) -> tuple[str, 
 
 
 def claim(path: Path, manifest: dict[str, Any], runs: str = "runs.jsonl") -> None:
-    """Write the definition of a campaign to a new folder, or check that the folder belongs to an equal campaign.
+    """Write the definition of a campaign to a new folder, or check that the folder was made for this campaign.
 
     ``runs``: the file of completed flights.
     """

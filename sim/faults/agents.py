@@ -67,9 +67,9 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
 
 
 class LinkFault(Fault, frozen=True, kw_only=True):
-    """Base of the faults of the links between ``target`` and ``peers`` (default: all other drones).
+    """Base of the faults of the links between the affected drones (``target``) and ``peers`` (default: all other drones).
 
-    ``direction``: both directions, or only messages that the targets send or receive.
+    ``direction``: both directions, or only messages that the affected drones send or receive.
     """
 
     family: ClassVar[Family] = "network"
@@ -153,9 +153,10 @@ class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
 
 
 class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
-    """The targets send very many messages: poses padded to ``message_bytes``, ``rate_mbps`` (megabytes a second) in total.
+    """The affected drones send very many messages, to keep other drones from working.
 
-    Messages up to 4 kB are valid; the decoder refuses larger ones by their size.
+    The messages are poses padded to ``message_bytes``, ``rate_mbps`` (megabytes a second) in total. Messages up to 4 kB are
+    valid; the decoder refuses larger messages by their size.
     """
 
     family: ClassVar[Family] = "network"
@@ -164,9 +165,10 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
 
 
 class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
-    """The targets' keys are used to publish valid log entries with old time stamps, which make the agents compute much again.
+    """An attacker with the keys of the affected drones publishes valid log entries with old time stamps.
 
-    The entries are ``ago_s`` old, come ``per_s`` times a second, and stand beside the targets' own entries.
+    Such entries make the agents compute much again. They are ``ago_s`` old, come ``per_s`` times a second, and stand beside the
+    drones' own entries.
     """
 
     family: ClassVar[Family] = "network"
@@ -175,10 +177,10 @@ class OldEntries(Fault, frozen=True, kw_only=True, tag="old-entries"):
 
 
 class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
-    """The targets' keys are used to publish more valid log entries than cameras measure, ``per_s`` a second.
+    """An attacker with the keys of the affected drones publishes more valid log entries than cameras measure, ``per_s`` a second.
 
-    They stand beside the targets' own entries. ``what``: exposures without counts, cones without information, or searched paths,
-    the smallest of all entries.
+    They stand beside the drones' own entries. ``what``: exposures (counting intervals) without counts, cones without information,
+    or searched paths, the smallest of all entries.
     """
 
     family: ClassVar[Family] = "network"
@@ -187,11 +189,11 @@ class DenseEntries(Fault, frozen=True, kw_only=True, tag="dense-entries"):
 
 
 class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
-    """The targets also send forged messages, which every agent must refuse without any consequence.
+    """The affected drones also send forged messages, which every agent must refuse without any consequence.
 
-    ``impossible``: contradictory numbers, such as a live time longer than its exposure. ``impersonated``: messages in the name of
-    another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the source
-    elsewhere. ``two-versions``: each log entry a second time under the same number with another content; neither version counts
+    ``impossible``: contradictory numbers, such as a live time longer than its counting interval. ``impersonated``: messages in
+    the name of another drone, 15 m beside it, under the sender's keys. ``other-mission``: log entries of another mission with the
+    source elsewhere. ``two-versions``: each log entry a second time under its number with another content; neither version counts
     then, nor any later entry of the sender.
     """
 
@@ -200,12 +202,12 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
 
 
 class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
-    """A thief with copies of the targets' keys publishes poses, plans and statuses under their ids.
+    """A thief with copies of the keys of the affected drones publishes poses, plans and statuses under their ids.
 
-    The targets publish, too. ``place``: the published place: ``beside_m`` to the east of the target's present place, or of its
-    place at the beginning (``frozen``), or on the ground below that (``ground``). ``epochs``: added to the target's epochs.
-    ``boot``: boot id in the statuses. ``stage``: stage in the statuses; None: the target's own. ``lead_s``: stamps are ahead of
-    the time by this much. ``period_s``: interval between publications.
+    The drones publish, too. ``place``: the published place: ``beside_m`` to the east of the drone's present place, or of its
+    place at the beginning (``frozen``), or on the ground below that (``ground``). ``epochs``: added to the drone's epochs.
+    ``boot``: boot id in the statuses (random identity of a run of the agent). ``stage``: stage in the statuses; None: the drone's
+    own. ``lead_s``: stamps are ahead of the time by this much. ``period_s``: interval between publications.
     """
 
     family: ClassVar[Family] = "liar"
@@ -232,7 +234,7 @@ Said = Literal["pose", "plan", "cone", "counts", "sighting"]
 
 
 class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
-    """The targets publish false messages of one kind under valid signatures.
+    """The affected drones publish false messages of one kind under valid signatures.
 
     ``what``: the kind of message. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by
     ``factor``); ``replayed``: true messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps wrong
@@ -248,11 +250,11 @@ class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
 
 
 class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
-    """The targets publish signed false photon counts that mislead the estimator, at a place on the ground without uncertainty.
+    """The affected drones publish signed false photon counts that mislead the estimator.
 
-    ``counts``: ``none`` or ``many``. ``place``: at the source estimate, or 15 m beside it. ``beside``: in addition to each true
-    exposure (counting interval), ``burst`` false exposures of ``lasts_s``, which overlap it and each other; otherwise instead of
-    the true exposure.
+    The counts are stated for a place on the ground without position uncertainty. ``counts``: ``none`` or ``many``. ``place``: at
+    the source estimate, or 15 m beside it. ``beside``: in addition to each true exposure (counting interval), ``burst`` false
+    exposures of ``lasts_s``, which overlap it and each other; otherwise instead of the true exposure.
     """
 
     family: ClassVar[Family] = "liar"
@@ -264,10 +266,10 @@ class Poisoned(Fault, frozen=True, kw_only=True, tag="poisoned"):
 
 
 class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
-    """The targets give some drones (``peers``) other log entries than the rest under equal numbers.
+    """The affected drones give some drones (``peers``) other log entries than the rest, under equal sequence numbers.
 
-    Cones are turned, counts multiplied, sightings of other places. ``peers``: default: every second of the other drones. All
-    drones must detect this, leave out the same entries, and agree on one log.
+    Cones are turned, counts multiplied, and sightings (measurements of other drones) moved. ``peers``: by default every second of
+    the other drones. All drones must detect this, leave out the same entries, and agree on one log.
     """
 
     family: ClassVar[Family] = "liar"
@@ -279,7 +281,7 @@ class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
 
 
 class Revoked(Fault, frozen=True, kw_only=True, tag="revoked"):
-    """The operator revokes the targets (withdraws their rights).
+    """The operator revokes the affected drones (withdraws their rights), as if their keys had been stolen.
 
     Their earlier measurements count; their links to the other drones end in both directions.
     """

@@ -26,7 +26,7 @@ Drones = (
 class Fault(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """Base of all kinds of faults in a scenario.
 
-    ``at_s``: begin. ``for_s``: duration; default: permanent. ``target``: one drone or several; default: all.
+    ``at_s``: begin. ``for_s``: duration; default: permanent. ``target``: the affected drone or drones; default: all.
     """
 
     family: ClassVar[Family]

@@ -204,8 +204,9 @@ class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
     """A safety pilot chooses a flight mode by remote control, and leaves the vehicle in hold at the end.
 
-    In lockstep the pilot does not do so during a descent or a failsafe. In ``manual`` the pilot hovers; the autopilot ignores the
-    agent, and acts on an empty battery only afterwards. After another mode it obeys new requests.
+    In simulations in one process (lockstep) the pilot does not do so during a descent or a failsafe. In ``manual`` the pilot
+    hovers; the autopilot ignores the agent, and acts on an empty battery only afterwards. After another mode it obeys new
+    requests.
     """
 
     family: ClassVar[Family] = "vehicle"

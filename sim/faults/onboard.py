@@ -20,7 +20,7 @@ from radron.sim.world.movingframes import MovingFrames
 
 
 class OnboardFaults:
-    """Plays all faults of cameras, clocks, positions and vehicles in a simulated flight in lockstep."""
+    """Plays all faults of cameras, clocks, positions and vehicles in a simulated flight (lockstep: all in one process)."""
 
     def __init__(
         self,

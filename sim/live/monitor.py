@@ -195,7 +195,7 @@ class Observer:
         return any(agent.alive and agent.problems for agent in self.agents)
 
     def agreed(self) -> bool:
-        """Return whether all live agents have reported equal log digests and bitwise equal source positions."""
+        """Return whether all live agents have reported equal hashes of their logs and bitwise equal source positions."""
         told = [agent.estimate for agent in self.agents if agent.alive]
         estimates = [estimate for estimate in told if estimate is not None]
         return len(estimates) == len(told) > 0 and len({(each.digest, each.sources[0].position_m) for each in estimates}) == 1

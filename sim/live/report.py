@@ -13,7 +13,7 @@ from radron.sim.vehicle.px4.fleet import VehicleReport
 
 
 class AgentEnd(Struct, frozen=True, kw_only=True):
-    """State of one agent at the end of a live flight: its source estimate, the digest of its log, and its counters.
+    """State of one agent at the end of a live flight: its source estimate, the digest (hash) of its log, and its counters.
 
     position_m: mission frame; None without an estimate. setpoints: position targets received by its vehicle (known only of
     emulated vehicles); computed_setpoints: targets that differ from the one before; largest_gap_s: longest time between two of

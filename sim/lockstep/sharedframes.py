@@ -20,7 +20,10 @@ MOST_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are 
 
 @dataclass(frozen=True, slots=True)
 class DescendedCheckpoint(Checkpoint):
-    """A checkpoint (state of the frame estimate) with its lineage: one object for all agents with equal observations."""
+    """A state of the frame estimate (checkpoint) with its lineage: all observations from which it was computed.
+
+    Agents with equal observations have one and the same lineage object, by which results are shared.
+    """
 
     lineage: object = None
 
@@ -44,7 +47,10 @@ class SharedEstimate:
         self._lineages, self._checkpoints = lineages, checkpoints
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """Return the checkpoint at the next keyframe, as ``Estimate`` computes it."""
+        """Return the state of the frame estimate (checkpoint) at the next keyframe, as ``Estimate`` computes it.
+
+        A keyframe is a time at which the drones' local frames are estimated anew.
+        """
         former = before.lineage if isinstance(before, DescendedCheckpoint) else None
         lineage = self._lineages.get((former, index, self._intake.content(before.index, index)), object)
         return self._checkpoints.get(lineage, lambda: self._computed(before, index, lineage))

@@ -51,7 +51,10 @@ class Folds:
 
 
 class Descended(NamedTuple, Generic[S]):
-    """An estimator's state with its lineage: one object for all states from equal observations."""
+    """An estimator's state with its lineage: all observations from which it was computed.
+
+    Agents with equal observations have one lineage object, by which results are shared.
+    """
 
     state: S
     lineage: object

@@ -37,7 +37,7 @@ class Picked(NamedTuple):
 
 
 class Origins(NamedTuple):
-    """The O possible origins of photons in one exposure: sources, scattered photons of each nuclide, background and ground.
+    """The O possible origins of photons in one time slice: sources, scattered photons of each nuclide, background and ground.
 
     cumulative: (O,) cumulated rates. bins: (O,) direction bins of the stored events. nuclide: (O,) index of the set of events.
     symmetries: (O,) symmetry of the sensor applied to an event; ``ANY``: a random one for each event. excess: (sources, lines)
@@ -52,7 +52,7 @@ class Origins(NamedTuple):
 
 
 class Pool:
-    """A bank of stored simulated events, from which a camera's events are drawn.
+    """A bank of stored simulated events, from which the events that a camera sees are chosen at random.
 
     area_mm2: effective area of each direction bin.
     """

@@ -35,7 +35,7 @@ MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3
 
 
 def load_bank(name: str, truth: CameraTruth) -> EventBank:
-    """Return the bank of simulated events of a nuclide in a camera.
+    """Return the bank of a nuclide in a camera: simulated events, stored by direction, from which readouts are made quickly.
 
     The bank is taken from memory or disk (memory-mapped), or built and stored, with a progress bar.
 
@@ -56,12 +56,12 @@ def _load(source: Nuclide, camera: Response) -> EventBank:
 
 
 def as_arrays(bank: EventBank) -> Arrays:
-    """Return the arrays of a bank of events by field name, for storage."""
+    """Return the arrays of a bank of simulated events by field name, for storage."""
     return {item.name: getattr(bank, item.name) for item in fields(bank)}
 
 
 def as_bank(arrays: Arrays) -> EventBank:
-    """Make a bank of events from its stored arrays."""
+    """Make a bank of simulated events from its stored arrays."""
     return EventBank(**{item.name: np.asarray(arrays[item.name]) for item in fields(EventBank)})
 
 
@@ -110,7 +110,10 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def bank_key(source: Nuclide, camera: Response) -> str:
-    """Return 16 hexadecimal digits that identify the inputs of a bank of events: nuclide, camera and the code that builds it."""
+    """Return 16 hexadecimal digits that identify a bank of simulated events.
+
+    They are a hash of nuclide, camera and the code that builds the bank.
+    """
     content = hashlib.blake2b(repr((source, camera)).encode(), digest_size=8)
     for module in MADE_BY:
         content.update(Path(__file__).with_name(f"{module}.py").read_bytes())

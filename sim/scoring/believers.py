@@ -57,7 +57,10 @@ class Believer(Protocol):
 
 
 class Agent(Believer, Protocol):
-    """An agent as seen from outside: in lockstep by its state, in a live flight by its messages."""
+    """An agent (a drone's onboard software) as the scores see it from outside.
+
+    In a simulation in one process (lockstep) its own state is read, in a live flight its messages.
+    """
 
     @property
     def alive(self) -> bool:

@@ -66,7 +66,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """State of the world at one time of any flight, in lockstep or live.
+    """State of the world at one time of a flight, simulated in one process (lockstep) or live.
 
     Arrays and lists have one row or item for each of the N drones, in the order of the mission. time_s: since the start of the
     simulation; live: since the start command. position_m: (N, 3) true x, y in the mission frame, and height above ground. source:
@@ -86,7 +86,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Moment(Scene):
-    """State of the world after one tick (time step) of a simulated flight in lockstep.
+    """State of the world after one tick (time step) of a flight simulated in one process (lockstep).
 
     velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: to the autopilots in this tick; None
     without a step of the agent. sent: number of each agent's messages in this tick. inboxes: messages on their way to each agent.

@@ -14,7 +14,7 @@ LOST_ERROR_S = 10.0
 
 
 class Seen(Protocol):
-    """Position of a source relative to one drone's own localisation."""
+    """Position of a source as one drone would see it with the error of its own localisation."""
 
     @property
     def position(self) -> Array:

@@ -44,9 +44,9 @@ def n42(findings: Findings) -> str:
 
 
 def spectrum_of(exposures: Sequence[Exposure]) -> NDArray[np.int64]:
-    """Return the summed spectrum of several exposures: 32 counts by energy bin, single clusters and coincidences together.
+    """Return the summed spectrum of several exposures (counting intervals of cameras): 32 counts by energy bin.
 
-    A cluster is a group of adjacent pixels hit by one particle; a coincidence is a pair of simultaneous clusters.
+    Single clusters (adjacent pixels hit by one particle) and coincidences (pairs of simultaneous clusters) are counted together.
     """
     counts = np.zeros(BINS, dtype=np.int64)
     for exposure in exposures:

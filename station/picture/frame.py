@@ -19,10 +19,10 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
 
     ``place``: (x, y, z) in the mission frame, metres; None if unknown. ``sigma_m``: horizontal 1-sigma error by the drone's own
     estimate. ``age_s``: time since its last message; None: never heard. ``alive``: the drone is connected. ``rates_ps``: hits,
-    full-energy events and coincidences per second. ``clock_s``: error of its clock. ``other_mission``: id of the drone's mission,
-    if different from the mission shown. ``same_log``: whether the drone's log digest equals one of the station's digests of the
-    last seconds. ``apart_m``: distance between the drone's and the station's source estimates; None: no recent estimate from the
-    drone.
+    full-energy events and coincidences (pairs of simultaneous clusters of pixels) per second. ``clock_s``: error of its clock,
+    positive if ahead. ``other_mission``: id of the drone's mission, if different from the mission shown. ``same_log``: whether
+    the digest (hash) of the drone's log equals one of the station's digests of the last seconds. ``apart_m``: distance between
+    the drone's and the station's source estimates; None: no recent estimate from the drone.
     """
 
     id: str

@@ -84,16 +84,16 @@ class Member:
         return Transform(self.frame.yaw_rad, self.frame.translation_m)
 
     def rates_ps(self, now_ns: int) -> tuple[float, float, float] | None:
-        """Return hits, full-energy events and coincidences per second of live time; None without recent exposures.
+        """Return hits, full-energy events and coincidences (pairs of simultaneous clusters of pixels) per second of live time.
 
-        A coincidence is a pair of simultaneous clusters of pixels.
+        Return None without recent exposures (counting intervals of the camera).
         """
         if self._rates is None or now_ns - self._exposures[-1].end_ns > 2.0 * RATES_S * 1e9:
             return None
         return self._rates
 
     def spectrum(self, now_ns: int) -> DroneSpectrum | None:
-        """Return the gamma spectrum of the camera over the last seconds; None without recent exposures."""
+        """Return the gamma spectrum of the camera over the last seconds; None if the drone has sent no counts recently."""
         if not self._spectra or now_ns - max(each.end_ns for each in self._spectra) > SPECTRUM_S * 1e9:
             return None
         singles, coincidences = [0] * BINS, [0] * BINS

@@ -145,7 +145,7 @@ def counts_table(exposure: Exposure) -> CountsTable:
 
 
 def spectrum_table(exposures: Iterable[Exposure]) -> SpectrumTable:
-    """Return the summed spectrum of several exposures as a table for Foxglove's plots."""
+    """Return the summed spectrum of several exposures (counting intervals of a camera) as a table for Foxglove's plots."""
     counts, live_s = [0] * BINS, 0.0
     for exposure in exposures:
         live_s += exposure.live_time_s

@@ -24,9 +24,10 @@ _NEAREST_M = 0.05
 
 
 class Around(NamedTuple):
-    """Origins of the photons that reach a camera from the ground.
+    """Origins of the photons that reach a camera from the ground, with their rates.
 
-    Each origin has a direction bin in the bank of events, a symmetry of the sensor, and a rate of events (1/s).
+    Each origin has a direction bin in the bank of events (stored simulated events), a symmetry of the sensor (flips and swap of
+    rows and columns), and a rate of events (1/s).
     """
 
     bins: list[int]

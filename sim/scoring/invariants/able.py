@@ -18,10 +18,11 @@ _STATE_LOST = ("full", "state-torn", "state-flipped")
 
 
 class Able:
-    """Determines which drones must finish the mission; known from the time when the network heals (faults end), none before.
+    """Determines which drones must finish the mission: the ones that are able to, by their faults and their flight.
 
-    ``without_state``: drones that need not finish, as their autopilots may be on hold without agents, and their stored states may
-    be lost. A restarted agent leaves such a vehicle there until an operator's command, and no operator is simulated.
+    They are known from the time when the network heals (its faults end), none before. ``without_state``: drones that need not
+    finish, as their autopilots may be on hold without agents, and their stored states may be lost. A restarted agent leaves such
+    a vehicle there until an operator's command, and no operator is simulated.
     """
 
     def __init__(self, setting: Setting) -> None:

@@ -70,16 +70,16 @@ class TruthPossible(Invariant[Scene]):
 class SourceCalibrated(Invariant[Scene]):
     """Requires that, over a flight, the error of a source estimate matches its covariance.
 
-    The mean squared Mahalanobis distance of the truth, 2 by expectation, is 12 at most, 20 for a source at rest. Exempt as in
-    ``six-sigma``.
+    The mean squared Mahalanobis distance of the truth, 2 by expectation, is 12 at most, 20 for a source at rest. Exemptions are
+    those of :class:`TruthPossible`.
 
     The error of a source at rest hardly changes in a flight. It is one draw of a chi-squared distribution with two degrees of
     freedom, regardless of the number of samples. An exact estimator exceeds 12 with exp(-6), in one flight of 400, and 20 in one
     of 22,000. The error of a moving source is drawn anew every few seconds.
 
-    The excess allowed by ``six-sigma`` is left out: the worst 5 s of excluded truth. A slowly moving source may be estimated at
-    rest, rightly 99 times of 100. The hundredth time is a few seconds at 13 sigma, which alone exceed the permitted mean of half
-    a minute, although the mean over many flights is 2.
+    The worst 5 s of excluded truth are left out, as :class:`TruthPossible` allows them. A slowly moving source may be estimated
+    at rest, rightly 99 times of 100. The hundredth time is a few seconds at 13 sigma, which alone exceed the permitted mean of
+    half a minute, although the mean over many flights is 2.
     """
 
     name = "six-sigma-mean"
@@ -117,8 +117,9 @@ class FollowsSource(Invariant[Scene]):
     sigma. For a slow or weak source, or in a short flight, hardly any lag is too long. A wandering source turns at any time, and
     any tracker can only be behind then.
 
-    Exempt as in ``six-sigma``, from the first wrong clock on, and for an agent with a faulted process, whose estimate may be old.
-    Samples are left out as in ``six-sigma-mean``: a slow source estimated at rest for a moment gives a lag of seconds.
+    Exemptions are those of :class:`TruthPossible`; also exempt are the time from the first wrong clock on, and an agent with a
+    faulted process, whose estimate may be old. Samples are left out as in :class:`SourceCalibrated`: a slow source estimated at
+    rest for a moment gives a lag of seconds.
 
     A longer spell without excluding the truth is unavoidable, and its errors are one event, fewer than the sigma assumes. A lag
     of the estimator itself remains without any such spell, and only such a lag is a violation.
