@@ -150,9 +150,9 @@ class PoseSample(Struct, frozen=True, array_like=True):
 class CarriedFrame(Struct, frozen=True, array_like=True):
     """Transform from the local frame of a later epoch to the local frame of the drone's first epoch.
 
-    An epoch begins when the drone's localisation jumps. The drone measures its own motion over the jump, and so relates the new
-    frame to the first one. The transform is a rotation by ``yaw_rad`` about the vertical axis, followed by ``translation_m``.
-    ``covariance``: rows of the 4 x 4 error covariance matrix over (x m, y m, z m, yaw rad); None: the two frames are identical.
+    An epoch begins when the drone's localisation jumps; the drone's own motion relates the frames before and after the jump. The
+    transform is a rotation by ``yaw_rad`` about the vertical axis, followed by ``translation_m``. ``covariance``: rows of the 4 x
+    4 error covariance matrix over (x m, y m, z m, yaw rad); None: the two frames are identical.
     """
 
     translation_m: Position

@@ -90,7 +90,7 @@ class Action(StrEnum):
 
 
 class Pose(DroneMessage, frozen=True, kw_only=True):
-    """A drone's position, velocity and attitude as its own localisation (GNSS, SLAM or motion capture) reports them.
+    """A drone's position, velocity and attitude by its own localisation (satellites or SLAM).
 
     The position and the velocity refer to the drone's local frame of this ``epoch`` (a new epoch begins at a jump of the
     localisation); the quaternion (w, x, y, z) rotates from the body to the local frame. ``position_sigma_m`` and

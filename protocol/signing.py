@@ -176,8 +176,8 @@ def signed_root(entry: Entry, payload: bytes) -> Signed | None:
 class Verifier:
     """Verifies the signatures of log entries, statuses, commands and revocations.
 
-    The result depends on the messages' bytes, not on the time of verification, so that all drones come to the same result. The
-    one exception is the validity of an operator's certificate on the ground.
+    The result depends on the messages' bytes, not on the time of verification, so that all drones come to the same result. Only
+    the validity of an operator's certificate also depends on the time at which an order arrives.
     """
 
     def __init__(

@@ -153,7 +153,7 @@ class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
 
 
 class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
-    """The affected drones send very many messages, to keep other drones from working.
+    """The affected drones flood the network with messages.
 
     The messages are poses padded to ``message_bytes``, ``rate_mbps`` (megabytes a second) in total. Messages up to 4 kB are
     valid; the decoder refuses larger messages by their size.
@@ -281,7 +281,7 @@ class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
 
 
 class Revoked(Fault, frozen=True, kw_only=True, tag="revoked"):
-    """The operator revokes the affected drones (withdraws their rights), as if their keys had been stolen.
+    """The operator revokes the affected drones (withdraws their rights).
 
     Their earlier measurements count; their links to the other drones end in both directions.
     """

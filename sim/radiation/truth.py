@@ -14,39 +14,42 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A MiniPIX TPX3 with a 2 mm CdTe sensor with its true parameters; each may be varied to mismatch the agent's model.
+    """True parameters of a simulated camera, a MiniPIX TPX3 (pixel detector) with a 2 mm CdTe sensor.
 
-    Sensor (a change of these builds another event bank):
-        drift_ns: an electron cloud's drift over the whole thickness. The pixels are on the rear (z = -1 mm).
-        diffusion_mm: standard deviation of a point charge after that drift; grows with the root of the drift. Thermal diffusion
+    Each parameter may be varied to deviate from the agent's model.
+
+    Sensor (a change of these builds another bank of simulated events):
+        drift_ns: time in which a cloud of electrons drifts through the whole thickness. The pixels are on the rear (z = -1 mm).
+        diffusion_mm: standard deviation of a point charge after this drift; grows with the root of the drift. Thermal diffusion
             alone, sqrt(2 kT/q thickness / field) at 465 V, would be 0.021 mm.
         gain_noise: relative standard deviation of the charge collected from one interaction.
-        pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster of
-            ten pixels.
+        pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster (adjacent
+            pixels hit by one particle) of ten pixels.
         threshold_kev: a pixel with less charge is silent.
         charge_scale: compensates for the charge of silent pixels, as the absolute calibration of a real camera does.
-        toa_jitter_ns: standard deviation per pixel.
+        toa_jitter_ns: standard deviation of the arrival time (ToA) per pixel.
 
     Electronics and surroundings:
-        calibration_spread: relative standard deviation from pixel to pixel of the coefficients, which the calibration files give.
-        calibration_error: relative standard deviation of the true slope from the file's.
+        calibration_spread: relative standard deviation, from pixel to pixel, of the coefficients that the calibration files give.
+        calibration_error: relative standard deviation of a pixel's true slope from the file's.
         dead_block: share of the pixels that are dead: a square in the corner of the lowest columns and rows.
-        dead_time_ns: a pixel's, after the end of its pulse. max_hits_per_s: of the readout.
+        dead_time_ns: dead time of a pixel after the end of its pulse. max_hits_per_s: limit of the readout.
         background_hits_per_s: hits from the surroundings, without the source.
-        scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
+        scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct hits:
             near + air * mu d, with mu the air's attenuation coefficient and d the distance. Where a ground is simulated
             (``GroundTruth``), only near counts, for vehicle and mount, and background_hits_per_s are hits of another origin.
 
     Unknown on board, drawn for each camera and flight; all off by default:
         sensitivity_spread: relative standard deviation of a camera's counts, of source and background alike.
         energy_gain_spread: relative standard deviation of the slope of its energies from the calibration files'.
-        background_drift: standard deviation of the logarithm of the background's rate, which varies about the configured one
+        background_drift: standard deviation of the logarithm of the background's rate, which varies about the configured rate
             with the correlation time background_drift_s.
         shadow: share of the direct photons that the vehicle's body absorbs along the line through its centre. The body is a
             ball behind the camera (around -z), with the angular radius shadow_half_angle_deg.
         anisotropy: relative standard deviation, over directions and cameras, of the counts of photons straight from a source: a
             response by direction that differs smoothly from the sensor's own.
-        clock_offset_s: constant offset of the camera's clock from the vehicle's, uniform between minus and plus this.
+        clock_offset_s: limit of the constant offset of the camera's clock from the vehicle's, uniform between minus and plus
+            this value.
     """
 
     drift_ns: Positive = 86.0
