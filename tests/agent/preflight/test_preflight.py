@@ -66,6 +66,14 @@ def test_an_unknown_nuclide(folder: Path) -> None:
         agent.close()
 
 
+def test_the_ground_that_the_mission_states(folder: Path) -> None:
+    mission = folder / "mission.toml"
+    assert finding(folder, "mission").text.endswith('over an empty ground (fusion.ground = "none")')
+    mission.write_text('fusion.ground = "soil"\n' + mission.read_text())
+    over_soil = finding(folder, "mission")
+    assert (over_soil.verdict, over_soil.text.split(", ")[-1]) == ("ok", "over soil")
+
+
 def test_folders_that_take_no_files(folder: Path) -> None:
     (folder / "taken").write_text("a file")
     state = finding(folder, "state", RADRON_STATE=str(folder / "taken/state"))
